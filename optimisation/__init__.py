@@ -1,0 +1,1 @@
+"""Identification, calibration, parameter studies and swing optimisation on top of `workbench`."""
