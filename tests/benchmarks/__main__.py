@@ -1,0 +1,73 @@
+"""Runs every `bench_*` function of the modules `tests/benchmarks/bench_*.py`, prints and writes what they measured.
+
+A benchmark function takes nothing and returns an iterable of `BenchRow`. A goal that is missed is marked in the table;
+the exit status is 1 only if a benchmark fails to run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from pathlib import Path
+
+from tests.benchmarks.rows import CSV_HEADER, BenchRow
+
+Benchmark = Callable[[], Iterable[BenchRow]]
+
+
+def collect(selected: str) -> list[Benchmark]:
+    """Benchmark functions whose `module.function` contains `selected`, by module and line."""
+    found: list[Benchmark] = []
+    for path in sorted(Path(__file__).parent.glob("bench_*.py")):
+        module = import_module(f"tests.benchmarks.{path.stem}")
+        functions = [
+            function
+            for name, function in inspect.getmembers(module, inspect.isfunction)
+            if name.startswith("bench_") and function.__module__ == module.__name__
+        ]
+        functions.sort(key=lambda function: function.__code__.co_firstlineno)
+        found += [function for function in functions if selected in f"{path.stem}.{function.__name__}"]
+    return found
+
+
+def write_csv(rows: Iterable[BenchRow], path: Path) -> None:
+    """Write the rows under `CSV_HEADER`; makes the folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(CSV_HEADER)
+        writer.writerows(row.cells() for row in rows)
+
+
+def main() -> int:
+    """Run from the command line; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/bench/bench.csv"), help="where the CSV goes")
+    parser.add_argument("-k", dest="selected", default="", help="only functions whose module.name contains this")
+    arguments = parser.parse_args()
+
+    rows: list[BenchRow] = []
+    failures = 0
+    line = "{:<44} {:>12} {:<6} {:<9} {:>12} {:>8}  {}"
+    print(line.format(*CSV_HEADER, ""))
+    for benchmark in collect(arguments.selected):
+        try:
+            for row in benchmark():
+                rows.append(row)
+                print(line.format(*row.cells(), {True: "", False: "MISSED", None: ""}[row.met]), flush=True)
+        except Exception:
+            failures += 1
+            print(f"{benchmark.__module__}.{benchmark.__name__} failed:", file=sys.stderr)
+            traceback.print_exc()
+    write_csv(rows, arguments.out)
+    print(f"wrote {arguments.out}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Which package may import which: `optimisation -> workbench` and `hardware -> workbench`, nothing else. And what is imported is declared."""
+
+from __future__ import annotations
+
+import ast
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("workbench", "optimisation", "hardware")
+TOP_LEVEL = {*PACKAGES, "tests", "notebooks", "models"}
+ALLOWED = {("optimisation", "workbench"), ("hardware", "workbench")}
+DISTRIBUTION_OF_MODULE = {
+    "can": "python-can",
+    "distributed": "dask",
+    "pydrake": "drake",
+    "serial": "pyserial",
+    "yaml": "pyyaml",
+}
+"""Import names that differ from the name of the distribution that brings them."""
+
+
+def imported_names(source: str) -> set[str]:
+    """Top-level names that a module imports: by statement, or by a call such as `import_module("name.of.module")`."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names.add(node.module.split(".")[0])
+        elif isinstance(node, ast.Call) and node.args:
+            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            first = node.args[0]
+            if called in {"import_module", "__import__"} and isinstance(first, ast.Constant):
+                names.add(str(first.value).split(".")[0])
+    return names
+
+
+def arrows(package: str, source: str) -> set[tuple[str, str]]:
+    """Imports of a module of `package` that cross the border of a top-level folder and are not allowed."""
+    crossing = {(package, name) for name in imported_names(source) if name in TOP_LEVEL and name != package}
+    return crossing - ALLOWED
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_imports_only_what_stands_below_it(package: str) -> None:
+    modules = sorted((ROOT / package).rglob("*.py"))
+    assert modules, f"no modules in {package}"
+    wrong = {
+        str(path.relative_to(ROOT)): sorted(found)
+        for path in modules
+        if (found := arrows(package, path.read_text(encoding="utf-8")))
+    }
+    assert not wrong
+
+
+@pytest.mark.parametrize(
+    ("package", "source"),
+    [
+        ("workbench", "from optimisation.study import sweep"),
+        ("workbench", "def later():\n    import hardware.drive"),
+        ("optimisation", "import hardware"),
+        ("hardware", "from optimisation import swing"),
+        ("workbench", "from tests.benchmarks import rows"),
+        ("hardware", "import importlib\nimportlib.import_module('optimisation.cli')"),
+    ],
+)
+def test_forbidden_arrow_is_seen(package: str, source: str) -> None:
+    assert arrows(package, source)
+
+
+@pytest.mark.parametrize(
+    ("package", "source"),
+    [
+        ("optimisation", "from workbench.scenario import load_scenario"),
+        ("hardware", "import workbench.station"),
+        ("workbench", "from . import resources\nimport numpy\nfrom workbench import ports"),
+    ],
+)
+def test_allowed_arrow_passes(package: str, source: str) -> None:
+    assert not arrows(package, source)
+
+
+def test_every_distribution_that_is_imported_is_declared() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = [line for group in project["optional-dependencies"].values() for line in group] + project["dependencies"]
+    declared = {canonicalize_name(Requirement(line).name) for line in lines}
+    undeclared = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        for name in imported_names(path.read_text(encoding="utf-8")) - sys.stdlib_module_names - set(PACKAGES)
+        if DISTRIBUTION_OF_MODULE.get(name, canonicalize_name(name)) not in declared
+    }
+    assert not undeclared
+
+
+def test_models_hold_data_only() -> None:
+    code = [path.name for suffix in ("py", "pyi", "so", "sh") for path in (ROOT / "models").rglob(f"*.{suffix}")]
+    assert not code

@@ -1,0 +1,118 @@
+"""What is installed: packages, data, versions, dependencies, and how little an import costs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import workbench
+from workbench import resources
+
+ROOT = Path(__file__).resolve().parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = PYPROJECT["project"]
+WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+PACKAGES = {"workbench", "optimisation", "hardware"}
+CORE = {
+    "dask", "drake", "matplotlib", "numpy", "pandas", "pyarrow", "pydantic", "python-can", "pyyaml", "scipy", "typer",
+}  # fmt: skip
+HEAVY = ("pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can", "yaml", "rich")
+
+
+def declared(group: list[str]) -> dict[str, Requirement]:
+    requirements = [Requirement(line) for line in group]
+    return {canonicalize_name(requirement.name): requirement for requirement in requirements}
+
+
+def pins(python: str) -> dict[str, str]:
+    """Version of each distribution in constraints.txt for a Python version such as `3.11`."""
+    found: dict[str, str] = {}
+    for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines():
+        if not line or line.startswith("#"):
+            continue
+        requirement = Requirement(line)
+        if requirement.marker is None or requirement.marker.evaluate({"python_version": python}):
+            (specifier,) = requirement.specifier
+            assert specifier.operator == "==", line
+            assert canonicalize_name(requirement.name) not in found, f"{line}: pinned twice for Python {python}"
+            found[canonicalize_name(requirement.name)] = specifier.version
+    return found
+
+
+def test_wheel_lists_every_package_and_the_models() -> None:
+    folders = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    assert folders == PACKAGES
+    assert set(WHEEL["only-include"]) == PACKAGES | {"models"}
+
+
+def test_wheel_puts_models_where_the_package_looks_for_them() -> None:
+    shipped = resources._SHIPPED.relative_to(ROOT).as_posix()
+    assert WHEEL["sources"] == {"models": shipped}
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_package_is_typed_and_says_what_it_is_for(package: str) -> None:
+    assert (ROOT / package / "py.typed").is_file()
+    assert (ROOT / package / "__init__.py").read_text(encoding="utf-8").startswith('"""')
+
+
+def test_version_is_that_of_the_distribution_and_in_the_changelog() -> None:
+    assert workbench.__version__ == PROJECT["version"]
+    assert f"## {PROJECT['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_unknown_attribute_of_the_package_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'version'"):
+        _ = workbench.version
+
+
+def test_core_dependencies_are_those_of_the_contract() -> None:
+    assert set(declared(PROJECT["dependencies"])) == CORE
+
+
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
+def test_constraints_pin_every_declared_dependency_within_its_bounds(python: str) -> None:
+    pinned = pins(python)
+    for group in [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]:
+        for name, requirement in declared(group).items():
+            assert requirement.specifier.contains(pinned[name]), f"{requirement} but {pinned[name]} is pinned"
+
+
+def test_constraints_name_no_download_addresses() -> None:
+    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    assert not re.search(r"://|@|--", text)
+
+
+def test_both_ends_of_drake_are_pinned() -> None:
+    assert pins("3.11")["drake"].startswith("1.51.")
+    assert tuple(map(int, pins("3.13")["drake"].split("."))) >= (1, 58, 0)
+
+
+def test_own_commands_are_registered() -> None:
+    names = PROJECT["entry-points"]["aerodima.commands"]
+    found = {point.name: point for point in entry_points(group="aerodima.commands")}
+    assert set(names) <= set(found)
+    assert all(callable(found[name].load()) for name in names)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import workbench, optimisation, hardware",
+        "from workbench.resources import models_dir; models_dir()",
+        "import sys; sys.argv[1:] = ['--help']\nfrom workbench.cli import main\ntry: main()\nexcept SystemExit: pass",
+    ],
+    ids=["import", "resources", "help"],
+)
+def test_nothing_heavy_is_loaded_by(statement: str) -> None:
+    script = f"{statement}\nimport sys\nprint('loaded:', *sorted(set(sys.modules) & set({HEAVY!r})))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1].strip() == "loaded:"
