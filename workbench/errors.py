@@ -1,0 +1,21 @@
+"""Errors that a user can cause and mend: one line that names the place, the value and what is allowed."""
+
+
+class UserError(Exception):
+    """Wrong input from outside (file, flag, frame, port). The command line prints it and exits with status 2."""
+
+
+class ScenarioError(UserError, ValueError):
+    """A scenario or parameter file has an unknown key, a wrong unit or a value out of range."""
+
+
+class ModelError(UserError, ValueError):
+    """A model file is missing, does not load, is unphysical, or carries an attribute that Drake would ignore."""
+
+
+class LogError(UserError, ValueError):
+    """A run log is missing, truncated, of another schema, or would be overwritten."""
+
+
+class SwingFileError(UserError, ValueError):
+    """A swing file is malformed or was made for another car."""

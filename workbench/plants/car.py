@@ -1,0 +1,112 @@
+"""The car on level ground as a `MultibodyPlant`, with or without its tail arm.
+
+Discrete plant with point contact, `kLagged` approximation and ellipsoid wheels (design section 7). Body frame B: x
+forward, y left, z up, origin on the ground under the rear axle at nominal ride height.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import (
+    AddContactMaterial,
+    CollisionFilterDeclaration,
+    GeometrySet,
+    HalfSpace,
+    ProximityProperties,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ContactModel,
+    CoulombFriction,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import DiagramBuilder
+
+from workbench.errors import ModelError
+from workbench.plants.car_model import car_sdf
+from workbench.plants.sdf_model import SdfModel
+from workbench.plants.tail import tail_sdf
+from workbench.resources import models_dir
+from workbench.scenario import Scenario
+
+GROUND_STIFFNESS = 1.0e10
+"""Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's stiffness to 1e-5."""
+
+MODELS_PACKAGE = "aerodima_models"
+
+
+@dataclass(frozen=True)
+class CarPlant:
+    """A finalised plant with its scene graph; `tail` is None for the car without tail arm."""
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    car: ModelInstanceIndex
+    tail: ModelInstanceIndex | None
+
+
+def add_car_plant(builder: DiagramBuilder, scenario: Scenario) -> CarPlant:
+    """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
+
+    Raises:
+        ModelError: a model file is missing or does not load with these numbers; names the file.
+    """
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.simulation.step)
+    plant.set_name("plant")
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -scenario.environment.gravity])
+    _add_ground(plant, scenario.car.tyre_friction)
+    car = parse_model(plant, car_sdf(scenario))
+    tail = None
+    if scenario.tail.mode != "none":
+        tail = parse_model(plant, tail_sdf(scenario.tail, scenario.tail_motor, scenario.car))
+        X_GT = RigidTransform([0.0, 0.0, scenario.car.gearbox_height / 2])
+        plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
+    plant.set_contact_model(ContactModel.kPoint)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
+    plant.Finalize()
+    instances = [car] if tail is None else [car, tail]
+    _let_parts_pass_each_other(plant, scene_graph, instances)
+    return CarPlant(plant, scene_graph, car, tail)
+
+
+def parse_model(plant: MultibodyPlant, model: SdfModel) -> ModelInstanceIndex:
+    """Parses a model strictly: a warning of Drake's parser is an error that names the file."""
+    parser = Parser(plant)
+    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
+    parser.SetStrictParsing()
+    try:
+        (instance,) = parser.AddModelsFromString(model.text(), "sdf")
+    except RuntimeError as error:
+        raise ModelError(f"{model.path}: does not load in Drake: {error}") from None
+    return instance
+
+
+def _add_ground(plant: MultibodyPlant, friction: float) -> None:
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=0.0,
+        point_stiffness=GROUND_STIFFNESS,
+        friction=CoulombFriction(friction, friction),
+        properties=properties,
+    )
+    plant.RegisterCollisionGeometry(
+        plant.world_body(), HalfSpace.MakePose(np.array([0.0, 0.0, 1.0]), np.zeros(3)), HalfSpace(), "ground", properties
+    )
+
+
+def _let_parts_pass_each_other(
+    plant: MultibodyPlant, scene_graph: SceneGraph, instances: list[ModelInstanceIndex]
+) -> None:
+    """Contact acts between car and ground only; the free range of the tail is a limit of its joints."""
+    geometries = [
+        geometry
+        for instance in instances
+        for body in plant.GetBodyIndices(instance)
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
+    ]
+    scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries)))

@@ -1,0 +1,163 @@
+"""The car's SDF (models/car/car.sdf) with the numbers of a scenario: masses, springs and what follows from statics.
+
+At nominal ride height every suspension joint is at zero: the springs are preloaded with the static load of the car
+without its tail arm, and the wheel centres sit one static tyre deflection below the unloaded radius.
+"""
+
+from dataclasses import dataclass
+
+from workbench.errors import ModelError
+from workbench.parameters import CarParameters, DriveParameters, TailParameters
+from workbench.plants.sdf_model import Inertial, SdfModel
+from workbench.plants.tail import ground_partner_friction
+from workbench.resources import model_path
+from workbench.scenario import Scenario
+
+CAR_SDF = "car/car.sdf"
+AXLES = ("front", "rear")
+SIDES = ("left", "right")
+WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)
+"""front_left, front_right, rear_left, rear_right: the order of every quantity per wheel."""
+
+SHAFT_MASS = 0.02
+"""Mass (kg) of the motor shaft link; the drive's inertia is the rotor inertia of its actuator."""
+
+CAGE_STIFFNESS = 1.0e5
+"""Contact stiffness (N/m) of cage and board: stiff against the tyres; acts in a crash only."""
+
+
+@dataclass(frozen=True)
+class AxleStatics:
+    """One axle at rest: load per wheel on the ground (N), tyre deflection (m), wheel-centre height (m), preload (m)."""
+
+    wheel_load: float
+    tyre_deflection: float
+    wheel_height: float
+    spring_reference: float
+
+
+def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
+    """Static equilibrium of the car without its tail arm on level ground."""
+    share = car.com_x / car.wheelbase if axle == "front" else 1 - car.com_x / car.wheelbase
+    load = 0.5 * car.mass * gravity * share
+    front = axle == "front"
+    tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
+    spring = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
+    deflection = load / tyre
+    sprung_load = load - gravity * unsprung_mass(car, axle)
+    return AxleStatics(load, deflection, car.tyre_radius - deflection, -sprung_load / spring)
+
+
+def unsprung_mass(car: CarParameters, axle: str) -> float:
+    """Mass (kg) that moves with one wheel of an axle."""
+    return car.wheel_mass + car.upright_mass + (car.knuckle_mass if axle == "front" else 0.0)
+
+
+def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -> Inertial:
+    """Chassis link so that the whole car has the mass and centre of mass of the scenario.
+
+    Raises:
+        ModelError: gearbox and wheels alone are heavier than the car, or the chassis' own centre of mass would be
+            outside the car.
+    """
+    parts = [(car.gearbox_mass, tail.mount_x, gearbox_height(car, tail))]
+    for axle, x in (("front", car.wheelbase), ("rear", 0.0)):
+        parts.append((2 * unsprung_mass(car, axle), x, axle_statics(car, gravity, axle).wheel_height))
+    parts.append((SHAFT_MASS, 0.0, axle_statics(car, gravity, "rear").wheel_height))
+    mass = car.mass - sum(part[0] for part in parts)
+    if mass <= 0:
+        raise ModelError(f"car.mass: {car.mass:g} kg; allowed: more than its parts, {car.mass - mass:g} kg")
+    x = (car.mass * car.com_x - sum(m * px for m, px, _ in parts)) / mass
+    z = (car.mass * car.com_height - sum(m * pz for m, _, pz in parts)) / mass
+    if not 0 < z < 2 * car.com_height:
+        raise ModelError(f"car.com_height: {car.com_height:g} m puts the chassis alone at {z:g} m; lower gearbox or raise it")
+    roll, pitch, yaw = car.gyration_roll, car.gyration_pitch, car.gyration_yaw
+    return Inertial(mass, (x, 0.0, z), (mass * roll**2, mass * pitch**2, mass * yaw**2))
+
+
+def gearbox_height(car: CarParameters, tail: TailParameters) -> float:
+    """Height (m) of the gearbox centre: the tail joints cross in the middle of its upper face."""
+    return tail.mount_height - car.gearbox_height / 2
+
+
+def car_sdf(scenario: Scenario) -> SdfModel:
+    """The car model with the numbers of a scenario."""
+    car, tail, drive = scenario.car, scenario.tail, scenario.drive
+    gravity = scenario.environment.gravity
+    model = SdfModel(model_path(CAR_SDF))
+    model.set_inertial("chassis", chassis_inertial(car, tail, gravity))
+    friction = ground_partner_friction(car)
+    for link in ("chassis", "gearbox"):
+        for shape in model.collision_names(link):
+            model.set_contact(link, shape, CAGE_STIFFNESS, 1.0, friction)
+    _set_gearbox(model, car, tail)
+    _set_drive_shaft(model, drive, axle_statics(car, gravity, "rear").wheel_height)
+    for axle in AXLES:
+        _set_axle(model, car, axle, axle_statics(car, gravity, axle))
+    for side in SIDES:
+        joint = f"front_{side}_steering"
+        model.set_controller_gains(joint, scenario.servo.stiffness, scenario.servo.damping)
+        model.set_joint(joint, effort=scenario.servo.torque_limit)
+    return model
+
+
+def _set_gearbox(model: SdfModel, car: CarParameters, tail: TailParameters) -> None:
+    length, width, height = car.gearbox_length, car.gearbox_width, car.gearbox_height
+    twelfth = car.gearbox_mass / 12
+    moments = (
+        twelfth * (width**2 + height**2),
+        twelfth * (length**2 + height**2),
+        twelfth * (length**2 + width**2),
+    )
+    model.set_link_position("gearbox", (tail.mount_x, 0, gearbox_height(car, tail)))
+    model.set_inertial("gearbox", Inertial(car.gearbox_mass, (0, 0, 0), moments))
+    model.set_shape("gearbox", "gearbox", size=f"{length:.9g} {width:.9g} {height:.9g}")
+
+
+def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> None:
+    model.set_link_position("drive_shaft", (0, 0, height))
+    solid = 0.4 * SHAFT_MASS * 0.01**2
+    model.set_inertial("drive_shaft", Inertial(SHAFT_MASS, (0, 0, 0), (solid, solid, solid)))
+    model.set_rotor("drive_shaft_spin", drive.rotor_inertia, 1.0)
+    model.set_joint("drive_shaft_spin", effort=drive.torque_limit)
+
+
+def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStatics) -> None:
+    front = axle == "front"
+    stiffness = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
+    damping = car.suspension_damping_front if front else car.suspension_damping_rear
+    tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
+    radius, width = car.tyre_radius, car.tyre_width
+    diametral = car.wheel_mass * (3 * radius**2 + width**2) / 12
+    upright = 0.4 * car.upright_mass * 0.03**2
+    knuckle = 0.4 * car.knuckle_mass * 0.02**2
+    for side, sign in (("left", 1), ("right", -1)):
+        wheel = f"{axle}_{side}"
+        position = (car.wheelbase if front else 0.0, sign * car.track / 2, statics.wheel_height)
+        model.set_link_position(f"{wheel}_upright", position)
+        model.set_inertial(f"{wheel}_upright", Inertial(car.upright_mass, (0, 0, 0), (upright, upright, upright)))
+        model.set_joint(
+            f"{wheel}_suspension",
+            lower=-car.suspension_travel,
+            upper=car.suspension_travel,
+            damping=damping,
+            spring_stiffness=stiffness,
+            spring_reference=statics.spring_reference,
+        )
+        if front:
+            model.set_link_position(f"{wheel}_knuckle", position)
+            model.set_inertial(f"{wheel}_knuckle", Inertial(car.knuckle_mass, (0, 0, 0), (knuckle, knuckle, knuckle)))
+        model.set_link_position(f"{wheel}_wheel", position)
+        model.set_inertial(
+            f"{wheel}_wheel",
+            Inertial(car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral)),
+        )
+        model.set_shape(f"{wheel}_wheel", "rim", radius=f"{0.6 * radius:.9g}", length=f"{width + 0.002:.9g}")
+        model.set_contact(f"{wheel}_wheel", "tyre", tyre, car.tyre_dissipation, car.tyre_friction)
+        _set_tyre_shapes(model, f"{wheel}_wheel", radius, width)
+
+
+def _set_tyre_shapes(model: SdfModel, link: str, radius: float, width: float) -> None:
+    model.set_shape(link, "tyre_tread", radius=f"{radius:.9g}", length=f"{width:.9g}")
+    model.set_shape(link, "tyre", radii=f"{radius:.9g} {width / 2:.9g} {radius:.9g}")
+    model.set_shape(link, "spoke", size=f"{1.05 * radius:.9g} {width + 0.004:.9g} {0.18 * radius:.9g}")

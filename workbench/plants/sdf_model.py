@@ -1,0 +1,169 @@
+"""An SDF file as text whose numbers are set before Drake parses it.
+
+SDF files carry topology, geometry and nominal values; the numbers that matter come from the scenario. Poses, masses,
+inertias, springs and friction are written into the XML, so that what Drake parses is what the scenario says.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from workbench.errors import ModelError
+
+DRAKE_NAMESPACE = "http://drake.mit.edu"
+ElementTree.register_namespace("drake", DRAKE_NAMESPACE)
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass (kg), centre of mass in the link frame (m) and principal moments about it (kg m2) along the link axes."""
+
+    mass: float
+    com: tuple[float, float, float]
+    moments: tuple[float, float, float]
+
+
+class SdfModel:
+    """One SDF model, editable by link, joint and element name.
+
+    Args:
+        path: an SDF file with a single model.
+
+    Raises:
+        ModelError: no such file, not XML, or no model in it.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        try:
+            self._tree = ElementTree.ElementTree(ElementTree.fromstring(path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            raise ModelError(f"{path}: no such file") from None
+        except (ElementTree.ParseError, OSError, UnicodeDecodeError) as error:
+            raise ModelError(f"{path}: cannot be read as SDF: {error}") from None
+        model = self._tree.getroot().find("model")
+        if model is None:
+            raise ModelError(f"{path}: holds no <model>")
+        self.model = model
+
+    def set_inertial(self, link: str, inertial: Inertial) -> None:
+        """Sets mass, centre of mass and principal moments of a link."""
+        element = self._child(self._named("link", link), "inertial")
+        self._set_position(element, inertial.com)
+        self._child(element, "mass").text = _text(inertial.mass)
+        for tag, moment in zip(("ixx", "iyy", "izz"), inertial.moments, strict=True):
+            self._child(self._child(element, "inertia"), tag).text = _text(moment)
+
+    def set_link_position(self, link: str, position: Sequence[float]) -> None:
+        """Sets the position (m) of a link in the model frame; its orientation stays."""
+        self._set_position(self._named("link", link), position)
+
+    def set_shape(self, link: str, shape: str, position: Sequence[float] | None = None, **sizes: str) -> None:
+        """Sets sizes (such as `radius="0.07"`) and position of a visual or collision shape of a link."""
+        for element in self._shapes(link, shape):
+            if position is not None:
+                self._set_position(element, position)
+            for tag, value in sizes.items():
+                matches = list(self._child(element, "geometry").iter(tag))
+                if len(matches) != 1:
+                    raise ModelError(f"{self.path}: shape {shape!r} of link {link!r} has no <{tag}>")
+                matches[0].text = value
+
+    def set_contact(self, link: str, shape: str, stiffness: float, dissipation: float, friction: float) -> None:
+        """Sets point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m) and friction of a collision shape."""
+        values = {
+            "point_contact_stiffness": stiffness,
+            "hunt_crossley_dissipation": dissipation,
+            "mu_static": friction,
+            "mu_dynamic": friction,
+        }
+        for element in self._shapes(link, shape, "collision"):
+            properties = self._child(element, _drake("proximity_properties"))
+            for tag, value in values.items():
+                self._child(properties, _drake(tag)).text = _text(value)
+
+    def set_joint(self, joint: str, **values: float) -> None:
+        """Sets `damping`, `spring_stiffness`, `spring_reference`, `lower`, `upper`, `effort` of a joint."""
+        axis = self._child(self._named("joint", joint), "axis")
+        for tag, value in values.items():
+            parent = self._child(axis, "limit" if tag in ("lower", "upper", "effort") else "dynamics")
+            self._child(parent, tag).text = _text(value)
+
+    def set_rotor(self, joint: str, inertia: float, gear_ratio: float) -> None:
+        """Sets rotor inertia (kg m2, before the gearbox) and gear ratio of the actuator of a joint."""
+        element = self._named("joint", joint)
+        self._child(element, _drake("rotor_inertia")).text = _text(inertia)
+        self._child(element, _drake("gear_ratio")).text = _text(gear_ratio)
+
+    def set_controller_gains(self, joint: str, stiffness: float, damping: float) -> None:
+        """Sets the implicit position control (N m/rad, N m s/rad) of the actuator of a joint."""
+        gains = self._child(self._named("joint", joint), _drake("controller_gains"))
+        gains.set("p", _text(stiffness))
+        gains.set("d", _text(damping))
+
+    def fix_joint(self, joint: str) -> None:
+        """Turns a joint into a fixed one at its zero position."""
+        element = self._named("joint", joint)
+        element.set("type", "fixed")
+        element.remove(self._child(element, "axis"))
+
+    def collision_names(self, link: str) -> list[str]:
+        """Names of the collision shapes of a link."""
+        return [str(element.get("name")) for element in self._named("link", link).findall("collision")]
+
+    def text(self) -> str:
+        """The model as an SDF document."""
+        return '<?xml version="1.0"?>\n' + ElementTree.tostring(self._tree.getroot(), encoding="unicode") + "\n"
+
+    def numbers(self) -> dict[str, list[float]]:
+        """Every number of the document by its path; two models are equal where these are (a tenth of a micron apart)."""
+        return {path: values for path, values in _numbers(self.model, "") if values}
+
+    def _named(self, kind: str, name: str) -> ElementTree.Element:
+        for element in self.model.findall(kind):
+            if element.get("name") == name:
+                return element
+        known = ", ".join(str(element.get("name")) for element in self.model.findall(kind))
+        raise ModelError(f"{self.path}: no {kind} {name!r}; it has {known}")
+
+    def _shapes(self, link: str, shape: str, kind: str = "*") -> list[ElementTree.Element]:
+        shapes = [e for e in self._named("link", link).findall(kind) if e.get("name") == shape]
+        if not shapes:
+            raise ModelError(f"{self.path}: link {link!r} has no shape {shape!r}")
+        return shapes
+
+    def _child(self, element: ElementTree.Element, tag: str) -> ElementTree.Element:
+        child = element.find(tag)
+        if child is None:
+            raise ModelError(f"{self.path}: <{element.tag} name={element.get('name')!r}> has no <{tag}>")
+        return child
+
+    def _set_position(self, element: ElementTree.Element, position: Sequence[float]) -> None:
+        pose = self._child(element, "pose")
+        angles = (pose.text or "0 0 0 0 0 0").split()[3:]
+        pose.text = " ".join([_text(value) for value in position] + angles)
+
+
+def _drake(tag: str) -> str:
+    return f"{{{DRAKE_NAMESPACE}}}{tag}"
+
+
+def _text(value: float) -> str:
+    return f"{value:.9g}"
+
+
+def _numbers(element: ElementTree.Element, path: str) -> Iterator[tuple[str, list[float]]]:
+    here = f"{path}/{element.tag.split('}')[-1]}" + (f"[{element.get('name')}]" if element.get("name") else "")
+    words = (element.text or "").split() + [value for key, value in element.items() if key != "name"]
+    yield here, [float(word) for word in words if _is_number(word)]
+    for child in element:
+        yield from _numbers(child, here)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,65 @@
+"""The tail arm: hub, rod and sail with pitch, roll and sail joints (models/tail/tail.sdf).
+
+Joint signs: roll 0 = straight up, positive to the right (-y), axis +x; pitch axis +y, positive tilts forward; sail
+about the tail's own axis (design section 4). The sail's normal is the body y axis when the arm stands up.
+"""
+
+from workbench.parameters import CarParameters, TailMotorParameters, TailParameters
+from workbench.plants.sdf_model import Inertial, SdfModel
+from workbench.resources import model_path
+
+TAIL_SDF = "tail/tail.sdf"
+ROD_RADIUS = 0.006
+"""Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
+
+SAIL_TIP_MARGIN = 0.01
+"""Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the SDF."""
+
+TAIL_CONTACT_STIFFNESS = 1.0e4
+"""Contact stiffness (N/m) of the sail's corners: a foam edge, soft against the tyres; acts in a crash only."""
+
+
+def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> SdfModel:
+    """The tail model with the numbers of a scenario.
+
+    The rod is a uniform thin rod from the roll axis to the tip, the sail a uniform flat plate of the given length and
+    width that ends at the tip.
+    """
+    model = SdfModel(model_path(TAIL_SDF))
+    sail_mass = tail.mass * tail.sail_mass_fraction
+    rod_mass = tail.mass - sail_mass
+    sail_centre = tail.length - tail.sail_length / 2
+    hub = 0.4 * tail.hub_mass * 0.03**2
+    rod = rod_mass * tail.length**2 / 12
+    along, across = sail_mass * tail.sail_length**2 / 12, sail_mass * tail.sail_width**2 / 12
+    model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
+    model.set_inertial(
+        "tail_rod", Inertial(rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2))
+    )
+    model.set_inertial("tail_sail", Inertial(sail_mass, (0, 0, sail_centre), (along, along + across, across)))
+    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
+    model.set_shape(
+        "tail_sail",
+        "sail",
+        (0, 0, sail_centre),
+        scale=f"{tail.sail_width:.9g} {tail.sail_width:.9g} {tail.sail_length:.9g}",
+    )
+    for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):
+        corner = (side * (tail.sail_width / 2 - SAIL_TIP_MARGIN), 0, tail.length - SAIL_TIP_MARGIN)
+        model.set_shape("tail_sail", shape, corner)
+        model.set_contact("tail_sail", shape, TAIL_CONTACT_STIFFNESS, 1.0, ground_partner_friction(car))
+    for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_limit)):
+        model.set_joint(joint, lower=-limit, upper=limit, effort=motor.torque_limit)
+        model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
+    if tail.sail == "locked":
+        model.fix_joint("tail_sail_turn")
+    return model
+
+
+def ground_partner_friction(car: CarParameters) -> float:
+    """Friction that cage, board and tail must carry so that Drake combines it with the ground's to `cage_friction`.
+
+    Drake combines mu = 2 mu1 mu2 / (mu1 + mu2); the ground carries the tyre friction, so that the tyres' own pair
+    gives exactly that.
+    """
+    return car.cage_friction * car.tyre_friction / max(2 * car.tyre_friction - car.cage_friction, 1e-6)
