@@ -1,4 +1,4 @@
-"""Which package may import which: `optimisation -> workbench` and `hardware -> workbench`, nothing else. And what is imported is declared."""
+"""Which package may import which (`optimisation -> workbench`, `hardware -> workbench`), and that imports are declared."""
 
 from __future__ import annotations
 
