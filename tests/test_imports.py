@@ -1,4 +1,4 @@
-"""Which package may import which (`optimisation -> workbench`, `hardware -> workbench`), and that imports are declared."""
+"""Which package may import which: `optimisation` and `hardware` import `workbench`. And every import is declared."""
 
 from __future__ import annotations
 
