@@ -1,0 +1,146 @@
+"""The two force laws of a section (design section 5), for floats and for AutoDiffXd alike.
+
+Both work on a line of sections: section i at distance s_i along the axis a sees the relative velocity
+v_i = v_air - v_section = u + s_i k, with u that of the root and k = -(omega x a). Hence k is perpendicular to a, and the
+spanwise part v_i . a is the same for all sections. Vectors are sequences of three scalars in the world frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from pydrake.math import arctan2
+
+from workbench.errors import ModelError
+
+Scalar = Any  # float or AutoDiffXd
+Vector = Sequence[Any]
+
+# Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and gradient are zero there.
+_STILL = 1e-60
+
+
+class SpeedCoefficient(Protocol):
+    """A coefficient over the relative speed |v_rel| (m/s), dimensionless."""
+
+    def __call__(self, speed: Scalar) -> Scalar: ...
+
+
+def dot(a: Vector, b: Vector) -> Scalar:
+    """Dot product of two vectors of three scalars."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
+    """Cross product of two vectors of three scalars."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+class SectionLaw(Protocol):
+    """What `TailForce` asks of a law."""
+
+    def line_force(
+        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame, N and N m."""
+        ...
+
+    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
+        """Force on one section that sees the relative velocity v: (F_x, F_y, F_z), W frame, N."""
+        ...
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """Whether a speed (m/s) and an angle of attack (rad) lie inside the measured range of the coefficients."""
+        ...
+
+
+def length(v: Vector) -> Scalar:
+    """|v|, with a zero gradient at v = 0."""
+    squared = dot(v, v)
+    return squared**0.5 if squared > _STILL else 0.0 * squared
+
+
+def angle_of_attack(v: Vector, a: Vector) -> Scalar:
+    """gamma = asin(v . a / |v|), rad: 0 is broadside, positive when the air flows towards the tip; 0 in still air.
+
+    Computed with atan2 (ERRATA E27 shows where the thesis form fails).
+    """
+    spanwise, across = dot(v, a), length(cross(v, a))
+    if isinstance(spanwise, float):
+        return math.atan2(spanwise, across)
+    if float_of(spanwise) == 0.0 and float_of(across) == 0.0:
+        return 0.0 * spanwise
+    return arctan2(spanwise, across)
+
+
+def float_of(value: Scalar) -> float:
+    """The number behind a float or an AutoDiffXd."""
+    return value if isinstance(value, float) else float(value.value())
+
+
+@dataclass(frozen=True)
+class NormalForceLaw:
+    """F = 1/2 rho A C_N(|v|) |v_p| v_n n: v_p is the velocity without its spanwise part, v_n its part along the sail normal n.
+
+    With C_N = 2 this is the robot-tail model of the thesis (eq. 6.8) and equals Drake's `Wing`.
+
+    Attributes:
+        coefficient: C_N, a number or a function of |v_rel| such as `SpeedTable`.
+    """
+
+    coefficient: float | Callable[[Scalar], Scalar] = 2.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.coefficient):
+            value = float(self.coefficient)
+            if not math.isfinite(value) or value < 0.0:
+                raise ModelError(f"normal-force law: the coefficient is {value}, but it must be a finite number from 0")
+
+    def line_force(
+        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """See `SectionLaw.line_force`."""
+        ax, ay, az = a
+        nx, ny, nz = n
+        ux, uy, uz = u
+        kx, ky, kz = k
+        cx, cy, cz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax  # chord direction n x a
+        u_n, k_n = ux * nx + uy * ny + uz * nz, kx * nx + ky * ny + kz * nz
+        u_c, k_c = ux * cx + uy * cy + uz * cz, kx * cx + ky * cy + kz * cz
+        coefficient = self.coefficient
+        total = moment = 0.0
+        if callable(coefficient):
+            u_a = ux * ax + uy * ay + uz * az
+            spanwise = u_a * u_a
+            for s, area in zip(distances, areas, strict=True):
+                v_n, v_c = u_n + s * k_n, u_c + s * k_c
+                squared = v_n * v_n + v_c * v_c
+                if squared > _STILL:
+                    f = area * coefficient((squared + spanwise) ** 0.5) * squared**0.5 * v_n
+                    total += f
+                    moment += s * f
+            scale = 0.5 * density
+        else:
+            for s, area in zip(distances, areas, strict=True):
+                v_n, v_c = u_n + s * k_n, u_c + s * k_c
+                squared = v_n * v_n + v_c * v_c
+                if squared > _STILL:
+                    f = area * squared**0.5 * v_n
+                    total += f
+                    moment += s * f
+            scale = 0.5 * density * coefficient
+        total, moment = scale * total, scale * moment
+        # The moment s a x (f n) lies along a x n = -c.
+        return (total * nx, total * ny, total * nz, -moment * cx, -moment * cy, -moment * cz)
+
+    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
+        """See `SectionLaw.section_force`."""
+        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """See `SectionLaw.covers`; a plain number covers everything."""
+        covers = getattr(self.coefficient, "covers", None)
+        return True if covers is None else bool(covers(speed))

@@ -1,0 +1,158 @@
+"""Where the air acts: sections along the straight axis of a body, and the air itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.errors import ModelError
+
+
+@dataclass(frozen=True)
+class Air:
+    """Properties of the air; defaults from thesis section 4.9 (`models/published/constants.csv`; ERRATA E13).
+
+    Attributes:
+        density: kg/m3.
+        viscosity: dynamic viscosity, kg/(m s).
+    """
+
+    density: float = 1.225
+    viscosity: float = 1.849e-5
+
+    def __post_init__(self) -> None:
+        for name in ("density", "viscosity"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ModelError(f"air: {name} is {value}, but it must be a finite number above 0")
+
+
+@dataclass(frozen=True)
+class SectionLayout:
+    """Sections on a straight line through a body B: R is the root of the line, S_i the centre of section i.
+
+    Attributes:
+        p_BoRo_B: root of the section axis in the body frame (3), m.
+        axis_B: a_B, unit vector from root to tip (3).
+        normal_B: n_B, unit vector normal to the flat sail (3), perpendicular to a_B. The polar law does not use it.
+        distances: of the section centres from the root (n), m.
+        areas: planform area of each section (n), m2; no cosine (design section 5, ERRATA E40).
+        chord: width that the Reynolds number is made with, m.
+        start, end: of the sectioned length, distances from the root, m; `end` equals `start` for a lumped section.
+
+    Raises:
+        ModelError: no sections, a length, width or area that is not above zero, or axes that are not perpendicular.
+    """
+
+    p_BoRo_B: tuple[float, float, float]
+    axis_B: tuple[float, float, float]
+    normal_B: tuple[float, float, float]
+    distances: tuple[float, ...]
+    areas: tuple[float, ...]
+    chord: float
+    start: float
+    end: float
+
+    def __post_init__(self) -> None:
+        if len(self.distances) < 1:
+            raise ModelError("section layout: the number of sections is 0, but it must be at least 1")
+        if len(self.areas) != len(self.distances):
+            raise ModelError(f"section layout: {len(self.areas)} areas for {len(self.distances)} section centres")
+        for name, value in [("chord", self.chord), *(("area", area) for area in self.areas)]:
+            if not (math.isfinite(value) and value > 0.0):
+                raise ModelError(f"section layout: {name} is {value}, but it must be a finite number above 0")
+        if not np.all(np.isfinite([*self.p_BoRo_B, *self.distances, self.start, self.end])):
+            raise ModelError("section layout: positions and distances must be finite numbers")
+        axis, normal = np.asarray(self.axis_B, float), np.asarray(self.normal_B, float)
+        if abs(np.linalg.norm(axis) - 1.0) > 1e-9 or abs(np.linalg.norm(normal) - 1.0) > 1e-9:
+            raise ModelError("section layout: axis_B and normal_B must be unit vectors")
+        if abs(axis @ normal) > 1e-9:
+            raise ModelError("section layout: normal_B must be perpendicular to axis_B")
+
+    @property
+    def number(self) -> int:
+        """Number of sections."""
+        return len(self.distances)
+
+    @property
+    def p_BoSi_B(self) -> np.ndarray:
+        """Section centres in the body frame (n, 3), m."""
+        return np.asarray(self.p_BoRo_B) + np.outer(self.distances, self.axis_B)
+
+    @property
+    def p_BoTip_B(self) -> np.ndarray:
+        """Tip of the sectioned length in the body frame (3), m."""
+        return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
+
+    @classmethod
+    def strip(
+        cls,
+        *,
+        start: float,
+        length: float,
+        width: float,
+        number: int = 5,
+        p_BoRo_B: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        normal_B: tuple[float, float, float] = (1.0, 0.0, 0.0),
+    ) -> SectionLayout:
+        """A flat strip of equal sections: a cheetah tail, a bar, or the robot's sail (default axes: tail up, sail facing x).
+
+        Args:
+            start: distance of the strip's near end from the root along the axis, m.
+            length: of the strip, m.
+            width: of the strip, m; the major width for a cheetah tail, the sail width for the robot tail.
+            number: of equal sections.
+        """
+        if int(number) != number or number < 1:
+            raise ModelError(f"section layout: the number of sections is {number}, but it must be a whole number from 1")
+        for name, value in (("length", length), ("width", width)):
+            if not (math.isfinite(value) and value > 0.0):
+                raise ModelError(f"section layout: {name} is {value} m, but it must be a finite number above 0")
+        part = length / number
+        return cls(
+            p_BoRo_B=p_BoRo_B,
+            axis_B=axis_B,
+            normal_B=normal_B,
+            distances=tuple(start + (i + 0.5) * part for i in range(number)),
+            areas=(part * width,) * number,
+            chord=width,
+            start=start,
+            end=start + length,
+        )
+
+    @classmethod
+    def robot_tail(
+        cls,
+        *,
+        start: float,
+        length: float,
+        width: float,
+        number: int = 5,
+        p_BoRo_B: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        normal_B: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    ) -> SectionLayout:
+        """The car's tail: axis along +z of the tail body (up at zero angles), sail facing sideways (+-y).
+
+        A roll of the tail about +x therefore moves the sail broadside; a pitch moves it edge-on.
+        """
+        return cls.strip(
+            start=start, length=length, width=width, number=number, p_BoRo_B=p_BoRo_B, axis_B=axis_B, normal_B=normal_B
+        )
+
+    @classmethod
+    def lumped(
+        cls,
+        *,
+        distance: float,
+        area: float,
+        chord: float,
+        p_BoRo_B: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        normal_B: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    ) -> SectionLayout:
+        """One section at a given distance: the robot-tail model of the thesis (eq. 6.8, L_cor)."""
+        return cls(p_BoRo_B, axis_B, normal_B, (distance,), (area,), chord, distance, distance)

@@ -1,0 +1,270 @@
+"""The aerodynamic wrench on a tail as a Drake system, and the one-liner that wires it to a plant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialForce_
+from pydrake.multibody.plant import (
+    ExternallyAppliedSpatialForce_,
+    ExternallyAppliedSpatialForceMultiplexer,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    InputPortIndex,
+    LeafSystem_,
+    OutputPort,
+    System,
+)
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from workbench.aero.jet import Jet
+from workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, float_of, length
+from workbench.aero.sections import Air, SectionLayout
+from workbench.errors import ModelError
+
+SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
+NOT_EXPOSED, MEASURED, EXTRAPOLATED = 0.0, 1.0, 2.0
+
+
+@TemplateSystem.define("TailForce_", T_list=[float, AutoDiffXd])
+def TailForce_(T):  # noqa: N802 (Drake's name for a template)
+    """Template over the scalar type; see `TailForce`."""
+
+    class Impl(LeafSystem_[T]):
+        """Aerodynamic wrench on a body made of sections on a straight line.
+
+        Law: `NormalForceLaw` or `PolarLaw`, design section 5; quasi-steady. Smooth in the velocity, also at zero airspeed.
+        Every section has the rigid-body velocity of its centre, omega x r included, so a driving car makes its own
+        apparent wind. Body pose and velocity come from the plant's state through a context of our own: the two
+        list ports of the plant cost 22-29 us per step on a car of 25 bodies (every element becomes a Python
+        object), the state port with forward kinematics 10 us.
+
+        Input ports:
+            plant_state: multibody state [q; v] of the plant.
+            wind_velocity (optional, 3): v_WA of the air in W, m/s; still air when not connected.
+        Output ports:
+            spatial_forces: list[ExternallyAppliedSpatialForce], one wrench on the body.
+            wrench (9): force on the body in W, N; moment about the body origin in W, N m; body origin in W, m.
+            sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the force N.
+            validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it (edge value held).
+
+        Args:
+            plant: finalised plant, of double scalar; read for its kinematics only.
+            body: the body that carries the sections, or its name.
+            layout: sections in the body frame.
+            law: a `SectionLaw`, or a number for a constant C_N.
+            air: density and viscosity.
+            jet: the part of space where the wind blows and forces act (`Jet`); everywhere when None.
+        """
+
+        def _construct(
+            self,
+            plant: Any,
+            body: Any,
+            layout: SectionLayout,
+            law: SectionLaw | float,
+            air: Air | None = None,
+            jet: Any = None,
+            converter: Any = None,
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self._plant, self._body = plant, resolve_body(plant, body)
+            self._layout, self._air, self._jet = layout, air or Air(), jet
+            self._law = NormalForceLaw(law) if isinstance(law, int | float) else law
+            self._kinematics = plant.CreateDefaultContext()
+            self._p_BoRo_B = layout.p_BoRo_B
+            self._a_B, self._n_B = layout.axis_B, layout.normal_B
+            self._force = ExternallyAppliedSpatialForce_[T]()
+            self._force.body_index = self._body.index()
+            self._force.p_BoBq_B = list(layout.p_BoRo_B)
+            self._SpatialForce = SpatialForce_[T]
+            self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+            self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
+            inputs = {self.input_port_ticket(InputPortIndex(i)) for i in (0, 1)}
+            self.DeclareAbstractOutputPort(
+                "spatial_forces", lambda: Value[list[ExternallyAppliedSpatialForce_[T]]](), self._calc_forces, inputs
+            )
+            for name, size, calc in (
+                ("wrench", 9, self._calc_wrench),
+                ("sections", 4 * layout.number, self._calc_sections),
+                ("validity", layout.number, self._calc_validity),
+            ):
+                self.DeclareVectorOutputPort(name, size, calc, inputs)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            plant = other._plant.ToScalarType[T]()
+            Impl._construct(
+                self, plant, plant.get_body(other._body.index()), other._layout, other._law, other._air, other._jet, converter
+            )
+
+        @property
+        def layout(self) -> SectionLayout:
+            """Sections in the body frame."""
+            return self._layout
+
+        @property
+        def body(self) -> Any:
+            """The body that carries the sections."""
+            return self._body
+
+        def _motion(self, context: Any) -> tuple[Any, ...]:
+            """Pose of the body (three rows of [R | p]), axis and normal in W, and the relative velocity u + s k."""
+            kinematics, plant, body = self._kinematics, self._plant, self._body
+            plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
+            X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
+            w_x, w_y, w_z, v_x, v_y, v_z = plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
+            (r00, r01, r02, _), (r10, r11, r12, _), (r20, r21, r22, _) = X_WB
+            x, y, z = self._a_B
+            a_x, a_y, a_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+            x, y, z = self._n_B
+            n = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
+            x, y, z = self._p_BoRo_B
+            if x or y or z:
+                p_x, p_y, p_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+                v_x += w_y * p_z - w_z * p_y
+                v_y += w_z * p_x - w_x * p_z
+                v_z += w_x * p_y - w_y * p_x
+            k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
+            if self._wind.HasValue(context):
+                air_x, air_y, air_z = self._wind.Eval(context).tolist()
+                return X_WB, (a_x, a_y, a_z), n, (air_x - v_x, air_y - v_y, air_z - v_z), k
+            return X_WB, (a_x, a_y, a_z), n, (-v_x, -v_y, -v_z), k
+
+        def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
+            """Distances and areas of the sections; with a jet those of the exposed part, areas zero without exposure."""
+            if self._jet is None:
+                return self._layout.distances, self._layout.areas
+            return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
+
+        def _line_force(self, context: Any) -> tuple[Any, Any]:
+            X_WB, a, n, u, k = self._motion(context)
+            distances, areas = self._exposed(X_WB, a)
+            return X_WB, self._law.line_force(u, k, a, n, distances, areas, self._air.density)
+
+        def _calc_forces(self, context: Any, output: Any) -> None:
+            _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
+            self._force.F_Bq_W = self._SpatialForce((m_x, m_y, m_z), (f_x, f_y, f_z))
+            output.set_value([self._force])
+
+        def _calc_wrench(self, context: Any, output: Any) -> None:
+            X_WB, force = self._line_force(context)
+            p_WBo = [row[3] for row in X_WB]
+            arm = [r - o for r, o in zip(point_in_world(X_WB, self._p_BoRo_B), p_WBo, strict=True)]
+            moment = [m + shift for m, shift in zip(force[3:], cross(arm, force[:3]), strict=True)]
+            output.SetFromVector([*force[:3], *moment, *p_WBo])
+
+        def _section_rows(self, context: Any) -> list[tuple[Any, ...]]:
+            """Per section: relative velocity (3), area, |v_rel|, gamma."""
+            X_WB, a, n, u, k = self._motion(context)
+            rows = []
+            for s, area in zip(*self._exposed(X_WB, a), strict=True):
+                v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
+                rows.append((v, area, length(v), angle_of_attack(v, a), a, n))
+            return rows
+
+        def _calc_sections(self, context: Any, output: Any) -> None:
+            chord_by_viscosity = self._layout.chord * self._air.density / self._air.viscosity
+            values: list[Any] = []
+            for v, area, speed, angle, a, n in self._section_rows(context):
+                force = length(self._law.section_force(v, a, n, area, self._air.density))
+                values += [speed, angle, chord_by_viscosity * speed, force]
+            output.SetFromVector(values)
+
+        def _calc_validity(self, context: Any, output: Any) -> None:
+            values = []
+            for _, area, speed, angle, _, _ in self._section_rows(context):
+                inside = self._law.covers(float_of(speed), float_of(angle))
+                exposed = float_of(area) > 0.0
+                values.append((MEASURED if inside else EXTRAPOLATED) if exposed else NOT_EXPOSED)
+            output.SetFromVector(values)
+
+    return Impl
+
+
+TailForce = TailForce_[float]
+
+
+def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
+    """p_WQ of a body-fixed point Q from the rows of [R | p]."""
+    x, y, z = p_BoQ_B
+    return tuple(row[0] * x + row[1] * y + row[2] * z + row[3] for row in X_WB)
+
+
+def resolve_body(plant: Any, body: Any) -> Any:
+    """The plant's body that is meant by a body or a name; ModelError when the plant has no such body, or is not finalised."""
+    if not plant.is_finalized():
+        raise ModelError("tail force: the plant is not finalised; call plant.Finalize() first")
+    if isinstance(body, str):
+        if not plant.HasBodyNamed(body):
+            names = ", ".join(plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies()))
+            raise ModelError(f"tail force: the plant has no body named '{body}' (bodies: {names})")
+        return plant.GetBodyByName(body)
+    if body.GetParentPlant() is not plant:
+        raise ModelError(f"tail force: body '{body.name()}' does not belong to this plant")
+    return body
+
+
+def add_to_builder(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    body: RigidBody | str,
+    layout: SectionLayout,
+    law: SectionLaw | float,
+    *,
+    air: Air | None = None,
+    wind: OutputPort | None = None,
+    jet: Jet | None = None,
+    name: str | None = None,
+) -> System:
+    """Adds a `TailForce` for one body and wires it: the plant's state in, its force out, and the wind when given.
+
+    Several aerodynamic bodies, and other systems that apply spatial forces, may share a plant: see `connect_spatial_forces`.
+
+    Args:
+        builder: that owns the plant.
+        law: a `SectionLaw`, or a number for a constant C_N.
+        wind: a port of v_WA (3), m/s; still air without it.
+        name: of the system; `tail_force_<body>` by default.
+
+    Raises:
+        ModelError: the plant is not finalised or not in the builder, the body is not in the plant, or the jet meets the
+            sections at no reachable angle.
+    """
+    if plant not in builder.GetSystems():
+        raise ModelError(f"tail force: plant '{plant.get_name()}' is not in this builder; add it first")
+    body = resolve_body(plant, body)
+    if jet is not None:
+        jet.require_reachable(plant, body, layout)
+    system = builder.AddNamedSystem(name or f"tail_force_{body.name()}", TailForce(plant, body, layout, law, air=air, jet=jet))
+    builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
+    if wind is not None:
+        builder.Connect(wind, system.GetInputPort("wind_velocity"))
+    connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
+    return system
+
+
+def connect_spatial_forces(builder: DiagramBuilder, plant: MultibodyPlant, forces: OutputPort) -> None:
+    """Connects one more list of applied spatial forces to a plant, behind a multiplexer when the port is already taken.
+
+    Raises:
+        ModelError: the plant's port was exported, so that nothing more can join it.
+    """
+    port = plant.get_applied_spatial_force_input_port()
+    if not builder.IsConnectedOrExported(port):
+        builder.Connect(forces, port)
+        return
+    source = builder.connection_map().get((plant, port.get_index()))
+    if source is None:
+        raise ModelError(f"plant '{plant.get_name()}': applied_spatial_force is exported; connect the aerodynamic bodies first")
+    present = source[0].get_output_port(source[1])
+    builder.Disconnect(present, port)
+    multiplexer = builder.AddSystem(ExternallyAppliedSpatialForceMultiplexer(2))
+    multiplexer.set_name(f"applied_spatial_forces_{len(builder.GetSystems())}")
+    builder.Connect(present, multiplexer.get_input_port(0))
+    builder.Connect(forces, multiplexer.get_input_port(1))
+    builder.Connect(multiplexer.get_output_port(), port)
