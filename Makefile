@@ -35,7 +35,9 @@ bench: $(STAMP)
 lint: $(STAMP)
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/ruff format --check --quiet .
-	@$(BIN)/mypy --no-error-summary
+	@if $(BIN)/python -c 'from importlib.metadata import version; import sys; sys.exit(tuple(map(int, version("drake").split("."))) < (1, 58))'; \
+	then $(BIN)/mypy --no-error-summary; \
+	else echo "types not checked: the stubs of this Drake are wrong (see pyproject.toml); .ci/run checks on the newest Python"; fi
 
 clean:
 	@rm -rf .venv out dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
