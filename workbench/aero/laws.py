@@ -20,7 +20,7 @@ Scalar = Any  # float or AutoDiffXd
 Vector = Sequence[Any]
 
 # Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and gradient are zero there.
-_STILL = 1e-60
+STILL = 1e-60
 
 
 class SpeedCoefficient(Protocol):
@@ -60,7 +60,7 @@ class SectionLaw(Protocol):
 def length(v: Vector) -> Scalar:
     """|v|, with a zero gradient at v = 0."""
     squared = dot(v, v)
-    return squared**0.5 if squared > _STILL else 0.0 * squared
+    return squared**0.5 if squared > STILL else 0.0 * squared
 
 
 def angle_of_attack(v: Vector, a: Vector) -> Scalar:
@@ -118,7 +118,7 @@ class NormalForceLaw:
             for s, area in zip(distances, areas, strict=True):
                 v_n, v_c = u_n + s * k_n, u_c + s * k_c
                 squared = v_n * v_n + v_c * v_c
-                if squared > _STILL:
+                if squared > STILL:
                     f = area * coefficient((squared + spanwise) ** 0.5) * squared**0.5 * v_n
                     total += f
                     moment += s * f
@@ -127,7 +127,7 @@ class NormalForceLaw:
             for s, area in zip(distances, areas, strict=True):
                 v_n, v_c = u_n + s * k_n, u_c + s * k_c
                 squared = v_n * v_n + v_c * v_c
-                if squared > _STILL:
+                if squared > STILL:
                     f = area * squared**0.5 * v_n
                     total += f
                     moment += s * f

@@ -1,0 +1,112 @@
+"""The polar law: drag along the relative wind and lift across it, for round or feathered tails (design section 5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from pydrake.math import arctan2
+
+from workbench.aero.laws import STILL, Scalar, Vector, dot
+from workbench.errors import ModelError
+
+Coefficient = Callable[[Scalar, Scalar], Scalar]
+_LIFT_END = math.radians(10.0)
+_ONE_DEGREE = math.radians(1.0)
+
+
+@dataclass(frozen=True)
+class PolarLaw:
+    """F = 1/2 rho A |v|^2 (C_D d + C_L l), d = v/|v|, l perpendicular to v in the plane of v and a, on the root side.
+
+    C_D and C_L are even in gamma; for gamma < 0 the lift turns to the tip side. Lift acts towards the root and the area
+    carries no cosine, because the published currents of tail 1 are met only so (ERRATA E39, E40).
+
+    Attributes:
+        drag: C_D, a number or a function of |v_rel| (m/s) and |gamma| (rad).
+        lift: C_L, likewise.
+        lift_blend: rad; within it of gamma = 0 the lift passes smoothly from one side to the other. With 0 it jumps.
+        lift_end: rad; within it of gamma = 90 degrees the lift fades to zero, because its direction is undefined there.
+    """
+
+    drag: float | Coefficient
+    lift: float | Coefficient = 0.0
+    lift_blend: float = _ONE_DEGREE
+    lift_end: float = _LIFT_END
+
+    def __post_init__(self) -> None:
+        for name in ("drag", "lift"):
+            value = getattr(self, name)
+            if not callable(value) and not math.isfinite(value):
+                raise ModelError(f"polar law: the {name} coefficient is {value}, but it must be a finite number")
+        if not callable(self.drag) and self.drag < 0.0:
+            raise ModelError(f"polar law: the drag coefficient is {self.drag}, but negative drag would add energy")
+        if not 0.0 <= self.lift_blend <= math.pi / 4 or not 0.0 < self.lift_end <= math.pi / 4:
+            raise ModelError("polar law: lift_blend must lie in 0 .. 0.785 rad and lift_end in 0 .. 0.785 rad (above 0)")
+
+    def _fade(self, spanwise: Scalar, across: Scalar, speed: Scalar) -> Scalar:
+        """Factor on C_L: sign of gamma, smooth at 0, and zero at 90 degrees."""
+        x = across / (speed * math.sin(self.lift_end))
+        end = 1.0 if x >= 1.0 else x * x * (3.0 - 2.0 * x)
+        if self.lift_blend == 0.0:
+            return end if spanwise >= 0.0 else -end
+        x = spanwise / (speed * math.sin(self.lift_blend))
+        if x >= 1.0:
+            return end
+        if x <= -1.0:
+            return -end
+        return 0.5 * x * (3.0 - x * x) * end
+
+    def _parts(self, spanwise: Scalar, across_squared: Scalar, scale: Scalar) -> tuple[Scalar, Scalar]:
+        """F = alpha v + beta a for one section; scale = 1/2 rho A."""
+        squared = across_squared + spanwise * spanwise
+        if squared <= STILL:
+            return 0.0, 0.0
+        speed = squared**0.5
+        if across_squared <= STILL:
+            drag = self.drag(speed, math.pi / 2) if callable(self.drag) else self.drag
+            return scale * speed * drag, 0.0
+        across = across_squared**0.5
+        drag, lift = self.drag, self.lift
+        if callable(drag) or callable(lift):
+            size = spanwise if spanwise >= 0.0 else -spanwise
+            gamma = math.atan2(size, across) if isinstance(size, float) else arctan2(size, across)
+            drag = drag(speed, gamma) if callable(drag) else drag
+            lift = lift(speed, gamma) if callable(lift) else lift
+        lift = lift * self._fade(spanwise, across, speed) / across
+        return scale * speed * (drag + lift * spanwise), -scale * lift * squared * speed
+
+    def line_force(
+        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """See `SectionLaw.line_force`."""
+        spanwise = dot(u, a)
+        across = [u[i] - spanwise * a[i] for i in range(3)]
+        half = 0.5 * density
+        a_sum = as_sum = ass_sum = b_sum = 0.0
+        for s, area in zip(distances, areas, strict=True):
+            x, y, z = across[0] + s * k[0], across[1] + s * k[1], across[2] + s * k[2]
+            alpha, beta = self._parts(spanwise, x * x + y * y + z * z, half * area)
+            a_sum += alpha
+            as_sum += alpha * s
+            ass_sum += alpha * s * s
+            b_sum += beta
+        m = [as_sum * u[i] + ass_sum * k[i] for i in range(3)]
+        return (
+            a_sum * u[0] + as_sum * k[0] + b_sum * a[0],
+            a_sum * u[1] + as_sum * k[1] + b_sum * a[1],
+            a_sum * u[2] + as_sum * k[2] + b_sum * a[2],
+            a[1] * m[2] - a[2] * m[1],
+            a[2] * m[0] - a[0] * m[2],
+            a[0] * m[1] - a[1] * m[0],
+        )
+
+    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
+        """See `SectionLaw.section_force`."""
+        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """See `SectionLaw.covers`: both coefficients must cover the point; plain numbers cover everything."""
+        checks = [getattr(part, "covers", None) for part in (self.drag, self.lift)]
+        return all(check(speed, abs(angle)) for check in checks if check is not None)
