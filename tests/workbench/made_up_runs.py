@@ -1,0 +1,61 @@
+"""Run logs made by hand: a straight run at 3 m/s in which every signal is zero unless a test says otherwise."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from workbench.logs.columns import car_run_columns, sensor_columns
+from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+
+STEP = 0.002
+DURATION = 4.0
+SPEED = 3.0
+GRAVITY = 9.81
+TAIL_MASS = 0.15
+
+
+def times() -> np.ndarray:
+    return np.arange(round(DURATION / STEP) + 1) * STEP
+
+
+def made_up_scenario(direction: str = "left", tail_mode: str = "swing", **manoeuvre: Any) -> dict[str, Any]:
+    return {
+        "name": "made up",
+        "manoeuvre": {
+            "kind": "turn",
+            "direction": direction,
+            "turn_start": 2.0,
+            "turn_hold": 0.5,
+            "steer_angle": math.radians(30.0),
+            "speed": SPEED,
+            **manoeuvre,
+        },
+        "servo": {"rate": math.radians(30.0) / 0.14},
+        "environment": {"gravity": GRAVITY},
+        "tail": {"mode": tail_mode},
+    }
+
+
+def made_up_run(
+    signals: dict[str, np.ndarray | float] | None = None,
+    direction: str = "left",
+    truth: bool = True,
+    tail_mode: str = "swing",
+    **manoeuvre: Any,
+) -> RunLog:
+    """A run of 4 s at 500 Hz, four loaded wheels, with these columns set."""
+    columns = car_run_columns(("x", "y")) if truth else sensor_columns()
+    table = pd.DataFrame({column.name: np.zeros(times().size) for column in columns})
+    table["time_s"] = times()
+    table["speed_m_per_s"] = SPEED
+    if truth:
+        table["velocity_x_truth_m_per_s"] = SPEED
+        for wheel in ("front_left", "front_right", "rear_left", "rear_right"):
+            table[f"wheel_force_{wheel}_z_truth_n"] = 15.0
+    for name, values in (signals or {}).items():
+        assert name in table.columns, name
+        table[name] = values
+    scenario = made_up_scenario(direction, tail_mode, **manoeuvre)
+    return run_log_from_metadata(table, run_metadata(scenario, seed=7, extra={"tail_mass_kg": TAIL_MASS}))

@@ -1,0 +1,262 @@
+"""Crash-safe journal of a run: an Arrow IPC stream on disk that becomes Parquet when the run ends well.
+
+A Parquet file without its footer is unreadable, so a run that dies would be lost. The journal is appended in record
+batches instead, each complete in itself: after a crash every batch that reached the file is still there, and
+`recover` turns them into a run log. `run.parquet` has the journal `run.parquet.journal`.
+"""
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import ArrayLike
+
+from workbench.atomic_write import make_folder, refuse_existing
+from workbench.errors import LogError
+from workbench.logs.columns import missing_columns
+from workbench.logs.schema import (
+    METADATA_KEY,
+    decode_metadata,
+    encode_metadata,
+    scenario_has_tail,
+    write_table,
+)
+
+JOURNAL_SUFFIX = ".journal"
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What `recover` rescued.
+
+    Attributes:
+        path: the run log that was written.
+        rows: complete rows in it.
+        complete: whether the journal had been closed in order, so that nothing was lost.
+    """
+
+    path: Path
+    rows: int
+    complete: bool
+
+
+def journal_path(path: Path | str) -> Path:
+    """Name of the journal of a run log."""
+    path = Path(path)
+    return path.with_name(path.name + JOURNAL_SUFFIX)
+
+
+class JournalWriter:
+    """Appends rows to the journal of one run; `close` turns it into the Parquet file.
+
+    As a context manager it closes after an orderly end. After an exception it keeps the journal, with every row that
+    was appended.
+
+    A batch goes to the operating system when it is full or a second old, so a killed process loses at most that much.
+    Every `sync_interval` a thread asks the disk to keep it, so that a power cut loses little and the loop never waits.
+
+    Args:
+        path: name of the Parquet file to be.
+        columns: names of the columns, in the order of the rows.
+        metadata: metadata object, see `workbench.logs.schema.run_metadata`.
+        force: replace an existing log, and a journal that an earlier run left behind.
+        rows_per_batch: rows in a record batch.
+        sync_interval: time between two requests to the disk, s.
+
+    Raises:
+        LogError: log or journal exists, folder unusable, columns missing or named twice.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        columns: Sequence[str],
+        metadata: Mapping[str, Any],
+        force: bool = False,
+        rows_per_batch: int = 250,
+        sync_interval: float = 2.0,
+    ) -> None:
+        self.path = Path(path)
+        self.journal = journal_path(path)
+        self.rows = 0
+        self._metadata = dict(metadata)
+        self._force = force
+        self._width = len(columns)
+        self._buffer = np.empty((rows_per_batch, self._width))
+        self._filled = 0
+        self._refuse(columns)
+        encoded = encode_metadata(metadata)
+        self._schema = pa.schema([(name, pa.float64()) for name in columns], metadata={METADATA_KEY: encoded})
+        make_folder(self.path.parent, LogError)
+        try:
+            self._file = open(self.journal, "wb" if force else "xb")  # noqa: SIM115 - open for as long as the run lasts
+        except OSError as cause:
+            raise LogError(f"{self.journal}: cannot be written ({cause.strerror})") from cause
+        self._stream = pa.ipc.new_stream(self._file, self._schema)
+        self._file.flush()
+        self._syncing = ThreadPoolExecutor(max_workers=1, thread_name_prefix="journal")
+        self._sync: Future[None] | None = None
+        self._sync_interval = sync_interval
+        now = time.monotonic()
+        self._flush_due = now + 1.0
+        self._sync_due = now + sync_interval
+        self._open = True
+
+    def append(self, row: ArrayLike) -> None:
+        """Take one row, shape (number of columns,), in the order of the columns."""
+        if len(row) != self._width:  # type: ignore[arg-type]
+            raise LogError(f"{self.path}: row of {len(row)} values for {self._width} columns")  # type: ignore[arg-type]
+        self._buffer[self._filled] = row
+        self._filled += 1
+        if self._filled == len(self._buffer) or time.monotonic() >= self._flush_due:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand the rows so far to the operating system; LogError when it does not take them (disk full)."""
+        if not self._open:
+            raise LogError(f"{self.journal}: closed already")
+        try:
+            self._write_batch()
+            self._request_sync()
+        except OSError as cause:
+            raise LogError(f"{self.journal}: cannot be written after {self.rows} rows ({cause})") from cause
+
+    def close(self) -> Path:
+        """End the journal, write the Parquet file, remove the journal; the name of the Parquet file."""
+        if self._open:
+            self.flush()
+            self._release()
+            table, _ = read_journal(self.journal)
+            write_table(table, self._metadata, self.path, self._force)
+            self.journal.unlink()
+        return self.path
+
+    def abandon(self) -> Path:
+        """Flush and leave the journal for `recover`; its name. What a run that failed does."""
+        if self._open:
+            try:
+                self.flush()
+            finally:
+                self._release()
+        return self.journal
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def _refuse(self, columns: Sequence[str]) -> None:
+        twice = sorted({name for name in columns if list(columns).count(name) > 1})
+        if twice:
+            raise LogError(f"{self.path}: column(s) named twice: {', '.join(twice)}")
+        has_tail = scenario_has_tail(self._metadata.get("scenario") or {})
+        missing = missing_columns(columns, str(self._metadata.get("kind")), has_tail)
+        if missing:
+            raise LogError(f"{self.path}: {len(missing)} column(s) missing: {', '.join(missing)}")
+        refuse_existing(self.path, self._force, LogError)
+        if self.journal.exists() and not self._force:
+            raise LogError(
+                f"{self.journal}: holds a run that was cut off; rescue it with `aerodima log recover` or use --force"
+            )
+
+    def _write_batch(self) -> None:
+        self._flush_due = time.monotonic() + 1.0
+        if self._filled == 0:
+            return
+        by_column = np.ascontiguousarray(self._buffer[: self._filled].T)
+        batch = pa.record_batch([pa.array(values) for values in by_column], schema=self._schema)
+        self._stream.write_batch(batch)
+        self._file.flush()
+        self.rows += self._filled
+        self._filled = 0
+
+    def _request_sync(self) -> None:
+        if time.monotonic() < self._sync_due or (self._sync is not None and not self._sync.done()):
+            return
+        if self._sync is not None:
+            self._sync.result()
+        self._sync = self._syncing.submit(os.fsync, self._file.fileno())
+        self._sync_due = time.monotonic() + self._sync_interval
+
+    def _release(self) -> None:
+        self._open = False
+        self._syncing.shutdown(wait=True)
+        try:
+            self._stream.close()
+        finally:
+            self._file.close()
+
+
+def read_journal(path: Path | str) -> tuple[pa.Table, bool]:
+    """The complete batches of a journal and whether it had been ended in order.
+
+    The cut may be anywhere: a batch that is not whole is left out, with all that comes after it.
+
+    Raises:
+        LogError: no such file, cut off before the end of its header, not a journal, another schema version.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise LogError(f"{path}: no such journal")
+    ended = _has_end_mark(path)
+    batches: list[pa.RecordBatch] = []
+    with pa.OSFile(str(path), "rb") as file:
+        try:
+            stream = pa.ipc.open_stream(file)
+        except (pa.ArrowException, OSError) as cause:
+            raise LogError(f"{path}: cut off in its header, or not a journal; nothing to rescue") from cause
+        decode_metadata(stream.schema.metadata, str(path))
+        while True:
+            try:
+                batches.append(stream.read_next_batch())
+            except StopIteration:
+                break
+            except (pa.ArrowException, OSError):
+                ended = False
+                break
+    return pa.Table.from_batches(batches, schema=stream.schema), ended
+
+
+def _has_end_mark(path: Path) -> bool:
+    """Whether the file ends with Arrow's end-of-stream mark (continuation 0xFFFFFFFF, length 0)."""
+    with open(path, "rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - 8))
+        return file.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
+
+
+def recover(journal: Path | str, out_path: Path | str | None = None, force: bool = False) -> Recovery:
+    """Write the complete batches of a cut-off journal as a run log; the journal stays where it is.
+
+    Args:
+        journal: the journal, `run.parquet.journal`.
+        out_path: the run log to write; the journal's name without its suffix when not given.
+        force: replace an existing file.
+
+    Raises:
+        LogError: nothing to rescue, `out_path` exists, or cannot be written.
+    """
+    journal = Path(journal)
+    if out_path is None:
+        if journal.suffix != JOURNAL_SUFFIX:
+            raise LogError(f"{journal}: a journal is named *{JOURNAL_SUFFIX}; give the name of the log to write")
+        out_path = journal.with_suffix("")
+    table, complete = read_journal(journal)
+    if table.num_rows == 0:
+        raise LogError(f"{journal}: no complete batch in it; nothing to rescue")
+    metadata = decode_metadata(table.schema.metadata, str(journal))
+    metadata["extra"] = {**metadata.get("extra", {}), "recovered_rows": table.num_rows}
+    return Recovery(write_table(table, metadata, Path(out_path), force), table.num_rows, complete)

@@ -1,0 +1,77 @@
+"""Writes the signals of a diagram into a run log while it runs."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
+
+from workbench.logs.columns import TIME
+from workbench.logs.journal import JournalWriter
+
+UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
+"""Columns in which a jump of a whole turn is taken out, so that headings can be subtracted."""
+
+
+class RunRecorder(LeafSystem):
+    """Appends one row per period to a journal; costs nothing between rows.
+
+    Input ports:
+        one vector per recorded port, in the order they are given.
+
+    Args:
+        journal: open journal whose columns are `time_s` and then those of the ports, in order.
+        sources: size of each recorded port.
+        rate: rows per second, Hz.
+    """
+
+    def __init__(self, journal: JournalWriter, columns: Sequence[str], sizes: Sequence[int], rate: float):
+        super().__init__()
+        self.set_name("run_recorder")
+        self._journal = journal
+        self._row = np.zeros(1 + sum(sizes))
+        self._ports = []
+        start = 1
+        for index, size in enumerate(sizes):
+            self._ports.append((self.DeclareVectorInputPort(f"signal_{index}", size), start, start + size))
+            start += size
+        self._angles = [columns.index(name) for name in UNWRAPPED if name in columns]
+        self._started = False
+        self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._record)
+
+    @classmethod
+    def add_to_builder(
+        cls, builder: DiagramBuilder, journal: JournalWriter, signals: Sequence[tuple[OutputPort, Sequence[str]]], rate: float
+    ) -> "RunRecorder":
+        """Records each output port under the given column names."""
+        columns = recorded_columns(signals)
+        recorder = builder.AddSystem(cls(journal, columns, [port.size() for port, _ in signals], rate))
+        for index, (port, _) in enumerate(signals):
+            builder.Connect(port, recorder.get_input_port(index))
+        return recorder
+
+    def _record(self, context: Context) -> EventStatus:
+        row = self._row
+        before = [row[index] for index in self._angles]
+        row[0] = context.get_time()
+        for port, start, end in self._ports:
+            row[start:end] = port.Eval(context)
+        if self._started:
+            for index, earlier in zip(self._angles, before, strict=True):
+                row[index] += 2 * np.pi * round((earlier - row[index]) / (2 * np.pi))
+        self._started = True
+        self._journal.append(row)
+        return EventStatus.Succeeded()
+
+
+def recorded_columns(signals: Sequence[tuple[OutputPort, Sequence[str]]]) -> list[str]:
+    """Column names of a recording, time first.
+
+    Raises:
+        ValueError: a port and its names differ in number.
+    """
+    columns = [TIME]
+    for port, names in signals:
+        if port.size() != len(names):
+            raise ValueError(f"port {port.get_name()!r} has {port.size()} elements for {len(names)} columns")
+        columns += names
+    return columns

@@ -1,0 +1,213 @@
+"""The run log: one run in one Parquet file, its signals as columns and its provenance in the file's metadata.
+
+Columns are float64 (`workbench.logs.columns`). The metadata are one JSON object under the key `aerodima`: schema,
+scenario (resolved), seed, versions, created, kind, extra. Two runs of the same scenario and seed have equal signals,
+bit for bit (`signals_equal`); `created` is all that may differ.
+"""
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib import metadata as distribution_metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from workbench.atomic_write import write_atomically
+from workbench.errors import LogError
+from workbench.logs.columns import TIME, missing_columns
+
+SCHEMA = "aerodima/run-log/1"
+METADATA_KEY = b"aerodima"
+_METADATA_FIELDS = ("scenario", "seed", "versions", "created", "kind", "extra")
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """One run.
+
+    Attributes:
+        table: one row per log time, float64 columns; the first is `time_s`.
+        scenario: the resolved scenario.
+        seed: seed of every random number of the run.
+        versions: of the project, Drake, Python and NumPy.
+        kind: what was logged, `car_run` for a run of the car.
+        created: ISO time of the start of the run.
+        extra: further facts, for example `tail_mass_kg` (kg).
+        source: name of the file it came from, for messages; empty for a run in memory.
+    """
+
+    table: pd.DataFrame
+    scenario: dict[str, Any]
+    seed: int
+    versions: dict[str, str] = field(default_factory=dict)
+    kind: str = "car_run"
+    created: str = ""
+    extra: dict[str, Any] = field(default_factory=dict)
+    source: str = ""
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Log times, s, shape (n,)."""
+        return self.signal(TIME)
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the run was simulated with its ground truth logged."""
+        return "gyro_z_truth_rad_per_s" in self.table.columns
+
+    @property
+    def has_tail(self) -> bool:
+        """Whether the car had a tail; a log that does not say is taken to have one."""
+        return scenario_has_tail(self.scenario)
+
+    def signal(self, name: str) -> NDArray[np.float64]:
+        """One column, shape (n,); LogError when the log has no such column."""
+        if name not in self.table.columns:
+            raise LogError(f"{self.source or 'run log'}: no column {name!r}")
+        return self.table[name].to_numpy(dtype=np.float64)
+
+    def vector(self, stem: str, suffix: str) -> NDArray[np.float64]:
+        """The columns `<stem>_{x,y,z}_<suffix>`, shape (n, 3)."""
+        return np.column_stack([self.signal(f"{stem}_{axis}_{suffix}") for axis in "xyz"])
+
+    def metadata(self) -> dict[str, Any]:
+        """What goes into the file's metadata."""
+        named = {name: getattr(self, name) for name in _METADATA_FIELDS}
+        return {"schema": SCHEMA, **named}
+
+
+def scenario_has_tail(scenario: Mapping[str, Any]) -> bool:
+    """False when the scenario's `tail.mode` is `none`."""
+    return str((scenario.get("tail") or {}).get("mode", "held")) != "none"
+
+
+def run_metadata(
+    scenario: Mapping[str, Any], seed: int, kind: str = "car_run", extra: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Metadata of a run that starts now, with the versions of this environment."""
+    return {
+        "schema": SCHEMA,
+        "scenario": dict(scenario),
+        "seed": seed,
+        "versions": software_versions(),
+        "created": datetime.now(UTC).isoformat(),
+        "kind": kind,
+        "extra": dict(extra or {}),
+    }
+
+
+def software_versions() -> dict[str, str]:
+    """Versions that a run depends on; read from the installed distributions, so Drake is not imported."""
+    versions = {"python": platform.python_version(), "numpy": np.__version__}
+    for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
+        try:
+            versions[key] = distribution_metadata.version(distribution)
+        except distribution_metadata.PackageNotFoundError:
+            versions[key] = "not installed"
+    return versions
+
+
+def run_log_from_metadata(table: pd.DataFrame, metadata: Mapping[str, Any], source: str = "") -> RunLog:
+    """A run log from its table and its metadata object (`run_metadata`)."""
+    absent = [name for name in _METADATA_FIELDS if name not in metadata]
+    if absent:
+        raise LogError(f"{source or 'run log'}: metadata without {', '.join(absent)}")
+    return RunLog(table=table, source=source, **{name: metadata[name] for name in _METADATA_FIELDS})
+
+
+def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Path:
+    """Write a run to a Parquet file, whole or not at all.
+
+    Raises:
+        LogError: the file exists and `force` is not set, the folder cannot be used, a column is missing or is not
+            made of numbers.
+    """
+    columns = {}
+    for name in run_log.table.columns:
+        try:
+            columns[str(name)] = pa.array(run_log.table[name].to_numpy(dtype=np.float64))
+        except (TypeError, ValueError) as cause:
+            raise LogError(f"{path}: column {name!r} is not made of numbers ({cause})") from cause
+    return write_table(pa.table(columns), run_log.metadata(), Path(path), force)
+
+
+def write_table(table: pa.Table, metadata: Mapping[str, Any], path: Path, force: bool) -> Path:
+    """Write an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
+    _refuse_missing(table.column_names, metadata, str(path))
+    table = table.replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})
+
+    def write(temporary: Path) -> None:
+        # Floating-point signals seldom repeat: a dictionary would cost time and save nothing.
+        pq.write_table(table, temporary, compression="zstd", compression_level=1, use_dictionary=False)
+
+    return write_atomically(path, write, force, LogError)
+
+
+def read_run_log(path: Path | str) -> RunLog:
+    """Read a run.
+
+    Raises:
+        LogError: no such file, cut off or not Parquet, not a run log, another schema version, columns missing.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise LogError(f"{path}: no such run log" + _journal_hint(path))
+    try:
+        with pq.ParquetFile(path) as file:
+            metadata = decode_metadata(file.schema_arrow.metadata, str(path))
+            table = file.read()
+    except (pa.ArrowException, OSError) as cause:
+        hint = _journal_hint(path) or "; a run that was cut off leaves a *.journal for `aerodima log recover`"
+        raise LogError(f"{path}: cut off, damaged or not a Parquet file{hint}") from cause
+    _refuse_missing(table.column_names, metadata, str(path))
+    return run_log_from_metadata(table.to_pandas(ignore_metadata=True), metadata, source=str(path))
+
+
+def encode_metadata(metadata: Mapping[str, Any]) -> bytes:
+    """The JSON of a metadata object; LogError when something in it is NaN, infinite or not JSON."""
+    try:
+        return json.dumps(metadata, sort_keys=True, allow_nan=False).encode()
+    except (TypeError, ValueError) as cause:
+        raise LogError(f"run log metadata cannot be written as JSON: {cause}") from cause
+
+
+def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) -> dict[str, Any]:
+    """The metadata object of an Arrow schema; LogError when it is absent or of another schema version."""
+    raw = (schema_metadata or {}).get(METADATA_KEY)
+    if raw is None:
+        raise LogError(f"{source}: not a run log (no {METADATA_KEY.decode()!r} metadata)")
+    try:
+        metadata = json.loads(raw)
+    except ValueError as cause:
+        raise LogError(f"{source}: metadata are not readable JSON ({cause})") from cause
+    found = metadata.get("schema") if isinstance(metadata, dict) else None
+    if found != SCHEMA:
+        raise LogError(f"{source}: schema {found!r} cannot be read; this version reads {SCHEMA!r}")
+    return dict(metadata)
+
+
+def signals_equal(a: RunLog, b: RunLog) -> bool:
+    """Whether two runs have the same columns in the same order with the same bits (NaN equals itself, 0 is not -0)."""
+    if list(a.table.columns) != list(b.table.columns) or len(a.table) != len(b.table):
+        return False
+    return all(a.signal(name).tobytes() == b.signal(name).tobytes() for name in a.table.columns)
+
+
+def _journal_hint(path: Path) -> str:
+    journal = path.with_name(path.name + ".journal")
+    return f"; its journal is there: `aerodima log recover {journal}` rescues it" if journal.is_file() else ""
+
+
+def _refuse_missing(names: list[str], metadata: Mapping[str, Any], source: str) -> None:
+    has_tail = scenario_has_tail(metadata.get("scenario") or {})
+    missing = missing_columns(names, str(metadata.get("kind")), has_tail)
+    if missing:
+        raise LogError(f"{source}: {len(missing)} column(s) missing: {', '.join(missing)}")

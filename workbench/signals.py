@@ -1,0 +1,172 @@
+"""Signal tools for logs: checks, zero-phase low pass, drift removal, resampling.
+
+Every function takes times (s, shape (n,)) and a signal of the same shape. What is wrong in a log (NaN, unsorted time, a
+gap) is an error that names the column and the time; nothing is dropped or filled in silently.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from workbench.errors import LogError
+
+FloatArray = NDArray[np.float64]
+
+GAP_FACTOR = 1.5
+"""A step longer than this many median steps is a gap."""
+_JITTER = 0.01
+"""Steps that differ by more than this fraction of the mean one are resampled before filtering."""
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Butterworth low pass, run forwards and back so that it shifts nothing in time.
+
+    Attributes:
+        order: order of the Butterworth design. Passed twice, the gain at the cut-off is 1/2 (not 1/sqrt 2) and falls by
+            40 dB per decade and order beyond.
+        cutoff_hz: cut-off frequency of the design, Hz.
+    """
+
+    order: int
+    cutoff_hz: float
+
+
+IMU_FILTER = LowPass(order=2, cutoff_hz=5.0)
+"""IMU signals of the car."""
+GPS_FILTER = LowPass(order=2, cutoff_hz=1.0)
+"""GPS speed of the car."""
+RIG_FILTER_10_HZ = LowPass(order=6, cutoff_hz=10.0)
+"""Rig signals, slow."""
+RIG_FILTER_20_HZ = LowPass(order=6, cutoff_hz=20.0)
+"""Rig signals, fast."""
+
+
+def check_time(time: FloatArray, column: str = "time_s") -> None:
+    """Raise LogError unless times are finite, strictly increasing and at least two."""
+    if len(time) < 2:
+        raise LogError(f"column {column!r}: {len(time)} sample(s), at least 2 are needed")
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise LogError(f"column {column!r}: {time[bad[0]]} in row {bad[0]}; times must be finite")
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        row = int(back[0]) + 1
+        raise LogError(f"column {column!r}: not increasing in row {row}, {time[row]:g} s after {time[row - 1]:g} s")
+
+
+def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
+    """Raise LogError naming the first step longer than `largest_step` (s; default 1.5 median steps)."""
+    steps = np.diff(time)
+    allowed = GAP_FACTOR * float(np.median(steps)) if largest_step is None else largest_step
+    wide = np.flatnonzero(steps > allowed)
+    if wide.size:
+        at = int(wide[0])
+        raise LogError(
+            f"column {column!r}: {wide.size} gap(s), the first of {steps[at]:.6g} s after {time[at]:g} s; "
+            f"at most {allowed:.6g} s is allowed"
+        )
+
+
+def check_signals(time: FloatArray, signals: Mapping[str, FloatArray], largest_step: float | None = None) -> None:
+    """Raise LogError for unsorted time, gaps, a signal of another length, and any NaN or infinite sample.
+
+    Args:
+        time: s, shape (n,).
+        signals: column name to samples, shape (n,) each.
+        largest_step: longest step that is not a gap, s; 1.5 median steps by default.
+    """
+    check_time(time)
+    check_gaps(time, largest_step)
+    for name, signal in signals.items():
+        if signal.shape != time.shape:
+            raise LogError(f"column {name!r}: {signal.size} samples for {time.size} times")
+        bad = np.flatnonzero(~np.isfinite(signal))
+        if bad.size:
+            raise LogError(
+                f"column {name!r}: {bad.size} sample(s) not finite, first {signal[bad[0]]} at {time[bad[0]]:g} s"
+            )
+
+
+def low_pass(time: FloatArray, signal: FloatArray, design: LowPass, column: str = "signal") -> FloatArray:
+    """Zero-phase low pass of a signal, at the same times.
+
+    Jittered times (a live log) are filtered on an even grid of the mean step and brought back by linear interpolation.
+
+    Raises:
+        LogError: gap or NaN, cut-off not below half the sample rate, signal too short for the filter.
+    """
+    check_signals(time, {column: signal})
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    if design.cutoff_hz >= 0.5 / step:
+        raise LogError(
+            f"column {column!r}: cut-off {design.cutoff_hz:g} Hz needs more than {2 * design.cutoff_hz:g} samples per "
+            f"second, there are {1 / step:.4g}"
+        )
+    even = bool(np.all(np.abs(np.diff(time) - step) <= _JITTER * step))
+    grid = time if even else np.linspace(time[0], time[-1], len(time))
+    samples = signal if even else np.interp(grid, time, signal)
+    try:
+        filtered = sosfiltfilt(butter(design.order, design.cutoff_hz, output="sos", fs=1.0 / step), samples)
+    except ValueError as cause:
+        raise LogError(
+            f"column {column!r}: {len(signal)} samples are too few for a filter of order {design.order}"
+        ) from cause
+    return filtered if even else np.interp(time, grid, filtered)
+
+
+def remove_drift(time: FloatArray, signal: FloatArray, rest: tuple[float, float], column: str = "signal") -> FloatArray:
+    """Subtract the line that fits the resting part best (least squares), extended over the whole signal.
+
+    Args:
+        time: s, shape (n,).
+        signal: shape (n,), any unit; near zero at rest afterwards.
+        rest: first and last time of the part in which the true signal is zero, s.
+        column: name for messages.
+
+    Raises:
+        LogError: NaN or unsorted time, fewer than two samples in the resting part.
+    """
+    check_signals(time, {column: signal}, largest_step=np.inf)
+    resting = (time >= rest[0]) & (time <= rest[1])
+    if np.count_nonzero(resting) < 2:
+        raise LogError(f"column {column!r}: fewer than 2 samples in the resting part {rest[0]:g} to {rest[1]:g} s")
+    centre = float(np.mean(time[resting]))
+    slope, offset = np.polyfit(time[resting] - centre, signal[resting], 1)
+    return signal - (slope * (time - centre) + offset)
+
+
+def even_times(time: FloatArray, rate: float) -> FloatArray:
+    """Times from the first to the last of `time` (s) at `rate` (Hz), both ends within the original span."""
+    check_time(time)
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise LogError(f"resampling rate {rate} Hz: must be a positive number")
+    count = int(np.floor((time[-1] - time[0]) * rate * (1.0 + 1e-12))) + 1
+    return time[0] + np.arange(count) / rate
+
+
+def resample(
+    time: FloatArray, signal: FloatArray, new_time: FloatArray, hold: bool = False, column: str = "signal"
+) -> FloatArray:
+    """The signal at other times, by linear interpolation, or by holding the last sample (states, commands).
+
+    Going to a lower rate folds what lies above half of it: low-pass first.
+
+    Raises:
+        LogError: NaN, gap, unsorted time, or a new time outside the signal's span (no extrapolation).
+    """
+    check_signals(time, {column: signal})
+    new_time = np.asarray(new_time, dtype=np.float64)
+    margin = 1e-9 * (time[-1] - time[0])
+    if new_time.size and (new_time.min() < time[0] - margin or new_time.max() > time[-1] + margin):
+        raise LogError(
+            f"column {column!r}: asked for {new_time.min():g} to {new_time.max():g} s, there is only "
+            f"{time[0]:g} to {time[-1]:g} s"
+        )
+    if not hold:
+        return np.interp(new_time, time, signal)
+    held = np.searchsorted(time, new_time + margin, side="right") - 1
+    return signal[np.maximum(held, 0)]
