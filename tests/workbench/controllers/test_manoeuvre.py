@@ -1,0 +1,178 @@
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from workbench.controllers.manoeuvre import (
+    SlalomSchedule,
+    SpeedRamp,
+    ThrottleLine,
+    make_schedule,
+    run_time,
+)
+from workbench.errors import UserError
+
+STEER = math.radians(30.0)
+
+
+def scenario(governor=True, **changes):
+    manoeuvre = {
+        "kind": "turn",
+        "speed": 4.0,
+        "direction": "left",
+        "steer_angle": STEER,
+        "turn_start": 2.0,
+        "turn_hold": 0.5,
+        "duration": 4.0,
+        "speed_ramp": 1.2,
+        "slalom_period": 2.0,
+        "straight_time": 15.0,
+        "wait_after_turn": 1.0,
+        "log_end": 20.0,
+    } | changes
+    drive = SimpleNamespace(throttle_gain=10.0, throttle_offset=-1.0, time_constant=0.5, governor=governor)
+    return SimpleNamespace(manoeuvre=SimpleNamespace(**manoeuvre), drive=drive)
+
+
+def steering(schedule, times):
+    return np.array([schedule.at(time).steering_angle for time in times])
+
+
+def test_turn_steers_30_degrees_to_the_left_from_2_to_2_5_s():
+    """Published instants (thesis 7.1.1), sampled at the controller's ticks of 10 ms."""
+    schedule = make_schedule(scenario())
+    ticks = 0.01 * np.arange(400)
+    angles = steering(schedule, ticks)
+    assert set(angles) == {0.0, STEER}
+    turning = np.flatnonzero(angles)
+    assert (turning[0], turning[-1]) == (200, 249)
+    assert schedule.at(0.0).planned_turn == 1.0
+    assert schedule.at(3.9).planned_turn == 1.0
+
+
+def test_ticks_reach_the_instants_whatever_their_rounding():
+    schedule = make_schedule(scenario(turn_start=0.3, speed_ramp=0.1))
+    assert schedule.at(0.1 + 0.2 - 1e-16).steering_angle == STEER
+    assert schedule.at(np.nextafter(0.3, 0.0)).steering_angle == STEER
+    assert schedule.at(np.nextafter(0.8, 0.0)).steering_angle == 0.0
+
+
+def test_right_turn_mirrors_the_left_one():
+    left, right = make_schedule(scenario()), make_schedule(scenario(direction="right"))
+    for time in 0.01 * np.arange(400):
+        a, b = left.at(time), right.at(time)
+        assert (b.steering_angle, b.throttle, b.planned_turn) == (-a.steering_angle, a.throttle, -a.planned_turn)
+
+
+def test_throttle_inverts_the_line_along_the_ramp():
+    """speed = 10 throttle - 1: standstill at 0.1, 2 m/s half way up the ramp at 0.3, 4 m/s at 0.5."""
+    schedule = make_schedule(scenario())
+    assert schedule.at(0.0).throttle == pytest.approx(0.1)
+    assert schedule.at(0.6).throttle == pytest.approx(0.3)
+    assert schedule.at(1.2).throttle == pytest.approx(0.5)
+    assert schedule.at(3.9).throttle == pytest.approx(0.5)
+
+
+def test_frozen_throttle_reaches_the_speed_and_is_constant_through_the_turn():
+    """A first-order car (0.5 s) driven by the schedule follows the ramp and holds the speed, tick by tick exactly."""
+    schedule = make_schedule(scenario(governor=False))
+    speed, decay = 0.0, math.exp(-0.01 / 0.5)
+    for tick in range(400):
+        throttle = schedule.at(0.01 * tick).throttle
+        steady = 10.0 * throttle - 1.0
+        speed = steady + (speed - steady) * decay
+        if tick == 59:
+            # The throttle is held for 10 ms while the ramp goes on: half a tick of it, 0.017 m/s.
+            assert speed == pytest.approx(4.0 / 1.2 * 0.6, abs=0.02)
+        if tick >= 120:
+            assert throttle == pytest.approx(0.5)
+    assert speed == pytest.approx(4.0, abs=0.001)
+
+
+def test_feed_forward_is_clipped_to_full_throttle():
+    line = ThrottleLine(10.0, 0.0, time_constant=5.0)
+    assert line.throttle(2.0, acceleration=4.0) == 1.0
+    assert line.throttle(2.0, acceleration=-4.0) == -1.0
+
+
+@pytest.mark.parametrize("speed", [9.01, -0.1, math.nan, math.inf])
+def test_speed_that_the_car_cannot_hold_is_refused(speed):
+    with pytest.raises(UserError, match=r"manoeuvre.speed: .* allowed: 0 to 9 m/s"):
+        make_schedule(scenario(speed=speed))
+
+
+def test_full_throttle_speed_is_allowed():
+    assert make_schedule(scenario(speed=9.0)).at(3.0).throttle == pytest.approx(1.0)
+
+
+def test_ramp_must_end_before_the_turn():
+    with pytest.raises(UserError, match=r"manoeuvre.speed_ramp: 2.1 s; allowed: >= 0 and <= 2 s"):
+        make_schedule(scenario(speed_ramp=2.1))
+
+
+def test_zero_ramp_is_a_throttle_step():
+    assert SpeedRamp(4.0, 0.0, ThrottleLine(10.0, -1.0, 0.5)).throttle(0.0) == pytest.approx(0.5)
+
+
+def test_auto_sequence_of_the_car():
+    """Thesis 7.2.1: 15 s straight, 30 degrees for 0.5 s, 1 s straight, throttle 0, log to 20 s."""
+    manoeuvre = scenario(kind="auto_turn")
+    schedule = make_schedule(manoeuvre)
+    assert schedule.at(14.99).steering_angle == 0.0
+    assert schedule.at(15.0).steering_angle == STEER
+    assert schedule.at(15.49).steering_angle == STEER
+    assert schedule.at(15.5).steering_angle == 0.0
+    assert schedule.at(16.49).throttle == pytest.approx(0.5)
+    assert schedule.at(16.5).throttle == 0.0
+    assert schedule.at(0.0).planned_turn == 1.0
+    assert run_time(manoeuvre) == 20.0
+    assert run_time(scenario()) == 4.0
+
+
+def test_auto_log_must_outlast_the_sequence():
+    with pytest.raises(UserError, match=r"manoeuvre.log_end: 16 s; allowed: >= 16.5 s"):
+        make_schedule(scenario(kind="auto_turn", log_end=16.0))
+
+
+def test_straight_line_announces_no_turn():
+    schedule = make_schedule(scenario(kind="straight"))
+    assert {schedule.at(time)[::2] for time in np.linspace(0.0, 4.0, 41)} == {(0.0, 0.0)}
+    assert schedule.at(3.0).throttle == pytest.approx(0.5)
+
+
+def test_slalom_is_a_sine_of_30_degrees_that_starts_to_the_left():
+    schedule = make_schedule(scenario(kind="slalom"))
+    np.testing.assert_allclose(
+        steering(schedule, [1.0, 2.0, 2.25, 2.5, 3.0, 3.5, 4.0, 4.5]),
+        STEER * np.array([0.0, 0.0, math.sqrt(0.5), 1.0, 0.0, -1.0, 0.0, 1.0]),
+        atol=1e-15,
+    )
+
+
+def test_slalom_announces_each_half_wave_with_the_side_it_steers_to():
+    schedule = make_schedule(scenario(kind="slalom", direction="right", slalom_period=0.7))
+    assert schedule.at(0.0).planned_turn == -1.0
+    for time in np.linspace(2.01, 8.0, 200):
+        driver = schedule.at(time)
+        assert driver.steering_angle * driver.planned_turn >= -1e-9
+
+
+def test_slalom_period_must_be_positive():
+    with pytest.raises(UserError, match=r"manoeuvre.slalom_period: 0 s; allowed: > 0 s"):
+        SlalomSchedule(SpeedRamp(4.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, STEER, 2.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"kind": "drift"}, "manoeuvre.kind: 'drift'; allowed: turn, auto_turn, straight, slalom"),
+        ({"direction": "up"}, "manoeuvre.direction: 'up'; allowed: left, right"),
+        ({"steer_angle": -0.1}, "manoeuvre.steer_angle: -0.1 rad"),
+        ({"turn_hold": 0.0}, "manoeuvre.turn_hold: 0 s"),
+    ],
+)
+def test_impossible_manoeuvres_are_named(change, message):
+    with pytest.raises(UserError) as error:
+        make_schedule(scenario(**change))
+    assert message in str(error.value)

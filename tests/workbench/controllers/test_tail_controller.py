@@ -1,0 +1,129 @@
+import math
+import time
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
+from workbench.controllers.tail_controller import TailController
+from workbench.errors import UserError
+from workbench.ports import IMU, STATUS, TAIL_STATE
+
+HOLD, SWING, SETTLE = float(SwingState.HOLD), float(SwingState.SWING), float(SwingState.SETTLE)
+
+
+class Bench:
+    """The controller with its inputs in hand."""
+
+    def __init__(self, law=None):
+        self.controller = TailController(law or SwingLaw())
+        self.simulator = Simulator(self.controller)
+        self.context = self.simulator.get_mutable_context()
+        self.show(roll=-math.pi / 2)
+
+    def show(self, roll=-math.pi / 2, yaw_rate=0.0, plan=1.0, **status):
+        zeros = dict.fromkeys(TAIL_STATE.fields, 0.0)
+        self.fix("tail_state", TAIL_STATE.write(**(zeros | {"roll_angle": roll})))
+        self.fix("imu", IMU.write(**(dict.fromkeys(IMU.fields, 0.0) | {"gyro_z": yaw_rate})))
+        self.fix("status", STATUS.write(**(dict.fromkeys(STATUS.fields, 0.0) | {"armed": 1.0} | status)))
+        self.fix("planned_turn", [plan])
+
+    def fix(self, port, value):
+        self.controller.GetInputPort(port).FixValue(self.context, value)
+
+    def advance(self, until):
+        self.simulator.AdvanceTo(until)
+        return self.read("state")[0]
+
+    def read(self, port):
+        return self.controller.GetOutputPort(port).Eval(self.context)
+
+
+class CountingLaw(SwingLaw):
+    times: list[float] = []  # noqa: RUF012 - one list for the only instance
+
+    def step(self, memory, observation):
+        self.times.append(observation.time)
+        return super().step(memory, observation)
+
+
+def test_law_is_called_exactly_once_every_10_ms():
+    bench = Bench(CountingLaw())
+    bench.advance(1.0)
+    np.testing.assert_allclose(CountingLaw.times, 0.01 * np.arange(100), atol=1e-12)
+
+
+def test_ports_and_no_feedthrough():
+    controller = TailController(SwingLaw())
+    sizes = {port.get_name(): port.size() for port in map(controller.get_output_port, range(3))}
+    assert sizes == {"tail_pitch_command": 5, "tail_roll_command": 5, "state": 1}
+    assert not controller.HasAnyDirectFeedthrough()
+
+
+def test_holds_triggers_swings_and_settles():
+    bench = Bench()
+    assert bench.advance(0.105) == HOLD
+    np.testing.assert_allclose(bench.read("tail_roll_command"), [-math.pi / 2, 0.0, 17.0, 5.0, 0.0])
+    bench.show(yaw_rate=1.2)
+    assert bench.advance(0.109) == HOLD, "nothing changes between ticks"
+    assert bench.advance(0.115) == SWING
+    np.testing.assert_allclose(bench.read("tail_roll_command"), [0.0, 8.0, 0.0, 3.0, 0.0])
+    np.testing.assert_allclose(bench.read("tail_pitch_command"), [0.0, 0.0, 17.0, 5.0, 0.0])
+    bench.show(roll=0.8, yaw_rate=3.0)
+    assert bench.advance(0.125) == SETTLE
+    np.testing.assert_allclose(bench.read("tail_roll_command"), [math.pi / 2, 0.0, 5.0, 2.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "status",
+    [{"imu_age": 0.11}, {"imu_age": math.nan}, {"imu_fault": 1.0}, {"tail_roll_age": 0.2}, {"tail_roll_fault": 3.0}],
+)
+def test_silent_or_faulty_source_does_not_trigger(status):
+    bench = Bench()
+    bench.advance(0.05)
+    bench.show(yaw_rate=3.0, **status)
+    assert bench.advance(0.2) == HOLD
+    bench.show(yaw_rate=3.0, imu_age=0.02)
+    assert bench.advance(0.3) == SWING
+
+
+def test_wrong_yaw_sign_does_not_trigger():
+    bench = Bench()
+    bench.advance(0.05)
+    bench.show(yaw_rate=-3.0)
+    assert bench.advance(1.0) == HOLD
+
+
+def test_reset_context_repeats_the_run():
+    """All memory is state: the same system run from a fresh context starts again in HOLD."""
+    bench = Bench()
+    bench.advance(0.05)
+    bench.show(yaw_rate=3.0)
+    assert bench.advance(0.1) == SWING
+    bench.simulator.reset_context(bench.controller.CreateDefaultContext())
+    bench.context = bench.simulator.get_mutable_context()
+    bench.show()
+    bench.simulator.Initialize()
+    assert bench.advance(0.05) == HOLD
+
+
+def test_rate_is_that_of_the_law():
+    bench = Bench(CountingLaw(SwingSettings(rate=50.0)))
+    CountingLaw.times.clear()
+    bench.advance(0.999)
+    assert len(CountingLaw.times) == 50
+
+
+def test_age_limit_must_be_positive():
+    with pytest.raises(UserError, match=r"controller.age_limit: 0 s"):
+        TailController(SwingLaw(), age_limit=0.0)
+
+
+def test_a_tick_is_cheap():
+    """Well below the 10 ms of its period; the bound leaves room for a busy machine (about 20 us when idle)."""
+    bench = Bench()
+    bench.advance(0.1)
+    start = time.perf_counter()
+    bench.advance(10.1)
+    assert (time.perf_counter() - start) / 1000 < 500e-6

@@ -1,0 +1,41 @@
+"""The law, the schedules and the port names must run on a computer for which Drake has no wheel."""
+
+import subprocess
+import sys
+
+PROGRAM = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "pydrake":
+            raise ImportError("no Drake here")
+
+sys.meta_path.insert(0, Blocked())
+try:
+    import pydrake
+except ImportError:
+    pass
+else:
+    raise SystemExit("the block does not work")
+
+from workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
+from workbench.controllers.swing_law import FRESH, Observation, SwingSettings, SwingState, step
+from workbench.ports import TAIL_COMMAND
+
+schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)
+memory = FRESH
+states = []
+for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
+    driver = schedule.at(0.01 * tick)
+    memory, _, roll = step(memory, Observation(0.01 * tick, yaw_rate, -1.5, 0.0, driver.planned_turn, True), SwingSettings())
+    states.append(SwingState(memory.state).name)
+assert states == ["HOLD", "HOLD", "SWING"], states
+assert TAIL_COMMAND.read(roll).velocity == 8.0
+print("runs")
+"""
+
+
+def test_law_schedule_and_ports_run_with_drake_blocked():
+    result = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
+    assert result.stdout == "runs\n", result.stderr

@@ -1,0 +1,208 @@
+"""What the driver does and when: steering, throttle and announced turn as plain functions of time (design section 10).
+
+No Drake here; `TurnDriver` plays a schedule into a station, and so does the no-Drake mode on the car.
+Steering angles in rad, positive to the left; throttle -1 to 1; planned turn +1 left, -1 right, 0 none.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+from workbench.controllers.checks import check_range
+from workbench.errors import UserError
+
+TICK_TOLERANCE = 1e-9
+"""s; a tick that falls on an instant of the schedule up to rounding counts as having reached it."""
+
+
+class DriverInput(NamedTuple):
+    """What the driver gives at one instant."""
+
+    steering_angle: float
+    throttle: float
+    planned_turn: float
+
+
+class Schedule(Protocol):
+    """A manoeuvre: driver inputs as a function of time."""
+
+    def at(self, time: float) -> DriverInput:
+        """Inputs at `time` s since the start."""
+
+
+@dataclass(frozen=True)
+class ThrottleLine:
+    """Steady speed of the drive as a line of throttle, and its inverse with feed-forward.
+
+    Args:
+        gain: m/s per unit throttle.
+        offset: m/s at throttle 0.
+        time_constant: s of the speed's response to the throttle; 0 where a governor holds the commanded speed.
+    """
+
+    gain: float
+    offset: float
+    time_constant: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range("drive.throttle_gain", self.gain, 0.0, math.inf, "m/s", above_low=True)
+        check_range("drive.throttle_offset", self.offset, -math.inf, math.inf, "m/s")
+        check_range("drive.time_constant", self.time_constant, 0.0, math.inf, "s")
+
+    def throttle(self, speed: float, acceleration: float = 0.0) -> float:
+        """Throttle for a speed (m/s) while it changes by `acceleration` (m/s2), clipped to -1..1."""
+        throttle = (speed + self.time_constant * acceleration - self.offset) / self.gain
+        return min(1.0, max(-1.0, throttle))
+
+    def check_speed(self, speed: float) -> None:
+        """Raises UserError if the car cannot hold this speed (m/s) forwards."""
+        top = self.gain + self.offset
+        if not (math.isfinite(speed) and 0.0 <= speed <= top + 1e-12):
+            raise UserError(
+                f"manoeuvre.speed: {speed:g} m/s; allowed: 0 to {top:g} m/s, the steady speed at full throttle"
+            )
+
+
+@dataclass(frozen=True)
+class SpeedRamp:
+    """Constant acceleration from standstill to `speed` (m/s) within `duration` (s; 0 is a throttle step), then steady.
+
+    A drive without governor gets the throttle of speed plus time constant times acceleration, so that the car follows
+    the ramp instead of lagging behind it; from the end of the ramp its throttle is frozen.
+    """
+
+    speed: float
+    duration: float
+    line: ThrottleLine
+
+    def __post_init__(self) -> None:
+        self.line.check_speed(self.speed)
+        check_range("manoeuvre.speed_ramp", self.duration, 0.0, math.inf, "s")
+
+    def throttle(self, time: float) -> float:
+        """Throttle at `time` s since the start."""
+        if time + TICK_TOLERANCE >= self.duration:
+            return self.line.throttle(self.speed)
+        acceleration = self.speed / self.duration
+        return self.line.throttle(acceleration * time, acceleration)
+
+
+@dataclass(frozen=True)
+class TurnSchedule:
+    """Straight, then a steering step of `steer_angle` for `hold`, then straight again.
+
+    The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14 s), and with
+    `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the first tick to the end.
+
+    Args:
+        ramp: reaches the speed before the turn.
+        side: +1 left, -1 right.
+        steer_angle: rad, at least 0.
+        start: s, of the steering step.
+        hold: s, length of the steering step.
+        throttle_off: s, from which the throttle is 0; never by default.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start: float
+    hold: float
+    throttle_off: float = math.inf
+
+    def __post_init__(self) -> None:
+        _check_steering(self.side, self.steer_angle)
+        check_range("manoeuvre.turn_start", self.start, 0.0, math.inf, "s")
+        check_range("manoeuvre.turn_hold", self.hold, 0.0, math.inf, "s", above_low=True)
+        check_range("manoeuvre.speed_ramp", self.ramp.duration, 0.0, self.start, "s")
+
+    def at(self, time: float) -> DriverInput:
+        """Inputs at `time` s since the start."""
+        turning = self.start <= time + TICK_TOLERANCE < self.start + self.hold
+        throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
+        return DriverInput(self.side * self.steer_angle if turning else 0.0, throttle, self.side)
+
+
+@dataclass(frozen=True)
+class StraightSchedule:
+    """Up to speed and straight on, for the throttle tests (thesis 6.2). No turn is announced."""
+
+    ramp: SpeedRamp
+
+    def at(self, time: float) -> DriverInput:
+        """Inputs at `time` s since the start."""
+        return DriverInput(0.0, self.ramp.throttle(time), 0.0)
+
+
+@dataclass(frozen=True)
+class SlalomSchedule:
+    """Sinusoidal steering from `start` on (thesis 6.1.3); each half wave is announced as a turn when it begins.
+
+    Args:
+        ramp: reaches the speed before the first half wave.
+        side: of the first half wave, +1 left, -1 right; announced from the first tick.
+        steer_angle: amplitude, rad.
+        start: s.
+        period: s of the full wave.
+    """
+
+    ramp: SpeedRamp
+    side: float
+    steer_angle: float
+    start: float
+    period: float
+
+    def __post_init__(self) -> None:
+        _check_steering(self.side, self.steer_angle)
+        check_range("manoeuvre.turn_start", self.start, 0.0, math.inf, "s")
+        check_range("manoeuvre.slalom_period", self.period, 0.0, math.inf, "s", above_low=True)
+        check_range("manoeuvre.speed_ramp", self.ramp.duration, 0.0, self.start, "s")
+
+    def at(self, time: float) -> DriverInput:
+        """Inputs at `time` s since the start."""
+        phase = max(0.0, (time - self.start) / self.period)
+        half_waves_done = math.floor(2.0 * (phase + TICK_TOLERANCE / self.period))
+        steering_angle = self.side * self.steer_angle * math.sin(2.0 * math.pi * phase)
+        return DriverInput(
+            steering_angle, self.ramp.throttle(time), self.side if half_waves_done % 2 == 0 else -self.side
+        )
+
+
+def make_schedule(scenario: Any) -> Schedule:
+    """Schedule of `scenario.manoeuvre` with the throttle line of `scenario.drive` (any object with these attributes).
+
+    Raises:
+        UserError: unknown kind or direction, speed out of reach, times that do not fit together.
+    """
+    manoeuvre, drive = scenario.manoeuvre, scenario.drive
+    if manoeuvre.direction not in ("left", "right"):
+        raise UserError(f"manoeuvre.direction: {manoeuvre.direction!r}; allowed: left, right")
+    side = 1.0 if manoeuvre.direction == "left" else -1.0
+    lag = 0.0 if drive.governor else drive.time_constant
+    ramp = SpeedRamp(
+        manoeuvre.speed, manoeuvre.speed_ramp, ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag)
+    )
+    if manoeuvre.kind == "turn":
+        return TurnSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.turn_hold)
+    if manoeuvre.kind == "auto_turn":
+        start = manoeuvre.straight_time
+        throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
+        check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
+        return TurnSchedule(ramp, side, manoeuvre.steer_angle, start, manoeuvre.turn_hold, throttle_off)
+    if manoeuvre.kind == "straight":
+        return StraightSchedule(ramp)
+    if manoeuvre.kind == "slalom":
+        return SlalomSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.slalom_period)
+    raise UserError(f"manoeuvre.kind: {manoeuvre.kind!r}; allowed: turn, auto_turn, straight, slalom")
+
+
+def run_time(scenario: Any) -> float:
+    """Length of the run of `scenario.manoeuvre`, s: `log_end` of the AUTO sequence, else `duration`."""
+    manoeuvre = scenario.manoeuvre
+    return float(manoeuvre.log_end if manoeuvre.kind == "auto_turn" else manoeuvre.duration)
+
+
+def _check_steering(side: float, steer_angle: float) -> None:
+    if side not in (1.0, -1.0):
+        raise UserError(f"manoeuvre.direction: side {side:g}; allowed: +1 (left) or -1 (right)")
+    check_range("manoeuvre.steer_angle", steer_angle, 0.0, math.pi / 2, "rad")

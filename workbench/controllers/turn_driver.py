@@ -1,0 +1,55 @@
+"""The driver as a Drake system: plays the schedule of a manoeuvre into the station."""
+
+import math
+
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
+
+from workbench.controllers.checks import check_range
+from workbench.controllers.manoeuvre import DriverInput, Schedule
+from workbench.discrete_vector import DiscreteVector
+
+
+class TurnDriver(LeafSystem):
+    """Steering, throttle and announced turn of a schedule, sampled at a fixed rate and held in between.
+
+    Drives every manoeuvre of `workbench.controllers.manoeuvre`: the simulated turn, the car's AUTO sequence, straight
+    line and slalom. Open loop: it looks at nothing but the time.
+
+    Output ports:
+        steering_angle (1): rad, positive to the left.
+        throttle (1): -1 to 1.
+        planned_turn (1): +1 left, -1 right, 0 none.
+
+    Args:
+        schedule: from `make_schedule(scenario)`.
+        rate: Hz.
+
+    Raises:
+        UserError: rate out of range.
+    """
+
+    def __init__(self, schedule: Schedule, rate: float = 100.0) -> None:
+        super().__init__()
+        check_range("controller.rate", rate, 0.0, math.inf, "Hz", above_low=True)
+        self.set_name("driver")
+        self._schedule = schedule
+        self._outputs = [
+            DiscreteVector(self, [value], output=name)
+            for name, value in zip(DriverInput._fields, schedule.at(0.0), strict=True)
+        ]
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1.0 / rate, offset_sec=0.0, update=self._tick)
+
+    @classmethod
+    def add_to_builder(
+        cls, builder: DiagramBuilder, schedule: Schedule, rate: float = 100.0, *, station: System
+    ) -> "TurnDriver":
+        """Adds a driver and connects steering and throttle to the station."""
+        driver = cls(schedule, rate)
+        builder.AddSystem(driver)
+        for port in ("steering_angle", "throttle"):
+            builder.Connect(driver.GetOutputPort(port), station.GetInputPort(port))
+        return driver
+
+    def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
+        for output, value in zip(self._outputs, self._schedule.at(context.get_time()), strict=True):
+            output.write(discrete_state, [value])
