@@ -1,6 +1,7 @@
 """Run logs made by hand: a straight run at 3 m/s in which every signal is zero unless a test says otherwise."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ def made_up_scenario(direction: str = "left", tail_mode: str = "swing", **manoeu
 
 
 def made_up_run(
-    signals: dict[str, np.ndarray | float] | None = None,
+    signals: Mapping[str, Any] | None = None,
     direction: str = "left",
     truth: bool = True,
     tail_mode: str = "swing",

@@ -27,14 +27,14 @@ def awkward_run():
     return run
 
 
-def test_every_column_ends_in_its_unit_and_has_a_meaning():
+def test_every_column_ends_in_its_unit_and_has_a_meaning() -> None:
     for column in car_run_columns(("chassis_qw",)):
         assert column.meaning
         if column.unit in UNIT_ENDINGS:
             assert column.name.endswith(UNIT_ENDINGS[column.unit]), column
 
 
-def test_columns_of_the_contract_are_there_once():
+def test_columns_of_the_contract_are_there_once() -> None:
     names = [column.name for column in car_run_columns(("chassis_qw",))]
     assert len(names) == len(set(names))
     assert {
@@ -48,12 +48,12 @@ def test_columns_of_the_contract_are_there_once():
     } <= set(names)  # fmt: skip
 
 
-def test_truth_is_named_truth_and_sensors_are_not():
+def test_truth_is_named_truth_and_sensors_are_not() -> None:
     assert all("_truth_" in column.name for column in truth_columns())
     assert not any("truth" in column.name for column in sensor_columns())
 
 
-def test_what_is_written_comes_back_bit_for_bit(tmp_path: Path):
+def test_what_is_written_comes_back_bit_for_bit(tmp_path: Path) -> None:
     run = awkward_run()
     back = read_run_log(write_run_log(run, tmp_path / "new folder" / "run.parquet"))
     assert signals_equal(run, back)
@@ -62,7 +62,7 @@ def test_what_is_written_comes_back_bit_for_bit(tmp_path: Path):
     assert set(back.versions) == {"project", "drake", "python", "numpy"}
 
 
-def test_metadata_apart_the_same_signals_are_equal():
+def test_metadata_apart_the_same_signals_are_equal() -> None:
     run = awkward_run()
     assert signals_equal(run, dataclasses.replace(run, created="another time", table=run.table.copy()))
 
@@ -78,23 +78,23 @@ def test_metadata_apart_the_same_signals_are_equal():
     ],
     ids=["sign of zero", "last bit", "a row less", "order", "a column less"],
 )
-def test_the_smallest_difference_makes_runs_unequal(change):
+def test_the_smallest_difference_makes_runs_unequal(change) -> None:
     run = awkward_run()
     assert not signals_equal(run, dataclasses.replace(run, table=change(run.table.copy())))
 
 
-def test_pandas_reads_the_file_without_this_project(tmp_path: Path):
+def test_pandas_reads_the_file_without_this_project(tmp_path: Path) -> None:
     run = made_up_run()
     table = pd.read_parquet(write_run_log(run, tmp_path / "run.parquet"))
     assert list(table.columns) == list(run.table.columns)
 
 
-def test_folder_names_with_an_equals_sign_add_no_column(tmp_path: Path):
+def test_folder_names_with_an_equals_sign_add_no_column(tmp_path: Path) -> None:
     run = made_up_run()
     assert signals_equal(run, read_run_log(write_run_log(run, tmp_path / "speed=3" / "run.parquet")))
 
 
-def test_existing_file_is_kept_without_force(tmp_path: Path):
+def test_existing_file_is_kept_without_force(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     path.write_text("precious")
     with pytest.raises(LogError, match=r"run\.parquet: exists already.*--force"):
@@ -104,7 +104,7 @@ def test_existing_file_is_kept_without_force(tmp_path: Path):
     assert len(read_run_log(path).table) == 2001
 
 
-def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_behind(tmp_path: Path, monkeypatch):
+def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_behind(tmp_path: Path, monkeypatch) -> None:
     path = write_run_log(made_up_run(), tmp_path / "run.parquet")
     before = path.read_bytes()
 
@@ -119,30 +119,30 @@ def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_behind(tmp_path: P
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_file_in_place_of_the_folder_is_one_clear_error(tmp_path: Path):
+def test_file_in_place_of_the_folder_is_one_clear_error(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("a file")
     with pytest.raises(LogError, match="out: cannot be made or used as a folder"):
         write_run_log(made_up_run(), tmp_path / "out" / "run.parquet")
 
 
-def test_folder_in_place_of_the_file_is_refused_even_with_force(tmp_path: Path):
+def test_folder_in_place_of_the_file_is_refused_even_with_force(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="is a folder"):
         write_run_log(made_up_run(), tmp_path, force=True)
 
 
-def test_missing_file_is_named(tmp_path: Path):
+def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"nothing\.parquet: no such run log$"):
         read_run_log(tmp_path / "nothing.parquet")
 
 
-def test_missing_file_with_a_journal_points_to_the_journal(tmp_path: Path):
+def test_missing_file_with_a_journal_points_to_the_journal(tmp_path: Path) -> None:
     (tmp_path / "run.parquet.journal").write_bytes(b"")
     with pytest.raises(LogError, match=r"aerodima log recover .*run\.parquet\.journal"):
         read_run_log(tmp_path / "run.parquet")
 
 
 @pytest.mark.parametrize("kept", [0.0, 0.001, 0.5, 0.999], ids=["empty", "magic only", "half", "footer cut"])
-def test_truncated_parquet_points_to_recovery(tmp_path: Path, kept: float):
+def test_truncated_parquet_points_to_recovery(tmp_path: Path, kept: float) -> None:
     path = write_run_log(made_up_run(), tmp_path / "run.parquet")
     content = path.read_bytes()
     path.write_bytes(content[: int(kept * len(content))])
@@ -150,7 +150,7 @@ def test_truncated_parquet_points_to_recovery(tmp_path: Path, kept: float):
         read_run_log(path)
 
 
-def test_other_schema_version_says_which_is_read(tmp_path: Path):
+def test_other_schema_version_says_which_is_read(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     metadata = {**made_up_run().metadata(), "schema": "aerodima/run-log/9"}
     table = pa.table({"time_s": [0.0]}).replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})
@@ -159,13 +159,13 @@ def test_other_schema_version_says_which_is_read(tmp_path: Path):
         read_run_log(path)
 
 
-def test_foreign_parquet_is_refused(tmp_path: Path):
+def test_foreign_parquet_is_refused(tmp_path: Path) -> None:
     pq.write_table(pa.table({"time_s": [0.0]}), tmp_path / "foreign.parquet")
     with pytest.raises(LogError, match="not a run log"):
         read_run_log(tmp_path / "foreign.parquet")
 
 
-def test_missing_columns_are_named_on_writing_and_reading(tmp_path: Path):
+def test_missing_columns_are_named_on_writing_and_reading(tmp_path: Path) -> None:
     run = made_up_run()
     less = dataclasses.replace(run, table=run.table.drop(columns=["imu_yaw_rad", "tilt_truth_rad"]))
     with pytest.raises(LogError, match=r"2 column\(s\) missing: imu_yaw_rad, tilt_truth_rad"):
@@ -178,7 +178,7 @@ def test_missing_columns_are_named_on_writing_and_reading(tmp_path: Path):
         read_run_log(tmp_path / "other.parquet")
 
 
-def test_a_car_without_a_tail_needs_no_tail_truth(tmp_path: Path):
+def test_a_car_without_a_tail_needs_no_tail_truth(tmp_path: Path) -> None:
     names = [column.name for column in tail_truth_columns()]
     bare = made_up_run(tail_mode="none")
     bare = dataclasses.replace(bare, table=bare.table.drop(columns=names))
@@ -188,7 +188,7 @@ def test_a_car_without_a_tail_needs_no_tail_truth(tmp_path: Path):
         write_run_log(tailed, tmp_path / "tailed.parquet")
 
 
-def test_nan_in_the_metadata_and_text_in_a_signal_are_refused(tmp_path: Path):
+def test_nan_in_the_metadata_and_text_in_a_signal_are_refused(tmp_path: Path) -> None:
     run = made_up_run()
     with pytest.raises(LogError, match="JSON"):
         write_run_log(dataclasses.replace(run, extra={"tail_mass_kg": float("nan")}), tmp_path / "a.parquet")
@@ -198,7 +198,7 @@ def test_nan_in_the_metadata_and_text_in_a_signal_are_refused(tmp_path: Path):
         write_run_log(dataclasses.replace(run, table=table), tmp_path / "b.parquet")
 
 
-def test_unknown_signal_is_named(tmp_path: Path):
+def test_unknown_signal_is_named(tmp_path: Path) -> None:
     path = write_run_log(made_up_run(), tmp_path / "run.parquet")
     shutil.copy(path, tmp_path / "copy.parquet")
     with pytest.raises(LogError, match=r"copy\.parquet: no column 'speed'"):

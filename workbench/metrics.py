@@ -1,0 +1,265 @@
+"""What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car stayed on its wheels.
+
+Everything is computed from the log alone: from the ground truth if the log has it, otherwise from the sensors
+(`RunMetrics.source`). Signs are turned so that the turn is positive (`workbench.turn_signals`), so left and right
+turns are measured alike. Definitions: design section 10, thesis section 3.3 and eqs 7.1-7.7.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid, trapezoid
+
+from workbench.logs.columns import GROUND_CONTACTS
+from workbench.logs.schema import RunLog
+from workbench.published import Comparison, PublishedFigures, TurnMetrics, compare_figures, published_figures
+from workbench.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
+from workbench.tail_impulses import Impulses, TailImpulses, tail_impulses
+from workbench.turn_signals import TurnSignals, turn_signals
+
+__all__ = [
+    "Comparison",
+    "Impulses",
+    "Outcome",
+    "PublishedFigures",
+    "RunMetrics",
+    "TailImpulses",
+    "TurnMetrics",
+    "compare_to_published",
+    "highest_speed_survived",
+    "metrics_of",
+    "outcome_from",
+    "outcome_of",
+    "published_figures",
+    "tail_impulses",
+    "turn_metrics",
+]
+
+FloatArray = NDArray[np.float64]
+
+FLIP_TILT = math.radians(75.0)
+"""Beyond this tilt the car has rolled over, rad."""
+END_TILT = math.radians(20.0)
+"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
+LOADED_FORCE = 0.1
+"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20 degrees with fewer than
+            four wheels loaded (without wheel loads in the log: beyond 20 degrees); else `survived`.
+        clean: survived, and neither cage, board nor tail touched the ground; None when the log cannot tell.
+        max_tilt_rad: largest tilt of the body's z axis, rad.
+        end_tilt_rad: tilt at the end, rad.
+        end_wheels_loaded: wheels on the ground at the end; None without wheel loads.
+        touched: which of cage, board and tail touched the ground.
+    """
+
+    result: Literal["flipped", "survived"]
+    clean: bool | None
+    max_tilt_rad: float
+    end_tilt_rad: float
+    end_wheels_loaded: int | None
+    touched: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RunMetrics:
+    """Everything that is reported about a run. "From the turn on" = from the steering command to the end of the log.
+
+    Attributes:
+        source: `truth` or `sensors`: the signals used.
+        direction: side of the turn.
+        raw: the eight metrics from the signals as logged.
+        filtered: the same after the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz, second order).
+        outcome: whether it stayed upright.
+        peak_roll_rad: largest roll outwards from the turn on, rad.
+        two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without wheel loads.
+        heading_change_rad: heading at the end less heading at the start of the turn, into the turn, rad.
+        tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m.
+        tail_energy_j: positive work of the tail motors from the turn on, J.
+        min_wheel_load_n: smallest vertical force on any wheel from the turn on, N; None without wheel loads.
+    """
+
+    source: Literal["truth", "sensors"]
+    direction: Literal["left", "right"]
+    raw: TurnMetrics
+    filtered: TurnMetrics
+    outcome: Outcome
+    peak_roll_rad: float
+    two_wheel_time_s: float | None
+    heading_change_rad: float
+    tail_torque_peak_n_m: float
+    tail_energy_j: float
+    min_wheel_load_n: float | None
+
+    def as_row(self) -> dict[str, float | str | bool | None]:
+        """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
+        own = ("peak_roll_rad", "two_wheel_time_s", "heading_change_rad", "tail_torque_peak_n_m", "tail_energy_j")
+        return {
+            "outcome": self.outcome.result,
+            "clean": self.outcome.clean,
+            "direction": self.direction,
+            "signals": self.source,
+            **asdict(self.raw),
+            "max_tilt_rad": self.outcome.max_tilt_rad,
+            **{name: getattr(self, name) for name in own},
+            "min_wheel_load_n": self.min_wheel_load_n,
+            "touched": " ".join(self.outcome.touched),
+            **{f"filtered_{name}": value for name, value in asdict(self.filtered).items()},
+        }
+
+
+def metrics_of(run_log: RunLog) -> RunMetrics:
+    """All metrics of a run.
+
+    Raises:
+        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
+    """
+    signals = turn_signals(run_log)
+    after, time = signals.from_start, signals.time
+    loads = signals.wheel_loads
+    torque, power = _tail_effort(run_log)
+    return RunMetrics(
+        source=signals.source,
+        direction="left" if signals.sign > 0 else "right",
+        raw=turn_metrics(signals),
+        filtered=turn_metrics(signals, filtered=True),
+        outcome=_outcome(signals),
+        peak_roll_rad=float(np.max(signals.roll[after])),
+        two_wheel_time_s=None if loads is None else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
+        heading_change_rad=float(signals.yaw[-1] - signals.yaw[after][0]),
+        tail_torque_peak_n_m=float(np.max(np.abs(torque[after]))),
+        tail_energy_j=float(trapezoid(np.maximum(power[after], 0.0), time[after])),
+        min_wheel_load_n=None if loads is None else float(np.min(loads[after])),
+    )
+
+
+def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
+    """The eight metrics over the window of the turn.
+
+    Maxima are of magnitudes, averages are signed means over time; Kohut = speed at the start of the window x yaw rate
+    in degrees per second; the roll integral is the largest value over the whole run of the integrated outward roll
+    rate.
+
+    Args:
+        signals: of a run, sign turned.
+        filtered: apply the car's zero-phase filters to the whole run first.
+    """
+
+    def prepared(name: str, column: FloatArray) -> FloatArray:
+        design = GPS_FILTER if name == "speed" else IMU_FILTER
+        return low_pass(signals.time, column, design, name) if filtered else column
+
+    window = signals.in_window
+    time = signals.time[window]
+    speed = float(prepared("speed", signals.speed)[signals.from_start][0])
+    yaw_rate = prepared("yaw_rate", signals.yaw_rate)[window]
+    acceleration = prepared("lateral_acceleration", signals.lateral_acceleration)[window]
+    roll_rate = prepared("roll_rate", signals.roll_rate)
+    max_yaw_rate, average_yaw_rate = float(np.max(np.abs(yaw_rate))), _mean(time, yaw_rate)
+    return TurnMetrics(
+        speed_m_per_s=speed,
+        max_yaw_rate_rad_per_s=max_yaw_rate,
+        average_yaw_rate_rad_per_s=average_yaw_rate,
+        max_linear_acceleration_m_per_s2=float(np.max(np.abs(acceleration))),
+        average_linear_acceleration_m_per_s2=_mean(time, acceleration),
+        max_kohut_deg_m_per_s2=speed * math.degrees(max_yaw_rate),
+        average_kohut_deg_m_per_s2=speed * math.degrees(average_yaw_rate),
+        roll_integral_rad=float(np.max(cumulative_trapezoid(roll_rate, signals.time, initial=0.0))),
+    )
+
+
+def outcome_of(run_log: RunLog) -> Outcome:
+    """Outcome of a run; LogError as for `metrics_of`."""
+    return _outcome(turn_signals(run_log))
+
+
+def outcome_from(
+    time: FloatArray,
+    tilt: FloatArray,
+    wheel_loads: FloatArray | None = None,
+    ground_contact: FloatArray | None = None,
+) -> Outcome:
+    """Outcome from the histories themselves.
+
+    Args:
+        time: s, shape (n,).
+        tilt: angle of the body's z axis from the world's, rad, shape (n,).
+        wheel_loads: vertical force on each wheel, N, shape (n, 4).
+        ground_contact: force on cage, board and tail, N, shape (n, 3).
+    """
+    check_time(time)
+    end_tilt = float(tilt[-1])
+    end_loaded = None if wheel_loads is None else int(_wheels_loaded(wheel_loads[-1:])[0])
+    leaning = end_tilt > END_TILT and (end_loaded is None or end_loaded < 4)
+    flipped = bool(np.max(tilt) > FLIP_TILT) or leaning
+    touched: tuple[str, ...] = ()
+    if ground_contact is not None:
+        hit = np.max(ground_contact, axis=0) > LOADED_FORCE
+        touched = tuple(part for part, on_ground in zip(GROUND_CONTACTS, hit, strict=True) if on_ground)
+    clean = False if flipped else (None if ground_contact is None else not touched)
+    return Outcome(
+        result="flipped" if flipped else "survived",
+        clean=clean,
+        max_tilt_rad=float(np.max(tilt)),
+        end_tilt_rad=end_tilt,
+        end_wheels_loaded=end_loaded,
+        touched=touched,
+    )
+
+
+def compare_to_published(
+    metrics: RunMetrics,
+    configuration: Literal["tailless", "tailed"],
+    platform: Literal["simulated", "physical"] = "simulated",
+) -> tuple[Comparison, ...]:
+    """The eight metrics beside the published row of that platform and configuration."""
+    return compare_figures(metrics.raw, metrics.filtered, configuration, platform)
+
+
+def highest_speed_survived(runs: Iterable[RunMetrics]) -> float | None:
+    """Largest speed at the start of the turn among the runs that survived, m/s; None if none did."""
+    return max((run.raw.speed_m_per_s for run in runs if run.outcome.result == "survived"), default=None)
+
+
+def _outcome(signals: TurnSignals) -> Outcome:
+    return outcome_from(signals.time, signals.tilt, signals.wheel_loads, signals.ground_contact)
+
+
+def _tail_effort(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
+    """Torques of both tail motors, shape (n, 2), N m, and their mechanical power, shape (n,), W."""
+    torque = np.column_stack([run_log.signal(f"tail_{joint}_torque_n_m") for joint in ("pitch", "roll")])
+    if "tail_power_truth_w" in run_log.table.columns:
+        power = run_log.signal("tail_power_truth_w")
+    else:
+        rate = np.column_stack([run_log.signal(f"tail_{joint}_rate_rad_per_s") for joint in ("pitch", "roll")])
+        power = np.sum(torque * rate, axis=1)
+    check_signals(
+        run_log.time,
+        {"tail_pitch_torque_n_m": torque[:, 0], "tail_roll_torque_n_m": torque[:, 1], "tail motor power": power},
+    )
+    return torque, power
+
+
+def _mean(time: FloatArray, values: FloatArray) -> float:
+    """Mean over time, which for evenly spaced samples differs from their plain mean by half a step at each end."""
+    return float(trapezoid(values, time) / (time[-1] - time[0]))
+
+
+def _wheels_loaded(loads: FloatArray) -> NDArray[np.int64]:
+    """How many wheels press on the ground, per row of loads (n, 4)."""
+    return np.count_nonzero(loads > LOADED_FORCE, axis=1)
+
+
+def _time_while(time: FloatArray, condition: NDArray[np.bool_]) -> float:
+    """Total time of the steps that begin with the condition true, s."""
+    return float(np.sum(np.diff(time)[condition[:-1]]))

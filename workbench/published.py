@@ -1,0 +1,127 @@
+"""The published manoeuvre figures (thesis Tables 7.1-7.4) and how a run compares with them."""
+
+import csv
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from workbench.errors import LogError
+from workbench.resources import model_path
+
+SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
+"""Time between the samples that the printed roll sums were made of, s: inferred, not published (ERRATA E35)."""
+
+_ROLL_SUM = "integral_of_roll_rate_as_printed"
+
+
+@dataclass(frozen=True)
+class TurnMetrics:
+    """The eight metrics of a turn, under the names that the published table uses.
+
+    Attributes:
+        speed_m_per_s: speed at the start of the turn, m/s.
+        max_yaw_rate_rad_per_s: largest magnitude of the yaw rate in the window, rad/s.
+        average_yaw_rate_rad_per_s: signed mean of the yaw rate over the window, rad/s.
+        max_linear_acceleration_m_per_s2: largest magnitude of the lateral acceleration, m/s2.
+        average_linear_acceleration_m_per_s2: signed mean of the lateral acceleration, m/s2.
+        max_kohut_deg_m_per_s2: speed x largest yaw rate, (deg/s)(m/s).
+        average_kohut_deg_m_per_s2: speed x mean yaw rate, (deg/s)(m/s).
+        roll_integral_rad: largest value over the run of the integrated body roll rate, outwards, rad.
+    """
+
+    speed_m_per_s: float
+    max_yaw_rate_rad_per_s: float
+    average_yaw_rate_rad_per_s: float
+    max_linear_acceleration_m_per_s2: float
+    average_linear_acceleration_m_per_s2: float
+    max_kohut_deg_m_per_s2: float
+    average_kohut_deg_m_per_s2: float
+    roll_integral_rad: float
+
+
+@dataclass(frozen=True)
+class PublishedFigures:
+    """One published row.
+
+    Attributes:
+        platform: `simulated` or `physical`.
+        configuration: `tailless` or `tailed`.
+        metrics: the eight metrics; the roll integral in rad is the printed sum times the inferred sample time.
+        roll_sum_as_printed: the printed sum of roll-rate samples; it carries no time step (ERRATA E35), rad/s.
+        source: the table it stands in.
+    """
+
+    platform: str
+    configuration: str
+    metrics: TurnMetrics
+    roll_sum_as_printed: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One metric of a run beside the published figure.
+
+    Attributes:
+        metric: field name of `TurnMetrics`, unit at its end, or the printed roll sum.
+        raw: of the run, signals as logged.
+        filtered: of the run, after the car's filters.
+        published: the published figure.
+        difference: raw - published.
+        relative: difference / published.
+    """
+
+    metric: str
+    raw: float
+    filtered: float
+    published: float
+
+    @property
+    def difference(self) -> float:
+        """Raw less published, in the unit of the metric."""
+        return self.raw - self.published
+
+    @property
+    def relative(self) -> float:
+        """Difference over the published figure."""
+        return self.difference / self.published
+
+
+def published_figures() -> tuple[PublishedFigures, ...]:
+    """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
+    with open(model_path("published/manoeuvre_metrics.csv"), newline="", encoding="utf-8") as file:
+        return tuple(_figures(row) for row in csv.DictReader(file))
+
+
+def compare_figures(
+    raw: TurnMetrics,
+    filtered: TurnMetrics,
+    configuration: Literal["tailless", "tailed"],
+    platform: Literal["simulated", "physical"] = "simulated",
+) -> tuple[Comparison, ...]:
+    """Nine comparisons: the eight metrics, and the roll integral once more as the sum of samples that is printed.
+
+    Raises:
+        LogError: nothing is published for that platform and configuration.
+    """
+    rows = [row for row in published_figures() if (row.platform, row.configuration) == (platform, configuration)]
+    if not rows:
+        raise LogError(f"no published figures for {platform!r}, {configuration!r}")
+    row, sample_time = rows[0], SAMPLE_TIMES[platform]
+    eight = [
+        Comparison(name, getattr(raw, name), getattr(filtered, name), getattr(row.metrics, name))
+        for name in (field.name for field in fields(TurnMetrics))
+    ]
+    sums = (raw.roll_integral_rad / sample_time, filtered.roll_integral_rad / sample_time)
+    return (*eight, Comparison(_ROLL_SUM, *sums, row.roll_sum_as_printed))
+
+
+def _figures(row: dict[str, str]) -> PublishedFigures:
+    printed = float(row[_ROLL_SUM])
+    direct = {field.name: float(row[field.name]) for field in fields(TurnMetrics) if field.name in row}
+    return PublishedFigures(
+        platform=row["platform"],
+        configuration=row["configuration"],
+        metrics=TurnMetrics(**direct, roll_integral_rad=printed * SAMPLE_TIMES[row["platform"]]),
+        roll_sum_as_printed=printed,
+        source=row["source_table"],
+    )
