@@ -144,3 +144,41 @@ class NormalForceLaw:
         """See `SectionLaw.covers`; a plain number covers everything."""
         covers = getattr(self.coefficient, "covers", None)
         return True if covers is None else bool(covers(speed))
+
+
+@dataclass(frozen=True)
+class TwoSidedLaw:
+    """The normal-force law with a coefficient per side, for a half cylinder with end caps.
+
+    Attributes:
+        along_normal: C_N when the air blows along +n (the force points along +n), onto the side that faces -n.
+        against_normal: C_N when it blows along -n.
+    """
+
+    along_normal: float
+    against_normal: float
+
+    def __post_init__(self) -> None:
+        for name in ("along_normal", "against_normal"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value < 0.0:
+                raise ModelError(f"two-sided law: {name} is {value}, but it must be a finite number from 0")
+
+    def line_force(
+        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+    ) -> tuple[Scalar, ...]:
+        """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows to the wind."""
+        u_n, k_n = dot(u, n), dot(k, n)
+        weighted = [
+            area * (self.along_normal if u_n + s * k_n > 0.0 else self.against_normal)
+            for s, area in zip(distances, areas, strict=True)
+        ]
+        return NormalForceLaw(1.0).line_force(u, k, a, n, distances, weighted, density)
+
+    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
+        """See `SectionLaw.section_force`."""
+        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """Two numbers cover everything."""
+        return True
