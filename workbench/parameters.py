@@ -23,7 +23,9 @@ class CarParameters(QuantityModel):
     tyre_radius: float = quantity("m", "unloaded tyre radius", gt=0.01, le=0.5)
     tyre_width: float = quantity("m", "tyre width; the contact shape is an ellipsoid of this width", gt=0.005, le=0.3)
     wheel_mass: float = quantity("kg", "one wheel with its tyre", gt=0, le=2)
-    upright_mass: float = quantity("kg", "moving part of one suspension without wheel (and without knuckle)", gt=0, le=2)
+    upright_mass: float = quantity(
+        "kg", "moving part of one suspension without wheel (and without knuckle)", gt=0, le=2
+    )
     knuckle_mass: float = quantity("kg", "one steered front knuckle", gt=0, le=2)
     tyre_stiffness_front: float = quantity("N/m", "radial stiffness of one front tyre", gt=0, le=1e7)
     tyre_stiffness_rear: float = quantity("N/m", "radial stiffness of one rear tyre", gt=0, le=1e7)

@@ -66,13 +66,17 @@ class Scenario(BaseModel):
         }
         for key, rate in rates.items():
             if rate * step > 1.0 + 1e-9:
-                raise ValueError(f"{key}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= {1 / step:g} Hz")
+                raise ValueError(
+                    f"{key}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= {1 / step:g} Hz"
+                )
         return self
 
     @model_validator(mode="after")
     def _geometry_is_possible(self) -> "Scenario":
         if self.tail.sail_length > self.tail.length:
-            raise ValueError(f"tail.sail_length: {self.tail.sail_length:g} m; allowed: <= tail.length {self.tail.length:g} m")
+            raise ValueError(
+                f"tail.sail_length: {self.tail.sail_length:g} m; allowed: <= tail.length {self.tail.length:g} m"
+            )
         if self.manoeuvre.steer_angle > self.servo.limit + 1e-9:
             raise ValueError(
                 f"manoeuvre.steer_angle: {self.manoeuvre.steer_angle:g} rad; allowed: <= servo.limit {self.servo.limit:g} rad"
@@ -167,7 +171,9 @@ def scenario_from_dict(overrides: dict[str, Any], where: str = "scenario") -> Sc
         else:
             merged[key] = value
     if merged.get("schema", SCENARIO_SCHEMA) != SCENARIO_SCHEMA:
-        raise ScenarioError(f"{where}: schema: {merged['schema']!r} is not read by this version; allowed is {SCENARIO_SCHEMA!r}")
+        raise ScenarioError(
+            f"{where}: schema: {merged['schema']!r} is not read by this version; allowed is {SCENARIO_SCHEMA!r}"
+        )
     try:
         return Scenario.model_validate(_floats(merged, Scenario))
     except ValidationError as error:

@@ -31,13 +31,18 @@ class Drive(LeafSystem):
         shaft_speed (1): rad/s, positive forward.
     Output ports:
         torque (1): N m on the shaft.
+
+    Args:
+        drive: line, torque limit.
+        gain: k, N m s/rad, from `shaft_gain`.
+        rolling_radius: m, of the loaded rear tyres.
     """
 
-    def __init__(self, drive: DriveParameters, car: CarParameters):
+    def __init__(self, drive: DriveParameters, gain: float, rolling_radius: float):
         super().__init__()
         self._drive = drive
-        self._radius = car.tyre_radius
-        self._gain = shaft_gain(drive, car)
+        self._gain = gain
+        self._radius = rolling_radius
         self._throttle = self.DeclareVectorInputPort("throttle", 1)
         self._speed = self.DeclareVectorInputPort("shaft_speed", 1)
         self.DeclareVectorOutputPort(

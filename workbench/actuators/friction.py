@@ -42,9 +42,7 @@ class JointFriction(LeafSystem):
         self._law = law
         self._count = count
         self._state = self.DeclareVectorInputPort("joint_state", 2 * count)
-        self.DeclareVectorOutputPort(
-            "torque", count, self._calc_torque, prerequisites_of_calc={self._state.ticket()}
-        )
+        self.DeclareVectorOutputPort("torque", count, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         rates = self._state.Eval(context)[self._count :].tolist()

@@ -40,7 +40,11 @@ class RunRecorder(LeafSystem):
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, journal: JournalWriter, signals: Sequence[tuple[OutputPort, Sequence[str]]], rate: float
+        cls,
+        builder: DiagramBuilder,
+        journal: JournalWriter,
+        signals: Sequence[tuple[OutputPort, Sequence[str]]],
+        rate: float,
     ) -> "RunRecorder":
         """Records each output port under the given column names."""
         columns = recorded_columns(signals)

@@ -66,12 +66,20 @@ def add_car_plant(builder: DiagramBuilder, scenario: Scenario) -> CarPlant:
         tail = parse_model(plant, tail_sdf(scenario.tail, scenario.tail_motor, scenario.car))
         X_GT = RigidTransform([0.0, 0.0, scenario.car.gearbox_height / 2])
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
+        plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))
+        plant.GetJointByName("tail_pitch").set_default_angle(scenario.controller.pitch_angle)
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.Finalize()
     instances = [car] if tail is None else [car, tail]
     _let_parts_pass_each_other(plant, scene_graph, instances)
     return CarPlant(plant, scene_graph, car, tail)
+
+
+def resting_roll(scenario: Scenario) -> float:
+    """Tail roll (rad) before the turn: on its inside, that is to the left (negative) for a left turn."""
+    angle = scenario.controller.hold_angle
+    return -angle if scenario.manoeuvre.direction == "left" else angle
 
 
 def parse_model(plant: MultibodyPlant, model: SdfModel) -> ModelInstanceIndex:
@@ -95,7 +103,11 @@ def _add_ground(plant: MultibodyPlant, friction: float) -> None:
         properties=properties,
     )
     plant.RegisterCollisionGeometry(
-        plant.world_body(), HalfSpace.MakePose(np.array([0.0, 0.0, 1.0]), np.zeros(3)), HalfSpace(), "ground", properties
+        plant.world_body(),
+        HalfSpace.MakePose(np.array([0.0, 0.0, 1.0]), np.zeros(3)),
+        HalfSpace(),
+        "ground",
+        properties,
     )
 
 

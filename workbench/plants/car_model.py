@@ -70,7 +70,9 @@ def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -
     x = (car.mass * car.com_x - sum(m * px for m, px, _ in parts)) / mass
     z = (car.mass * car.com_height - sum(m * pz for m, _, pz in parts)) / mass
     if not 0 < z < 2 * car.com_height:
-        raise ModelError(f"car.com_height: {car.com_height:g} m puts the chassis alone at {z:g} m; lower gearbox or raise it")
+        raise ModelError(
+            f"car.com_height: {car.com_height:g} m puts the chassis alone at {z:g} m; lower gearbox or raise it"
+        )
     roll, pitch, yaw = car.gyration_roll, car.gyration_pitch, car.gyration_yaw
     return Inertial(mass, (x, 0.0, z), (mass * roll**2, mass * pitch**2, mass * yaw**2))
 

@@ -1,0 +1,136 @@
+"""From a scenario to a run log: the whole diagram, the simulation, the file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder, EventStatus, OutputPort
+
+from workbench.controllers.manoeuvre import make_schedule, run_time
+from workbench.controllers.tail_controller import TailController
+from workbench.controllers.turn_driver import TurnDriver
+from workbench.logs.columns import plant_position_columns, sensor_columns
+from workbench.logs.journal import JournalWriter
+from workbench.logs.recorder import RunRecorder, recorded_columns
+from workbench.logs.schema import RunLog, read_run_log, run_metadata
+from workbench.scenario import Scenario
+from workbench.sensors.roll_estimator import RollEstimator, RollFilterSettings
+from workbench.station import InterfaceFactory, make_car_station, simulated_car
+from workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH
+
+Progress = Callable[[float, float], None]
+"""Called with the time of the run (s) and its length (s) about ten times per simulated second."""
+
+Signals = list[tuple[OutputPort, list[str]]]
+
+
+@dataclass(frozen=True)
+class CarDiagram:
+    """A station with driver, tail controller and roll estimator around it, and the ports worth recording."""
+
+    builder: DiagramBuilder
+    station: Diagram
+    signals: Signals
+
+
+def assemble(
+    scenario: Scenario, interface: InterfaceFactory | None = None, meshcat: Meshcat | None = None
+) -> CarDiagram:
+    """Connects station, driver, controller and estimator; the controllers stand outside the station."""
+    builder = DiagramBuilder()
+    station = builder.AddSystem(make_car_station(scenario, interface, meshcat))
+    driver = TurnDriver.add_to_builder(builder, make_schedule(scenario), scenario.controller.rate, station=station)
+    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver)
+    settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
+    estimator = RollEstimator.add_to_builder(builder, settings, station=station)
+    ports = [
+        *(driver.GetOutputPort(name) for name in ("steering_angle", "throttle", "planned_turn")),
+        *(controller.GetOutputPort(name) for name in ("tail_pitch_command", "tail_roll_command", "state")),
+        *(station.GetOutputPort(name) for name in ("tail_state", "tail_torque", "imu", "speed", "status")),
+        *(estimator.GetOutputPort(name) for name in ("roll_estimate", "roll_rate_estimate")),
+    ]
+    names = [column.name for column in sensor_columns()][1:]
+    signals: Signals = []
+    for port in ports:
+        signals.append((port, names[: port.size()]))
+        names = names[port.size() :]
+    return CarDiagram(builder, station, signals + truth_signals(builder, station))
+
+
+def truth_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
+    """Ground-truth ports of a station with their column names; none for a station without plant."""
+    present = {station.get_output_port(index).get_name() for index in range(station.num_output_ports())}
+    signals: Signals = []
+    for name, fields in (("body_truth", BODY_TRUTH), ("tail_truth", TAIL_TRUTH), ("contact_truth", CONTACT_TRUTH)):
+        if name in present:
+            signals.append((station.GetOutputPort(name), list(fields.fields)))
+    if "plant_state_truth" in present:
+        plant = simulated_car(station).plant
+        state = station.GetOutputPort("plant_state_truth")
+        names = [column.name for column in plant_position_columns(plant.GetPositionNames())]
+        names += [f"plant_velocity_{name}" for name in plant.GetVelocityNames()]
+        signals.append((state, names))
+    return signals
+
+
+def run_scenario(
+    scenario: Scenario,
+    log_path: str | Path,
+    *,
+    force: bool = False,
+    meshcat: Meshcat | None = None,
+    real_time_rate: float = 0.0,
+    progress: Progress | None = None,
+) -> RunLog:
+    """Simulates a scenario and writes its run log.
+
+    Rows reach the disk while the run goes on; after an interruption the journal beside `log_path` keeps them and
+    `aerodima log recover` makes a log of it.
+
+    Args:
+        scenario: resolved scenario.
+        log_path: the Parquet file to be; refused when it exists, unless `force`.
+        meshcat: shows the run live.
+        real_time_rate: 0 runs as fast as possible, 1 in real time.
+        progress: told how far the run is.
+
+    Raises:
+        UserError: wrong scenario, unwritable or existing log.
+    """
+    car = assemble(scenario, meshcat=meshcat)
+    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=_plant_facts(car.station))
+    columns = recorded_columns(car.signals)
+    with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
+        RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)
+        simulator = Simulator(car.builder.Build())
+        simulator.set_target_realtime_rate(real_time_rate)
+        length = run_time(scenario)
+        if progress is not None:
+            simulator.set_monitor(_monitor(progress, length))
+        simulator.Initialize()
+        simulator.AdvanceTo(length)
+    return read_run_log(log_path)
+
+
+def _plant_facts(station: Diagram) -> dict[str, float]:
+    car = simulated_car(station)
+    context = car.plant.CreateDefaultContext()
+    tail_mass = 0.0 if car.tail is None else car.plant.CalcTotalMass(context, [car.tail])
+    return {"tail_mass_kg": tail_mass, "total_mass_kg": car.plant.CalcTotalMass(context)}
+
+
+def _monitor(progress: Progress, length: float) -> Callable:
+    last = -np.inf
+
+    def monitor(context: object) -> EventStatus:
+        nonlocal last
+        time = context.get_time()  # type: ignore[attr-defined]
+        if time - last >= 0.1:
+            last = time
+            progress(time, length)
+        return EventStatus.DidNothing()
+
+    return monitor

@@ -1,0 +1,143 @@
+"""Ground truth of the simulated car: motion, contact and tail quantities that no sensor gives, for logs and metrics."""
+
+import math
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialAcceleration
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from workbench.logs.columns import GROUND_CONTACTS, body_truth_columns, contact_truth_columns, tail_truth_columns
+from workbench.plants.car import CarPlant
+from workbench.plants.car_model import WHEELS
+from workbench.ports import PortFields
+from workbench.scenario import Scenario
+from workbench.sensors.imu import motion_at_imu
+
+BODY_TRUTH = PortFields("BodyTruth", tuple(column.name for column in body_truth_columns()))
+CONTACT_TRUTH = PortFields("ContactTruth", tuple(column.name for column in contact_truth_columns()))
+TAIL_TRUTH = PortFields("TailTruth", tuple(column.name for column in tail_truth_columns()))
+
+
+class CarTruth(LeafSystem):
+    """What the plant knows and the car does not. Evaluated only when somebody reads it, such as the run log.
+
+    Kinematics come from the plant's state through a context of its own; accelerations and contact forces are those of
+    the plant's last step (Drake's sampled output ports). Fields, units and axes: `workbench.logs.columns`.
+
+    Input ports:
+        plant_state: [q; v] of the plant.
+        body_spatial_accelerations: list[SpatialAcceleration], W axes, from the plant.
+        contact_results: ContactResults, from the plant.
+        drive_torque (1): N m on the shaft.
+        tail_torque (2), tail_wrench (9): only with a tail; motor torques N m and `TailForce`'s wrench.
+    Output ports:
+        body_truth, contact_truth, and with a tail tail_truth.
+    """
+
+    def __init__(self, car_plant: CarPlant, scenario: Scenario):
+        super().__init__()
+        plant = self._plant = car_plant.plant
+        self._tail = car_plant.tail
+        self._instances = [car_plant.car] + ([] if self._tail is None else [self._tail])
+        self._kinematics = plant.CreateDefaultContext()
+        self._chassis = plant.GetBodyByName("chassis")
+        self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
+        self._shaft = plant.GetJointByName("drive_shaft_spin")
+        self._contact_slots = contact_slots(car_plant)
+        self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._acceleration_port = self.DeclareAbstractInputPort(
+            "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
+        )
+        self._contact_port = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
+        self._drive_port = self.DeclareVectorInputPort("drive_torque", 1)
+        self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, self._calc_body)
+        self.DeclareVectorOutputPort("contact_truth", CONTACT_TRUTH.size, self._calc_contact)
+        if self._tail is not None:
+            self._length = scenario.tail.length
+            self._rod = plant.GetBodyByName("tail_rod")
+            self._tail_joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
+            self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
+            self._wrench_port = self.DeclareVectorInputPort("tail_wrench", 9)
+            self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, self._calc_tail)
+
+    def _kinematics_at(self, context: Context) -> Context:
+        self._plant.SetPositionsAndVelocities(self._kinematics, self._state_port.Eval(context))
+        return self._kinematics
+
+    def _calc_body(self, context: Context, output: BasicVector) -> None:
+        kinematics = self._kinematics_at(context)
+        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, self._chassis)
+        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, self._chassis)
+        A_WB = self._acceleration_port.Eval(context)[int(self._chassis.index())]
+        R_WB = X_WB.rotation().matrix()
+        angles, gyro, acceleration = motion_at_imu(X_WB, V_WB, A_WB, self._p_BoImu_B)
+        com = self._plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
+        tilt = math.acos(min(max(R_WB[2, 2], -1.0), 1.0))
+        output.SetFromVector(
+            np.concatenate([X_WB.translation(), angles, [tilt], R_WB.T @ V_WB.translational(), gyro, acceleration, com])
+        )
+
+    def _calc_contact(self, context: Context, output: BasicVector) -> None:
+        results = self._contact_port.Eval(context)
+        forces = {name: np.zeros(3) for name in WHEELS}
+        points = {name: np.zeros(3) for name in WHEELS}
+        ground = dict.fromkeys(GROUND_CONTACTS, 0.0)
+        for index in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(index)
+            pair = info.point_pair()
+            sign, slot = 1.0, self._contact_slots.get(pair.id_B)
+            if slot is None:
+                sign, slot = -1.0, self._contact_slots[pair.id_A]
+            force = sign * info.contact_force()
+            if slot in forces:
+                forces[slot] = force
+                points[slot] = info.contact_point()
+            else:
+                ground[slot] += float(np.linalg.norm(force))
+        kinematics = self._kinematics_at(context)
+        power = float(self._drive_port.Eval(context)[0]) * self._shaft.get_angular_rate(kinematics)
+        output.SetFromVector(np.concatenate([*forces.values(), *points.values(), list(ground.values()), [power]]))
+
+    def _calc_tail(self, context: Context, output: BasicVector) -> None:
+        kinematics, plant = self._kinematics_at(context), self._plant
+        X_WT = plant.EvalBodyPoseInWorld(kinematics, self._rod)
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, [self._tail], np.zeros(3))
+        wrench = self._wrench_port.Eval(context)
+        force, moment, p_WTo = wrench[:3], wrench[3:6], wrench[6:]
+        torque = self._torque_port.Eval(context)
+        rates = [joint.get_angular_rate(kinematics) for joint in self._tail_joints]
+        output.SetFromVector(
+            np.concatenate(
+                [
+                    X_WT.multiply(np.array([0.0, 0.0, self._length])),
+                    plant.CalcCenterOfMassPositionInWorld(kinematics, [self._tail]),
+                    momentum.translational(),
+                    momentum.rotational(),
+                    force,
+                    moment + cross(p_WTo, force),
+                    [torque[0] * rates[0] + torque[1] * rates[1]],
+                ]
+            )
+        )
+
+
+def contact_slots(car_plant: CarPlant) -> dict:
+    """GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`, that it belongs to."""
+    plant = car_plant.plant
+    inspector = car_plant.scene_graph.model_inspector()
+    slots = {}
+    for instance in [car_plant.car] + ([] if car_plant.tail is None else [car_plant.tail]):
+        for index in plant.GetBodyIndices(instance):
+            body = plant.get_body(index)
+            for geometry in plant.GetCollisionGeometriesForBody(body):
+                shape = inspector.GetName(geometry).split("::")[-1]
+                slots[geometry] = body.name().removesuffix("_wheel") if shape == "tyre" else shape.split("_")[0]
+    return slots
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b for two vectors (3,); `np.cross` costs ten times as much for one pair."""
+    (a_x, a_y, a_z), (b_x, b_y, b_z) = a.tolist(), b.tolist()
+    return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])
