@@ -1,7 +1,6 @@
 import csv
 import dataclasses
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from workbench.controllers.swing_law import (
 )
 from workbench.errors import UserError
 from workbench.resources import model_path
+from workbench.scenario import load_scenario
 
 INSIDE_LEFT = -math.pi / 2
 """Where the tail waits for a left turn: it lies to the left."""
@@ -156,12 +156,8 @@ def test_withdrawing_the_turn_cancels_the_delay(plan):
 
 def test_a_swing_once_begun_ignores_the_plan_and_the_imu():
     memory = memory_in(SwingState.SWING)
-    for observation in (
-        see(0.6, roll=0.0, plan=NONE),
-        see(0.6, roll=0.0, plan=RIGHT),
-        see(0.6, 0.0, math.nan, LEFT, False),
-    ):
-        states, commands, _ = run([observation], memory=memory)
+    for change in ({"plan": NONE}, {"plan": RIGHT}, {"yaw_rate": math.nan}, {"valid": False}):
+        states, commands, _ = run([see(0.6, roll=0.0, **change)], memory=memory)
         assert states == [SwingState.SWING]
         assert commands[0][1] == 8.0
 
@@ -213,9 +209,8 @@ def test_next_turn_to_the_same_side_recocks_slowly_then_swings_again():
     memory = memory_in(SwingState.SETTLE)
     states, _, memory = run([see(3.0, outside, plan=NONE)], memory=memory)
     assert states == [SwingState.SETTLE]
-    states, commands, memory = run(
-        [see(4.0 + 0.5 * k, outside - 0.75 * k, yaw_rate=4.0) for k in range(5)], memory=memory
-    )
+    on_the_way = [see(4.0 + 0.5 * k, outside - 0.75 * k, yaw_rate=4.0) for k in range(5)]
+    states, commands, memory = run(on_the_way, memory=memory)
     assert set(states) == {SwingState.RECOCK}, "a tail that is not on the inside must not swing"
     np.testing.assert_allclose(commands[:, 0], outside - 1.5 * 0.5 * np.arange(5))
     np.testing.assert_allclose(commands[:, 1], -1.5)
@@ -265,9 +260,7 @@ def test_right_turn_is_the_mirror_image_of_the_left_turn(delay):
     settings = SwingSettings(delay=delay)
     rng = np.random.default_rng(3)
     times = 0.01 * np.arange(600)
-    rolls = np.concatenate(
-        [np.full(100, -1.5), np.linspace(-1.5, 1.5, 40), np.full(160, 1.5), np.linspace(1.5, -1.5, 300)]
-    )
+    rolls = np.interp(times, [0.0, 1.0, 1.4, 3.0, 6.0], [-1.5, -1.5, 1.5, 1.5, -1.5])
     yaw_rates = np.where((times > 0.9) & (times < 2.0), 2.0, 0.0) + 0.1 * rng.standard_normal(600)
     plans = np.where(times < 2.5, 1.0, np.where(times < 2.8, 0.0, 1.0))
     left = [see(t, roll, rate, plan) for t, roll, rate, plan in zip(times, rolls, yaw_rates, plans, strict=True)]
@@ -324,14 +317,7 @@ def test_impossible_settings_are_named(change, message):
 
 
 def test_settings_come_from_the_scenario():
-    controller = SimpleNamespace(
-        **{
-            name: getattr(SETTINGS, name)
-            for name in (field.name for field in dataclasses.fields(SETTINGS))
-            if name != "mode"
-        }
-    )
-    controller.swing_speed = 6.0
-    scenario = SimpleNamespace(controller=controller, tail=SimpleNamespace(mode="held"))
+    scenario = load_scenario("turn_held", ["controller.swing_speed=6 rad/s", "controller.delay=0.02 s"])
     settings = SwingSettings.from_scenario(scenario)
-    assert settings == dataclasses.replace(SETTINGS, mode="held", swing_speed=6.0)
+    expected = SwingSettings(mode="held", swing_speed=6.0, delay=0.02, recock_speed=scenario.controller.recock_speed)
+    assert settings == expected

@@ -28,7 +28,8 @@ memory = FRESH
 states = []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     driver = schedule.at(0.01 * tick)
-    memory, _, roll = step(memory, Observation(0.01 * tick, yaw_rate, -1.5, 0.0, driver.planned_turn, True), SwingSettings())
+    observation = Observation(0.01 * tick, yaw_rate, -1.5, 0.0, driver.planned_turn, True)
+    memory, _, roll = step(memory, observation, SwingSettings())
     states.append(SwingState(memory.state).name)
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0
