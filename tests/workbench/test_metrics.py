@@ -128,6 +128,14 @@ def test_filtered_metrics_are_those_of_the_filtered_signals() -> None:
     )
 
 
+def test_speed_passes_the_filter_of_the_gps() -> None:
+    """A 3 Hz wave with its crest at the start of the turn: 1/(1 + 3^4) of it is left at a cut-off of 1 Hz."""
+    speed = SPEED + np.cos(2.0 * np.pi * 3.0 * (times() - TURN[0]))
+    metrics = metrics_of(made_up_run({"velocity_x_truth_m_per_s": speed}))
+    assert metrics.raw.speed_m_per_s == pytest.approx(SPEED + 1.0)
+    assert metrics.filtered.speed_m_per_s == pytest.approx(SPEED + 1.0 / 82.0, abs=2e-3)
+
+
 def test_speed_is_that_at_the_start_of_the_turn_over_the_ground() -> None:
     speed = {"velocity_x_truth_m_per_s": 1.5 * times(), "velocity_y_truth_m_per_s": 2.0 * times()}
     assert metrics_of(made_up_run(speed)).raw.speed_m_per_s == pytest.approx(2.5 * TURN[0], rel=1e-12)

@@ -127,9 +127,11 @@ def test_an_upright_tail_carried_into_the_turn_hurts(direction: str, side: float
 
 @pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
 def test_air_that_holds_the_tail_back_while_it_swings_outwards_helps(direction: str, side: float) -> None:
-    """Upright tail moving outwards: drag F points to the inside at height h + l, as the log has it, about Wo."""
+    """Upright tail moving outwards: drag points to the inside at height h + l. The log has its moment about Wo, 2 m
+    beside the car, about which the lift has one too; about the ground point the lift has none.
+    """
     run = point_mass_run(*at_rest(0.0), direction=direction)
-    force = np.tile([0.0, side * 2.0, 0.0], (times().size, 1))
+    force = np.tile([0.0, side * 2.0, 1.0], (times().size, 1))
     moment = np.cross(run.vector("tail_com", "truth_m"), force)
     table = run.table.assign(
         **{f"tail_force_{axis}_truth_n": column for axis, column in sides(force).items()},
@@ -149,6 +151,38 @@ def test_a_jump_of_the_momentum_counts_in_full() -> None:
     assert result is not None
     gained = TAIL_MASS * (LENGTH**2 + HEIGHT * LENGTH * math.cos(roll[at(2.64)])) * 5.0
     assert result.over_window.inertial == pytest.approx(gained, rel=1e-6)
+
+
+def test_inertial_moment_of_any_motion_is_minus_arm_cross_mass_times_acceleration() -> None:
+    """Car on a curve with a turning heading while the tail swings: -(c - p) x m d2c/dt2 about the heading axis.
+
+    The independent side differentiates the path twice; all motions are slow sines, so both differ by (w dt)^2 < 1e-3.
+    """
+    t = times()
+    yaw = 0.4 * np.sin(2.0 * t)
+    ground = np.column_stack([5.0 + 3.0 * t, -2.0 + 1.5 * np.sin(3.0 * t), np.zeros_like(t)])
+    roll = 1.2 * np.sin(4.0 * t)
+    arm = LENGTH * np.column_stack([np.sin(roll) * np.sin(yaw), -np.sin(roll) * np.cos(yaw), np.cos(roll)])
+    com = ground + np.array([0.0, 0.0, HEIGHT]) + arm
+    momentum = TAIL_MASS * np.gradient(com, t, axis=0)
+    columns: dict[str, np.ndarray] = {"yaw_truth_rad": yaw}
+    for stem, suffix, values in (
+        ("position", "truth_m", ground),
+        ("tail_com", "truth_m", com),
+        ("tail_momentum", "truth_n_s", momentum),
+        ("tail_angular_momentum", "truth_n_m_s", np.cross(com, momentum)),
+    ):
+        columns |= {f"{stem}_{axis}_{suffix}": column for axis, column in sides(values).items()}
+    result = tail_impulses(made_up_run(columns))
+    assert result is not None
+    acceleration = np.gradient(np.gradient(com, t, axis=0), t, axis=0)
+    heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])
+    about_heading = np.sum(-np.cross(com - ground, TAIL_MASS * acceleration) * heading, axis=1)
+    middle = slice(5, -5)
+    scale = float(np.max(np.abs(about_heading)))
+    np.testing.assert_allclose(result.inertial_moment[middle], -about_heading[middle], atol=2e-3 * scale)
+    impulse = float(np.sum(-about_heading[at(2.0) : at(2.64)]) * (t[1] - t[0]))
+    assert result.over_window.inertial == pytest.approx(impulse, abs=2e-3 * scale * 0.64 + scale * (t[1] - t[0]))
 
 
 def test_when_the_car_flips_the_impulses_end_at_75_degrees() -> None:
