@@ -1,0 +1,147 @@
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Multiplexer
+
+from workbench.errors import UserError
+from workbench.ports import TAIL_STATE
+from workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
+
+
+def sail_encoder(bits=12, rate=500.0, delay=0.0, **arguments):
+    return SailEncoder(SimpleNamespace(bits=bits, rate=rate, delay=delay), **arguments)
+
+
+def reading(angle, bits=12):
+    encoder = sail_encoder(bits)
+    simulator = Simulator(encoder)
+    encoder.GetInputPort("plant_state").FixValue(simulator.get_mutable_context(), [angle])
+    simulator.Initialize()
+    return encoder.GetOutputPort("angle").Eval(simulator.get_context())[0]
+
+
+def turning(rate_of_turn, until, **arguments):
+    """Angle and rate shown at `until` by an encoder whose shaft turns steadily, moved every 2 ms."""
+    encoder = sail_encoder(**arguments)
+    simulator = Simulator(encoder)
+    context = simulator.get_mutable_context()
+    port = encoder.GetInputPort("plant_state")
+    port.FixValue(context, [0.0])
+    simulator.Initialize()
+    for k in range(round(until / 0.002)):
+        port.FixValue(context, [rate_of_turn * 0.002 * k])
+        simulator.AdvanceTo(0.002 * k + 0.001)
+    return [encoder.GetOutputPort(name).Eval(context)[0] for name in ("angle", "rate")]
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_angle_is_the_lower_edge_of_one_of_2_to_the_n_steps(bits):
+    step = 2 * math.pi / 2**bits
+    for angle in np.linspace(0.0, 6.28, 50):
+        count = reading(angle, bits) / step
+        assert count == pytest.approx(round(count), abs=1e-9)
+        assert 0.0 <= angle - reading(angle, bits) <= step
+    assert reading(2.5 * step, bits) == pytest.approx(2 * step)
+
+
+@pytest.mark.parametrize(
+    ("angle", "expected"), [(-math.pi / 2, 1.5 * math.pi), (7.0, 7.0 - 2 * math.pi), (-1e-20, 0.0)]
+)
+def test_angle_is_absolute_within_one_turn(angle, expected):
+    shown = reading(angle)
+    assert 0.0 <= shown < 2 * math.pi
+    assert math.remainder(shown - expected, 2 * math.pi) == pytest.approx(0.0, abs=2 * math.pi / 4095)
+
+
+@pytest.mark.parametrize("rate_of_turn", [12.0, -12.0, 0.4])
+def test_rate_from_differences_also_across_the_wrap(rate_of_turn):
+    """One step of 12 bit over the window of 20 ms is 0.077 rad/s."""
+    for until in (0.3, 0.53, 0.8):
+        assert turning(rate_of_turn, until)[1] == pytest.approx(rate_of_turn, abs=0.08)
+
+
+def test_rate_is_zero_until_the_window_is_filled():
+    assert turning(12.0, 0.01)[1] == 0.0
+
+
+def test_two_words_lengths_differ_in_rate_resolution():
+    assert turning(0.2, 0.3, bits=10)[1] in (0.0, pytest.approx(2 * math.pi / 1024 / 0.02))
+
+
+@pytest.mark.parametrize("bits", [3, 21])
+def test_impossible_word_length_is_refused(bits):
+    with pytest.raises(UserError, match=rf"sail_encoder.bits: {bits}; allowed: 4 to 20"):
+        sail_encoder(bits)
+
+
+def test_rate_above_one_per_step_is_refused():
+    with pytest.raises(UserError, match=r"sail_encoder.rate: 1000 Hz is above 1/step"):
+        sail_encoder(rate=1000.0, step=0.002)
+
+
+def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
+    position_step, speed_step = 25.0 / 65535, 100.0 / 4095
+    values = np.linspace(-12.0, 12.0, 101)
+    shown = quantise_symmetric(values, 12.5, 16.0)
+    assert np.max(np.abs(shown - values)) <= position_step / 2 * (1 + 1e-9)
+    counts = (shown + 12.5) / position_step
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    speeds = quantise_symmetric(values, 50.0, 12.0)
+    assert np.max(np.abs(speeds - values)) <= speed_step / 2 * (1 + 1e-9)
+    assert np.max(np.abs(speeds - values)) > speed_step / 4
+
+
+def test_motor_at_rest_reports_half_a_step():
+    assert abs(quantise_symmetric(0.0, 50.0, 12.0)) == pytest.approx(50.0 / 4095)
+
+
+def test_motor_reply_saturates_at_its_ranges():
+    np.testing.assert_allclose(quantise_symmetric(np.array([80.0, -80.0]), 50.0, 12.0), [50.0, -50.0])
+
+
+def test_encoders_of_a_plant_make_the_tail_state():
+    """Three joints with different angles and rates, in an order of the plant that differs from the port's."""
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.002))
+    joints = {}
+    parent = plant.world_frame()
+    for name in ("roll", "pitch", "sail"):
+        body = plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+        joints[name] = plant.AddJoint(RevoluteJoint(name, parent, body.body_frame(), np.array([0.0, 0.0, 1.0])))
+        parent = body.body_frame()
+    plant.Finalize()
+    motors = MotorEncoder.add_to_builder(
+        builder, 100.0, plant=plant, pitch_joint=joints["pitch"], roll_joint=joints["roll"]
+    )
+    sail = SailEncoder.add_to_builder(
+        builder, SimpleNamespace(bits=12, rate=100.0, delay=0.0), plant=plant, joint=joints["sail"]
+    )
+    multiplexer = builder.AddSystem(Multiplexer([2, 1, 2, 1]))
+    for source, port, index in ((motors, "angles", 0), (sail, "angle", 1), (motors, "rates", 2), (sail, "rate", 3)):
+        builder.Connect(source.GetOutputPort(port), multiplexer.get_input_port(index))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    for name, angle, rate in (("pitch", 0.2, 0.0), ("roll", -1.5, 3.0), ("sail", 1.0, 2.0)):
+        joints[name].set_angle(context, angle)
+        joints[name].set_angular_rate(context, rate)
+    simulator.AdvanceTo(0.101)
+    state = multiplexer.get_output_port().Eval(multiplexer.GetMyContextFromRoot(simulator.get_context()))
+    shown = TAIL_STATE.read(state)
+    assert shown.roll_angle == pytest.approx(-1.5 + 0.3, abs=2e-4)
+    assert shown.pitch_angle == pytest.approx(0.2, abs=2e-4)
+    assert shown.sail_angle == pytest.approx(1.2, abs=2e-3)
+    assert shown.roll_rate == pytest.approx(3.0, abs=0.0123)
+    assert shown.pitch_rate == pytest.approx(0.0, abs=0.0123)
+    assert shown.sail_rate == pytest.approx(2.0, abs=0.08)
+
+
+def test_motor_rate_above_one_per_step_is_refused():
+    with pytest.raises(UserError, match=r"tail_motors.rate: 1000 Hz is above 1/step"):
+        MotorEncoder(1000.0, reply=MotorReply(), step=0.002)

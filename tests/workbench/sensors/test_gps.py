@@ -1,0 +1,69 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.analysis import Simulator
+
+from workbench.errors import UserError
+from workbench.sensors.gps import GpsSpeed
+
+
+def receiver(velocity, noise=0.0, delay=0.0, seed=1):
+    gps = GpsSpeed(SimpleNamespace(rate=10.0, delay=delay, noise=noise), body_index=0, seed=seed, step=0.002)
+    simulator = Simulator(gps)
+    motion = [SpatialVelocity([9.0, 9.0, 9.0], velocity)]
+    gps.GetInputPort("body_spatial_velocities").FixValue(simulator.get_mutable_context(), motion)
+    simulator.Initialize()
+    return gps, simulator
+
+
+def readings(count, **arguments):
+    gps, simulator = receiver(**arguments)
+    shown = []
+    for k in range(count):
+        simulator.AdvanceTo(0.1 * k + 0.05)
+        shown.append(gps.GetOutputPort("speed").Eval(simulator.get_context())[0])
+    return np.array(shown)
+
+
+def test_speed_is_horizontal_and_has_no_sign():
+    assert readings(1, velocity=[-3.0, 4.0, 12.0])[0] == pytest.approx(5.0)
+
+
+def test_standing_car_never_shows_a_negative_speed():
+    """Half of the noise falls below zero and is cut off there."""
+    shown = readings(400, velocity=[0.0, 0.0, 0.0], noise=0.1)
+    assert shown.min() == 0.0
+    assert np.mean(shown == 0.0) == pytest.approx(0.5, abs=0.13)
+
+
+def test_noise_has_the_asked_deviation():
+    """1000 readings: known to 2.2 %; 12 % is five standard errors."""
+    shown = readings(1000, velocity=[4.0, 0.0, 0.0], noise=0.05)
+    assert shown.std() == pytest.approx(0.05, rel=0.12)
+    assert shown.mean() == pytest.approx(4.0, abs=0.01)
+
+
+def test_reading_is_repeated_with_the_seed():
+    np.testing.assert_array_equal(
+        readings(20, velocity=[4.0, 0.0, 0.0], noise=0.05, seed=2),
+        readings(20, velocity=[4.0, 0.0, 0.0], noise=0.05, seed=2),
+    )
+
+
+def test_change_of_speed_shows_after_the_delay():
+    gps, simulator = receiver([1.0, 0.0, 0.0], delay=0.13)
+    simulator.AdvanceTo(0.95)
+    port = gps.GetInputPort("body_spatial_velocities")
+    port.FixValue(simulator.get_mutable_context(), [SpatialVelocity([0.0, 0.0, 0.0], [2.0, 0.0, 0.0])])
+    shown = []
+    for time in (1.1299, 1.1301):
+        simulator.AdvanceTo(time)
+        shown.append(gps.GetOutputPort("speed").Eval(simulator.get_context())[0])
+    assert shown == [1.0, 2.0]
+
+
+def test_rate_above_one_per_step_is_refused():
+    with pytest.raises(UserError, match=r"gps.rate: 10 Hz is above 1/step"):
+        GpsSpeed(SimpleNamespace(rate=10.0, delay=0.0, noise=0.0), body_index=0, seed=1, step=0.2)

@@ -1,0 +1,280 @@
+import math
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from workbench.errors import UserError
+from workbench.ports import IMU
+from workbench.sensors.imu import BNO055, Imu, motion_at_imu
+
+QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}
+ORIGIN = np.zeros(3)
+
+
+def settings(**changes):
+    return SimpleNamespace(**({"rate": 100.0, "delay": 0.0} | QUIET | changes))
+
+
+def still(R_WB=None):
+    """Pose, velocity, acceleration of a body at rest."""
+    return (
+        RigidTransform(R_WB or RotationMatrix(), [1.0, 2.0, 3.0]),
+        SpatialVelocity(np.zeros(3), np.zeros(3)),
+        SpatialAcceleration(np.zeros(3), np.zeros(3)),
+    )
+
+
+def imu_on(motion, p_BoImu_B=ORIGIN, seed=1, **changes):
+    """IMU whose inputs are fixed to a motion, on body 1 of two; the simulator that runs it."""
+    imu = Imu(settings(**changes), body_index=1, p_BoImu_B=p_BoImu_B, seed=seed)
+    simulator = Simulator(imu)
+    other = (
+        RigidTransform([9.0, 9.0, 9.0]),
+        SpatialVelocity(np.ones(3), np.ones(3)),
+        SpatialAcceleration(np.ones(3), np.ones(3)),
+    )
+    ports = ("body_poses", "body_spatial_velocities", "body_spatial_accelerations")
+    for port, mine, wrong in zip(ports, motion, other, strict=True):
+        imu.GetInputPort(port).FixValue(simulator.get_mutable_context(), [wrong, mine])
+    simulator.Initialize()
+    return imu, simulator
+
+
+def sample(motion, **arguments):
+    imu, simulator = imu_on(motion, **arguments)
+    return IMU.read(imu.GetOutputPort("imu").Eval(simulator.get_context()))
+
+
+def samples(count, **arguments):
+    """(count, 9) successive samples."""
+    imu, simulator = imu_on(**arguments)
+    rows = []
+    for k in range(count):
+        simulator.AdvanceTo(0.01 * k + 0.005)
+        rows.append(imu.GetOutputPort("imu").Eval(simulator.get_context()).copy())
+    return np.array(rows)
+
+
+def test_hanging_still_shows_no_linear_acceleration_in_any_attitude():
+    """Gravity is removed completely, with the chip's resolution of 0.01 m/s2 exactly at zero."""
+    for roll_pitch_yaw in ([0.0, 0.0, 0.0], [0.5, -0.3, 2.0], [3.0, 0.2, -1.0]):
+        shown = sample(still(RotationMatrix(RollPitchYaw(roll_pitch_yaw))))
+        assert (shown.acceleration_x, shown.acceleration_y, shown.acceleration_z) == (0.0, 0.0, 0.0)
+        assert (shown.gyro_x, shown.gyro_y, shown.gyro_z) == (0.0, 0.0, 0.0)
+        # One count of the attitude is 1/900 rad; rounding makes half of it.
+        np.testing.assert_allclose([shown.roll, shown.pitch, shown.yaw], roll_pitch_yaw, atol=0.51 / 900)
+
+
+def test_constant_turn_to_the_left_gives_centripetal_acceleration_to_the_left():
+    """Car on a circle of 2 m to the left at 4 m/s: r = +2 rad/s, a_y = v r = +8 m/s2, at any heading."""
+    for heading in (0.0, 1.0, 2.5):
+        forward = np.array([math.cos(heading), math.sin(heading), 0.0])
+        left = np.array([-math.sin(heading), math.cos(heading), 0.0])
+        motion = (
+            RigidTransform(RotationMatrix.MakeZRotation(heading), 2.0 * forward),
+            SpatialVelocity([0.0, 0.0, 2.0], 4.0 * forward),
+            SpatialAcceleration(np.zeros(3), 8.0 * left),
+        )
+        shown = sample(motion)
+        assert shown.gyro_z == pytest.approx(2.0, abs=1e-3)
+        np.testing.assert_allclose(shown[6:], [0.0, 8.0, 0.0], atol=0.006)
+        assert shown.yaw == pytest.approx(heading, abs=1e-3)
+
+
+def test_lever_arm_adds_centripetal_and_tangential_acceleration():
+    """IMU 0.1 m ahead of a fixed axis: a_x = -w^2 d (towards the axis), a_y = +alpha d."""
+    motion = (
+        RigidTransform(),
+        SpatialVelocity([0.0, 0.0, 5.0], np.zeros(3)),
+        SpatialAcceleration([0.0, 0.0, 20.0], np.zeros(3)),
+    )
+    shown = sample(motion, p_BoImu_B=np.array([0.1, 0.0, 0.0]))
+    np.testing.assert_allclose(shown[6:], [-2.5, 2.0, 0.0], atol=0.006)
+
+
+def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
+    """A body that rolls, pitches and yaws at once, against finite differences of the path (error about 1e-5)."""
+    p_BoImu_B = np.array([0.12, -0.05, 0.2])
+
+    def X_WB(t):
+        R = RotationMatrix(RollPitchYaw(0.4 * math.sin(3 * t), 0.3 * math.cos(2 * t), 1.5 * t))
+        return RigidTransform(R, [math.sin(t), t**2, 0.1 * math.cos(4 * t)])
+
+    def twist(t, h=1e-5):
+        before, after = X_WB(t - h), X_WB(t + h)
+        axis = (after.rotation() @ before.rotation().inverse()).ToAngleAxis()
+        velocity = (after.translation() - before.translation()) / (2 * h)
+        return np.array(axis.axis()) * axis.angle() / (2 * h), velocity
+
+    t, h = 0.7, 1e-3
+    omega, velocity = twist(t)
+    (omega_after, velocity_after), (omega_before, velocity_before) = twist(t + h), twist(t - h)
+    roll_pitch_yaw, gyro, acceleration = motion_at_imu(
+        X_WB(t),
+        SpatialVelocity(omega, velocity),
+        SpatialAcceleration((omega_after - omega_before) / (2 * h), (velocity_after - velocity_before) / (2 * h)),
+        p_BoImu_B,
+    )
+    path = [X_WB(t + k * h) @ p_BoImu_B for k in (-1, 0, 1)]
+    expected = X_WB(t).rotation().inverse() @ ((path[2] - 2 * path[1] + path[0]) / h**2)
+    np.testing.assert_allclose(acceleration, expected, atol=1e-3)
+    np.testing.assert_allclose(gyro, X_WB(t).rotation().inverse() @ omega, atol=1e-9)
+    np.testing.assert_allclose(roll_pitch_yaw, RollPitchYaw(X_WB(t).rotation()).vector(), atol=1e-12)
+
+
+def test_gyro_is_in_body_axes():
+    """Yawing while rolled 90 deg to the right: the world's vertical is the body's y axis."""
+    motion = (
+        RigidTransform(RotationMatrix.MakeXRotation(math.pi / 2), np.zeros(3)),
+        SpatialVelocity([0.0, 0.0, 1.0], np.zeros(3)),
+        SpatialAcceleration(np.zeros(3), np.zeros(3)),
+    )
+    shown = sample(motion)
+    np.testing.assert_allclose(shown[3:6], [0.0, 1.0, 0.0], atol=1e-3)
+
+
+def test_ranges_of_the_chip():
+    """The gyro stops at 2000 deg/s; the accelerometer at 4 g of specific force, so 3 g upwards and 5 g downwards."""
+    hard = np.array([100.0, -100.0, 100.0])
+    up = (RigidTransform(), SpatialVelocity(hard, np.zeros(3)), SpatialAcceleration(np.zeros(3), [90.0, -90.0, 90.0]))
+    shown = sample(up)
+    limit = math.radians(2000.0)
+    np.testing.assert_allclose(shown[3:6], [limit, -limit, limit], atol=1e-3)
+    four_g = 4 * 9.80665
+    # The horizontal axes also feel the centripetal part of the lever arm, which is zero here.
+    np.testing.assert_allclose(shown[6:], [four_g, -four_g, four_g - 9.81], atol=0.006)
+    down = (
+        RigidTransform(),
+        SpatialVelocity(np.zeros(3), np.zeros(3)),
+        SpatialAcceleration(np.zeros(3), [0.0, 0.0, -90.0]),
+    )
+    assert sample(down).acceleration_z == pytest.approx(-four_g - 9.81, abs=0.006)
+
+
+def test_free_fall_of_a_plant_body_and_the_wiring():
+    """In free fall the linear acceleration is g downwards; the welded body beside it would show zero."""
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.002))
+    plant.AddRigidBody("other", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    body = plant.AddRigidBody("chassis", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("other"))
+    plant.Finalize()
+    imu = Imu.add_to_builder(builder, settings(), plant=plant, body=body, p_BoImu_B=ORIGIN, seed=1)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.1)
+    shown = IMU.read(imu.GetOutputPort("imu").Eval(imu.GetMyContextFromRoot(simulator.get_context())))
+    np.testing.assert_allclose(shown[6:], [0.0, 0.0, -9.81], atol=0.006)
+
+
+def test_spinning_arm_shows_the_centripetal_acceleration_of_its_rate():
+    """Plant of one body that spins freely about the vertical at 3 rad/s, IMU 0.2 m off the axis: a = -w^2 d."""
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.002))
+    body = plant.AddRigidBody("arm", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    joint = plant.AddJoint(RevoluteJoint("spin", plant.world_frame(), body.body_frame(), np.array([0.0, 0.0, 1.0])))
+    joint.set_default_angle(0.3)
+    plant.Finalize()
+    imu = Imu.add_to_builder(builder, settings(), plant=plant, body=body, p_BoImu_B=np.array([0.0, 0.2, 0.0]), seed=1)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    joint.set_angular_rate(plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()), 3.0)
+    simulator.AdvanceTo(0.205)
+    shown = IMU.read(imu.GetOutputPort("imu").Eval(imu.GetMyContextFromRoot(simulator.get_context())))
+    np.testing.assert_allclose(shown[6:], [0.0, -1.8, 0.0], atol=0.006)
+    assert shown.gyro_z == pytest.approx(3.0, abs=1e-3)
+    assert shown.yaw == pytest.approx(0.3 + 3.0 * 0.2, abs=1e-3)
+
+
+def test_noise_has_the_asked_deviations_and_one_bias_per_run():
+    """2000 samples per axis: a standard deviation is known to 1.6 %, so 8 % is five standard errors."""
+    noisy = {"gyro_noise": 0.05, "gyro_bias": 0.2, "accelerometer_noise": 0.5, "attitude_noise": 0.02}
+    rows = samples(2000, motion=still(), **noisy)
+    np.testing.assert_allclose(rows.std(axis=0), np.repeat([0.02, 0.05, 0.5], 3), rtol=0.08)
+    bias = rows[:, 3:6].mean(axis=0)
+    assert np.all(np.abs(bias) > 0.006), "more than five standard errors of the mean: a bias, not noise"
+    np.testing.assert_allclose(rows[:, [0, 1, 2]].mean(axis=0), 0.0, atol=5 * 0.02 / math.sqrt(2000))
+    np.testing.assert_allclose(rows[:, 6:].mean(axis=0), 0.0, atol=5 * 0.5 / math.sqrt(2000))
+    biases = [sample(still(), seed=seed, gyro_bias=0.2)[3:6] for seed in range(300)]
+    # 900 biases: their deviation is known to 2.4 %.
+    assert np.std(biases) == pytest.approx(0.2, rel=0.12)
+
+
+def test_runs_repeat_bit_for_bit_with_the_seed():
+    noisy = {"gyro_noise": 0.05, "gyro_bias": 0.2, "accelerometer_noise": 0.5, "attitude_noise": 0.02}
+    first = samples(50, motion=still(), seed=5, **noisy)
+    np.testing.assert_array_equal(first, samples(50, motion=still(), seed=5, **noisy))
+    assert not np.array_equal(first, samples(50, motion=still(), seed=6, **noisy))
+
+
+def test_reset_context_repeats_the_noise():
+    imu, simulator = imu_on(still(), gyro_noise=0.05)
+    simulator.AdvanceTo(0.3)
+    first = imu.GetOutputPort("imu").Eval(simulator.get_context()).copy()
+    simulator.get_mutable_context().SetTime(0.0)
+    simulator.Initialize()
+    simulator.AdvanceTo(0.3)
+    np.testing.assert_array_equal(first, imu.GetOutputPort("imu").Eval(simulator.get_context()))
+
+
+def test_resolution_of_the_data_sheet():
+    rows = samples(20, motion=still(), gyro_noise=0.05, accelerometer_noise=0.5, attitude_noise=0.02)
+    counts = rows * np.repeat([900.0, 900.0, 100.0], 3)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    assert BNO055.angle_step == pytest.approx(1 / 900)
+
+
+def test_rate_above_one_per_step_is_refused():
+    with pytest.raises(UserError, match=r"imu.rate: 600 Hz is above 1/step"):
+        Imu(settings(rate=600.0), body_index=0, p_BoImu_B=ORIGIN, seed=1, step=0.002)
+
+
+def test_a_sample_of_a_plant_of_car_size_is_cheap():
+    """Twenty bodies; the bound leaves room for a busy machine (about 60 us when idle)."""
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.01))
+    for k in range(20):
+        plant.AddRigidBody(f"body{k}", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    plant.Finalize()
+    imu = Imu.add_to_builder(
+        builder, settings(gyro_noise=0.1), plant=plant, body=plant.GetBodyByName("body7"), p_BoImu_B=ORIGIN, seed=1
+    )
+    diagram = builder.Build()
+    context = imu.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    start = time.perf_counter()
+    for index in range(200):
+        imu.measure(context, index)
+    assert (time.perf_counter() - start) / 200 < 1e-3
+
+
+def test_log_shows_ten_milliseconds_steps():
+    """The output changes at 100 Hz only."""
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.002))
+    body = plant.AddRigidBody("chassis", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    plant.Finalize()
+    imu = Imu.add_to_builder(builder, settings(gyro_noise=0.1), plant=plant, body=body, p_BoImu_B=ORIGIN, seed=1)
+    log = LogVectorOutput(imu.GetOutputPort("imu"), builder, publish_period=0.002)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.5)
+    gyro = log.FindLog(simulator.get_context()).data()[3]
+    changes = np.flatnonzero(np.diff(gyro))
+    assert len(changes) == 49
+    assert set(np.diff(changes)) == {5}
+
+
+def test_small_rotation_about_a_skew_axis_has_the_drake_angles():
+    R_WB = RotationMatrix(AngleAxis(0.8, np.array([0.6, 0.0, 0.8])))
+    shown = sample(still(R_WB))
+    np.testing.assert_allclose(shown[:3], RollPitchYaw(R_WB).vector(), atol=0.51 / 900)

@@ -1,0 +1,142 @@
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ZeroOrderHold
+
+from workbench.errors import UserError
+from workbench.sensors.sampled import SampledSensor, check_rate
+
+
+class Clock(SampledSensor):
+    """Measures the time and its square, and counts."""
+
+    def __init__(self, rate=100.0, delay=0.0, step=None):
+        super().__init__(name="clock", outputs={"time": 1, "more": 2}, rate=rate, delay=delay, step=step)
+        self.indices = []
+
+    def measure(self, context, index):
+        self.indices.append(index)
+        time = context.get_time()
+        return np.array([time, time**2, index])
+
+
+def record(clock, times):
+    """Time shown, sample time and age just before each of `times`."""
+    simulator = Simulator(clock)
+    simulator.Initialize()
+    rows = []
+    for time in times:
+        simulator.AdvanceTo(time)
+        context = simulator.get_context()
+        rows.append([clock.GetOutputPort(port).Eval(context)[0] for port in ("time", "sample_time", "age")])
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.025, 0.1])
+def test_delay_is_exact_for_whole_and_broken_periods(delay):
+    """Between its appearances the output holds the sample of k / rate that is at least `delay` old."""
+    times = 0.3 + 0.0011 + 0.002 * np.arange(200)
+    shown, sample_time, age = record(Clock(delay=delay), times)
+    expected = np.floor((times - delay) * 100.0 + 1e-6) / 100.0
+    np.testing.assert_allclose(shown, expected, atol=1e-12)
+    np.testing.assert_allclose(sample_time, expected, atol=1e-12)
+    np.testing.assert_allclose(age, times - expected, atol=1e-12)
+    assert delay - 1e-12 <= age.min() <= delay + 0.002
+    assert delay + 0.008 <= age.max() <= delay + 0.01
+
+
+def test_sample_appears_at_the_very_instant_delay_after_it_was_taken():
+    shown, _, _ = record(Clock(delay=0.025), [0.5349, 0.5351])
+    np.testing.assert_allclose(shown, [0.50, 0.51])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.025])
+def test_before_the_run_the_robot_stood_still(delay):
+    """The first sample is there from the start, aged as in steady running."""
+    times = 0.0011 + 0.002 * np.arange(25)
+    shown, _, age = record(Clock(delay=delay), times)
+    np.testing.assert_allclose(shown, np.maximum(0.0, np.floor((times - delay) * 100.0 + 1e-6) / 100.0), atol=1e-12)
+    assert np.all(age >= delay - 1e-12)
+    assert np.all(age <= delay + 0.01)
+
+
+def test_exactly_one_sample_every_period():
+    clock = Clock(delay=0.004)
+    simulator = Simulator(clock)
+    simulator.Initialize()
+    clock.indices.clear()
+    simulator.AdvanceTo(1.0)
+    assert clock.indices == list(range(100))
+
+
+def test_reader_of_the_same_instant_sees_the_plant_before_its_step_and_a_controller_the_fresh_sample():
+    """Plant: counts its steps of 10 ms. At 0.1 s it has made 10; sensor and controller both know it at that instant."""
+
+    class Plant(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            count = self.DeclareDiscreteState(1)
+            self.DeclareStateOutputPort("count", count)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(0.01, 0.0, self.advance)
+
+        def advance(self, context, state):
+            state.get_mutable_discrete_state().set_value(0, [context.get_discrete_state(0).value()[0] + 1.0])
+
+    class Sensor(SampledSensor):
+        def __init__(self):
+            super().__init__(name="sensor", outputs={"count": 1}, rate=50.0, delay=0.0, step=0.01)
+            self.DeclareVectorInputPort("count", 1)
+
+        def measure(self, context, index):
+            return self.GetInputPort("count").Eval(context)
+
+    builder = DiagramBuilder()
+    plant, sensor = builder.AddSystem(Plant()), builder.AddSystem(Sensor())
+    reader = builder.AddSystem(ZeroOrderHold(0.02, 1))
+    builder.Connect(plant.GetOutputPort("count"), sensor.GetInputPort("count"))
+    builder.Connect(sensor.GetOutputPort("count"), reader.get_input_port())
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.105)
+    context = simulator.get_context()
+    assert sensor.GetOutputPort("count").Eval(sensor.GetMyContextFromRoot(context))[0] == 10.0
+    assert reader.get_output_port().Eval(reader.GetMyContextFromRoot(context))[0] == 10.0
+
+
+def test_several_outputs_cut_the_sample():
+    clock = Clock()
+    simulator = Simulator(clock)
+    simulator.AdvanceTo(0.055)
+    np.testing.assert_allclose(clock.GetOutputPort("more").Eval(simulator.get_context()), [0.05**2, 5.0])
+
+
+def test_outputs_have_no_feedthrough():
+    assert isinstance(Clock(), LeafSystem)
+    assert not Clock().HasAnyDirectFeedthrough()
+
+
+@pytest.mark.parametrize(("rate", "step"), [(500.0, 0.002), (1000.0, 0.001), (3.0, 1.0 / 3.0), (100.0, None)])
+def test_rate_up_to_one_per_step_is_allowed(rate, step):
+    check_rate(rate, step, "imu.rate")
+
+
+def test_rate_above_one_per_step_is_refused():
+    with pytest.raises(UserError, match=r"imu.rate: 501 Hz is above 1/step; allowed with step 0.002 s: <= 500 Hz"):
+        check_rate(501.0, 0.002, "imu.rate")
+    with pytest.raises(UserError, match=r"clock.rate: 1000 Hz is above 1/step"):
+        Clock(rate=1000.0, step=0.002)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
+def test_rate_must_be_positive_and_finite(rate):
+    with pytest.raises(UserError, match=r"gps.rate: .* allowed: > 0 Hz"):
+        check_rate(rate, 0.002, "gps.rate")
+
+
+@pytest.mark.parametrize("delay", [-0.01, math.nan, math.inf])
+def test_delay_must_not_be_negative(delay):
+    with pytest.raises(UserError, match=r"clock.delay: .* allowed: >= 0 s"):
+        Clock(delay=delay)

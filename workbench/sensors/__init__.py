@@ -1,0 +1,1 @@
+"""Sensor models: what the robot would measure, with rate, delay, noise and resolution."""

@@ -1,0 +1,181 @@
+"""The BNO055 inertial measurement unit: attitude, angular velocity and linear acceleration of the car body."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from workbench.ports import IMU
+from workbench.sensors.noise import CounterNoise
+from workbench.sensors.sampled import SampledSensor
+
+
+@dataclass(frozen=True)
+class ImuRange:
+    """Ranges and resolutions of the chip; the defaults are the BNO055 in fusion mode (Bosch BST-BNO055-DS000).
+
+    Args:
+        gyro: rad/s, each axis saturates here (2000 deg/s).
+        specific_force: m/s2, each accelerometer axis, gravity included, saturates here (4 g of 9.80665 m/s2).
+        angle_step: rad per count of the attitude (900 counts per rad).
+        gyro_step: rad/s per count (900 counts per rad/s).
+        acceleration_step: m/s2 per count (100 counts per m/s2).
+    """
+
+    gyro: float = math.radians(2000.0)
+    specific_force: float = 4.0 * 9.80665
+    angle_step: float = 1.0 / 900.0
+    gyro_step: float = 1.0 / 900.0
+    acceleration_step: float = 0.01
+
+
+BNO055 = ImuRange()
+
+
+def motion_at_imu(
+    X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration, p_BoImu_B: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """True motion that an IMU fixed to body B feels.
+
+    a_WImu = a_WBo + alpha x p + omega x (omega x p), all turned into B axes. The acceleration is that of the point:
+    the chip reports it with gravity removed ("linear acceleration").
+
+    Args:
+        X_WB: pose of the body.
+        V_WB: spatial velocity of the body at Bo, W axes.
+        A_WB: spatial acceleration of the body at Bo, W axes.
+        p_BoImu_B: position (3) of the IMU, m.
+
+    Returns:
+        Roll-pitch-yaw (3) of B in W, rad, yaw in (-pi, pi]; angular velocity (3), rad/s, and acceleration (3), m/s2,
+        both in B axes.
+    """
+    R_WB: Any = X_WB.rotation().matrix()
+    roll_pitch_yaw = np.array(
+        [
+            math.atan2(R_WB[2, 1], R_WB[2, 2]),
+            math.asin(max(-1.0, min(1.0, -R_WB[2, 0]))),
+            math.atan2(R_WB[1, 0], R_WB[0, 0]),
+        ]
+    )
+    R_BW = R_WB.T
+    omega = R_BW @ V_WB.rotational()
+    alpha = R_BW @ A_WB.rotational()
+    wx, wy, wz = omega.tolist()
+    ax, ay, az = alpha.tolist()
+    px, py, pz = p_BoImu_B.tolist()
+    along = wx * px + wy * py + wz * pz
+    square = wx * wx + wy * wy + wz * wz
+    relative = np.array(
+        [
+            ay * pz - az * py + wx * along - square * px,
+            az * px - ax * pz + wy * along - square * py,
+            ax * py - ay * px + wz * along - square * pz,
+        ]
+    )
+    return roll_pitch_yaw, omega, R_BW @ A_WB.translational() + relative
+
+
+class Imu(SampledSensor):
+    """BNO055 on the car body: what its fusion mode reports, with noise, bias, range, resolution, rate and delay.
+
+    Gyro and accelerometer saturate per axis, the accelerometer on the specific force, gravity included; gravity is
+    then taken off with the true attitude. White noise per sample, and one gyro bias per run. The chip's own slow
+    errors of attitude in long turns are not modelled. IMU axes are body axes.
+
+    Input ports:
+        body_poses: list[RigidTransform], from the plant.
+        body_spatial_velocities: list[SpatialVelocity], from the plant.
+        body_spatial_accelerations: list[SpatialAcceleration], from the plant.
+    Output ports:
+        imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes (`ports.IMU`).
+        sample_time (1), age (1): s, see `SampledSensor`.
+
+    Args:
+        settings: `scenario.imu`: rate Hz, delay s; standard deviations gyro_noise rad/s, gyro_bias rad/s,
+            accelerometer_noise m/s2, attitude_noise rad.
+        body_index: of the car body in the plant.
+        p_BoImu_B: position (3) of the IMU in the body, m.
+        seed: of the run.
+        step: of the plant, s.
+        gravity: m/s2.
+        limits: range and resolution of the chip.
+
+    Raises:
+        UserError: rate or delay not allowed.
+    """
+
+    def __init__(
+        self,
+        settings: Any,
+        *,
+        body_index: BodyIndex | int,
+        p_BoImu_B: np.ndarray,
+        seed: int,
+        step: float | None = None,
+        gravity: float = 9.81,
+        limits: ImuRange = BNO055,
+    ) -> None:
+        super().__init__(name="imu", outputs={"imu": IMU.size}, rate=settings.rate, delay=settings.delay, step=step)
+        self._body = int(body_index)
+        self._p_BoImu_B = np.array(p_BoImu_B, dtype=float)
+        self._gravity = gravity
+        self._limits = limits
+        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
+        self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
+        self._accelerations = self.DeclareAbstractInputPort(
+            "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
+        )
+        self._noise = CounterNoise(seed, "imu", IMU.size)
+        self._deviation = np.repeat([settings.attitude_noise, settings.gyro_noise, settings.accelerometer_noise], 3)
+        self._bias = self._noise.constant() * np.repeat([0.0, settings.gyro_bias, 0.0], 3)
+        self._counts = 1.0 / np.repeat([limits.angle_step, limits.gyro_step, limits.acceleration_step], 3)
+
+    @classmethod
+    def add_to_builder(
+        cls,
+        builder: DiagramBuilder,
+        settings: Any,
+        *,
+        plant: MultibodyPlant,
+        body: RigidBody,
+        p_BoImu_B: np.ndarray,
+        seed: int,
+    ) -> "Imu":
+        """Adds the IMU on a body of a plant and connects it; step and gravity are the plant's."""
+        imu = cls(
+            settings,
+            body_index=body.index(),
+            p_BoImu_B=p_BoImu_B,
+            seed=seed,
+            step=plant.time_step() or None,
+            gravity=-float(plant.gravity_field().gravity_vector()[2]),
+        )
+        builder.AddSystem(imu)
+        for port in ("body_poses", "body_spatial_velocities", "body_spatial_accelerations"):
+            builder.Connect(plant.GetOutputPort(port), imu.GetInputPort(port))
+        return imu
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """One sample (9,) of the body's motion."""
+        poses: Any = self._poses.Eval(context)
+        velocities: Any = self._velocities.Eval(context)
+        accelerations: Any = self._accelerations.Eval(context)
+        X_WB = poses[self._body]
+        roll_pitch_yaw, omega, acceleration = motion_at_imu(
+            X_WB, velocities[self._body], accelerations[self._body], self._p_BoImu_B
+        )
+        sample = np.concatenate([roll_pitch_yaw, omega, acceleration])
+        sample += self._bias + self._deviation * self._noise.at(index)
+        reaction = self._gravity * X_WB.rotation().matrix()[2]
+        limit = self._limits.specific_force
+        sample[3:6] = np.clip(sample[3:6], -self._limits.gyro, self._limits.gyro)
+        sample[6:9] = np.clip(sample[6:9] + reaction, -limit, limit) - reaction
+        return np.round(sample * self._counts) / self._counts

@@ -1,0 +1,127 @@
+"""What all sensors share: they sample at a rate, and a sample appears on the output a delay after it was taken."""
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
+
+from workbench.discrete_vector import DiscreteVector
+from workbench.errors import UserError
+
+TOLERANCE = 1e-9
+"""Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
+
+
+def check_rate(rate: float, step: float | None, name: str) -> None:
+    """Raises UserError unless 0 < rate <= 1/step: a plant that moves every `step` s has nothing new to show earlier.
+
+    Args:
+        rate: Hz.
+        step: of the plant, s; None where no plant steps.
+        name: where the rate comes from, e.g. "imu.rate".
+    """
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise UserError(f"{name}: {rate:g} Hz; allowed: > 0 Hz")
+    if step is not None and rate * step > 1.0 + TOLERANCE:
+        raise UserError(f"{name}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= {1.0 / step:g} Hz")
+
+
+class SampledSensor(LeafSystem):
+    """A sensor that samples periodically and reports late; subclasses say what one sample is.
+
+    Sample k is taken at k / rate and appears on the output at k / rate + delay, where it stays until the next one:
+    whole periods of the delay are a queue in discrete state, the rest is the phase of the event that shows the
+    sample, so the delay is exact and nothing is interpolated. Before the run the robot is taken to have stood as it
+    does at the initial time: the output then holds the first sample, and its age is the delay.
+
+    Sampling is an unrestricted update. Drake runs those before the discrete updates of the same instant, and the step
+    of a discrete plant is one too: the sensor sees the plant as it is at that instant, not one step later, and a
+    controller whose discrete update falls on that instant already sees a sample without delay. Where the delay is
+    broken, a sample appears between the plant's steps.
+
+    Output ports:
+        <outputs>: the newest sample that has appeared, cut into ports; cost nothing between samples.
+        sample_time (1): when it was taken, s.
+        age (1): time since then, s; changes with time.
+
+    Args:
+        name: of the system, e.g. "imu"; settings are named by it in messages.
+        outputs: name and size of the output ports, in the order of the numbers of a sample.
+        rate: Hz.
+        delay: s.
+        step: of the plant, s; None where there is no stepping plant to compare the rate with.
+
+    Raises:
+        UserError: the rate is not positive or above 1/step, or the delay is negative or not finite.
+    """
+
+    def __init__(self, *, name: str, outputs: dict[str, int], rate: float, delay: float, step: float | None) -> None:
+        super().__init__()
+        check_rate(rate, step, f"{name}.rate")
+        if not (math.isfinite(delay) and delay >= 0.0):
+            raise UserError(f"{name}.delay: {delay:g} s; allowed: >= 0 s")
+        self.set_name(name)
+        self._rate = rate
+        size = sum(outputs.values())
+        whole = math.floor(delay * rate + TOLERANCE)
+        lag = max(0.0, delay - whole / rate)
+        self._shows_at_once = lag * rate <= TOLERANCE
+        self._delay = delay
+        ends = np.cumsum([*outputs.values()]).tolist()
+        self._outputs = [
+            (DiscreteVector(self, np.zeros(width), output=port), slice(end - width, end))
+            for (port, width), end in zip(outputs.items(), ends, strict=True)
+        ]
+        self._sample_time = DiscreteVector(self, [0.0], output="sample_time")
+        self._queue_shape = (whole + 1, size + 1)
+        self._queue = DiscreteVector(self, np.zeros((whole + 1) * (size + 1)))
+        self.DeclareVectorOutputPort("age", 1, self._calc_age, {self.time_ticket(), self._sample_time.ticket})
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=1.0 / rate, offset_sec=0.0, update=self._sample)
+        if not self._shows_at_once:
+            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1.0 / rate, offset_sec=lag, update=self._show)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, Hz."""
+        return self._rate
+
+    @property
+    def delay(self) -> float:
+        """From the taking of a sample to its appearance, s."""
+        return self._delay
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """One sample (size,) of the inputs at this instant, with noise and resolution; samples are counted from 0."""
+        raise NotImplementedError
+
+    def _row(self, context: Context) -> np.ndarray:
+        time = context.get_time()
+        return np.append(self.measure(context, max(0, round(time * self._rate))), time)
+
+    def _initialise(self, context: Context, state: State) -> None:
+        discrete_state = state.get_mutable_discrete_state()
+        rows = np.tile(self._row(context), (self._queue_shape[0], 1))
+        rows[:, -1] -= np.arange(len(rows), 0, -1) / self._rate
+        self._queue.write(discrete_state, rows.ravel())
+        self._set_outputs(np.append(rows[0, :-1], context.get_time() - self._delay), discrete_state)
+
+    def _sample(self, context: Context, state: State) -> None:
+        discrete_state = state.get_mutable_discrete_state()
+        rows = self._queue.read(context).reshape(self._queue_shape)
+        rows = np.vstack([rows[1:], self._row(context)])
+        self._queue.write(discrete_state, rows.ravel())
+        if self._shows_at_once:
+            self._set_outputs(rows[0], discrete_state)
+
+    def _show(self, context: Context, discrete_state: DiscreteValues) -> None:
+        rows = self._queue.read(context)
+        self._set_outputs(rows[: self._queue_shape[1]], discrete_state)
+
+    def _set_outputs(self, row: np.ndarray, discrete_state: DiscreteValues) -> None:
+        for group, columns in self._outputs:
+            group.write(discrete_state, row[columns])
+        self._sample_time.write(discrete_state, row[-1:])
+
+    def _calc_age(self, context: Context, output: BasicVector) -> None:
+        output[0] = context.get_time() - self._sample_time.read(context)[0]
