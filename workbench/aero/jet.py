@@ -86,14 +86,17 @@ class Jet:
     def require_reachable(self, plant: Any, body: Any, layout: SectionLayout) -> None:
         """Refuses a layout that the jet meets at no reachable angle.
 
-        Every one-degree joint of the plant is swept over its limits (a full turn where it has none), the others at their
-        default positions.
+        Every joint with one position is swept over its limits (a full turn where it has none), the others at their default
+        positions, moved into their limits.
 
         Raises:
             ModelError: no position of any joint brings a section into the jet.
         """
         context = plant.CreateDefaultContext()
-        defaults = plant.GetPositions(context)
+        defaults = np.clip(
+            plant.GetPositions(context), plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+        )
+        plant.SetPositions(context, defaults)
 
         def exposed() -> bool:
             X_WB = plant.EvalBodyPoseInWorld(context, plant.get_body(BodyIndex(body.index())))

@@ -28,7 +28,7 @@ from workbench.aero.sections import Air, SectionLayout
 from workbench.errors import ModelError
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
-NOT_EXPOSED, MEASURED, EXTRAPOLATED = 0.0, 1.0, 2.0
+NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0
 
 
 @TemplateSystem.define("TailForce_", T_list=[float, AutoDiffXd])
@@ -51,7 +51,8 @@ def TailForce_(T):  # noqa: N802 (Drake's name for a template)
             spatial_forces: list[ExternallyAppliedSpatialForce], one wrench on the body.
             wrench (9): force on the body in W, N; moment about the body origin in W, N m; body origin in W, m.
             sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the force N.
-            validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it (edge value held).
+            validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it (edge value held),
+                3 inside it but above the quasi-steady limit.
 
         Args:
             plant: finalised plant, of double scalar; read for its kinematics only.
@@ -60,6 +61,7 @@ def TailForce_(T):  # noqa: N802 (Drake's name for a template)
             law: a `SectionLaw`, or a number for a constant C_N.
             air: density and viscosity.
             jet: the part of space where the wind blows and forces act (`Jet`); everywhere when None.
+            quasi_steady_limit: relative speed up to which the model was shown to hold, m/s; no limit when None.
         """
 
         def _construct(
@@ -70,12 +72,14 @@ def TailForce_(T):  # noqa: N802 (Drake's name for a template)
             law: SectionLaw | float,
             air: Air | None = None,
             jet: Any = None,
+            quasi_steady_limit: float | None = None,
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
             self._plant, self._body = plant, resolve_body(plant, body)
             self._layout, self._air, self._jet = layout, air or Air(), jet
             self._law = NormalForceLaw(law) if isinstance(law, int | float) else law
+            self._quasi_steady_limit = quasi_steady_limit
             self._kinematics = plant.CreateDefaultContext()
             self._p_BoRo_B = layout.p_BoRo_B
             self._a_B, self._n_B = layout.axis_B, layout.normal_B
@@ -98,8 +102,17 @@ def TailForce_(T):  # noqa: N802 (Drake's name for a template)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             plant = other._plant.ToScalarType[T]()
+            body = plant.get_body(other._body.index())
             Impl._construct(
-                self, plant, plant.get_body(other._body.index()), other._layout, other._law, other._air, other._jet, converter
+                self,
+                plant,
+                body,
+                other._layout,
+                other._law,
+                other._air,
+                other._jet,
+                other._quasi_steady_limit,
+                converter,
             )
 
         @property
@@ -178,10 +191,16 @@ def TailForce_(T):  # noqa: N802 (Drake's name for a template)
         def _calc_validity(self, context: Any, output: Any) -> None:
             values = []
             for _, area, speed, angle, _, _ in self._section_rows(context):
-                inside = self._law.covers(float_of(speed), float_of(angle))
-                exposed = float_of(area) > 0.0
-                values.append((MEASURED if inside else EXTRAPOLATED) if exposed else NOT_EXPOSED)
+                values.append(self._validity(float_of(area), float_of(speed), float_of(angle)))
             output.SetFromVector(values)
+
+        def _validity(self, area: float, speed: float, angle: float) -> float:
+            if area <= 0.0:
+                return NOT_EXPOSED
+            if not self._law.covers(speed, angle):
+                return EXTRAPOLATED
+            limit = self._quasi_steady_limit
+            return BEYOND_QUASI_STEADY if limit is not None and speed > limit else MEASURED
 
     return Impl
 
@@ -219,6 +238,7 @@ def add_to_builder(
     air: Air | None = None,
     wind: OutputPort | None = None,
     jet: Jet | None = None,
+    quasi_steady_limit: float | None = None,
     name: str | None = None,
 ) -> System:
     """Adds a `TailForce` for one body and wires it: the plant's state in, its force out, and the wind when given.
@@ -240,7 +260,8 @@ def add_to_builder(
     body = resolve_body(plant, body)
     if jet is not None:
         jet.require_reachable(plant, body, layout)
-    system = builder.AddNamedSystem(name or f"tail_force_{body.name()}", TailForce(plant, body, layout, law, air=air, jet=jet))
+    force = TailForce(plant, body, layout, law, air=air, jet=jet, quasi_steady_limit=quasi_steady_limit)
+    system = builder.AddNamedSystem(name or f"tail_force_{body.name()}", force)
     builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
     if wind is not None:
         builder.Connect(wind, system.GetInputPort("wind_velocity"))

@@ -1,0 +1,107 @@
+"""Gradients of the wrench: AutoDiff against central differences, and finite values where the laws are singular."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
+from workbench.aero.coefficient_files import load_coefficients
+from workbench.aero.jet import Jet
+from workbench.aero.laws import NormalForceLaw
+from workbench.aero.polar_law import PolarLaw
+from workbench.aero.sections import SectionLayout
+from workbench.aero.tail_force import add_to_builder
+
+LAYOUT = SectionLayout.strip(start=0.1, length=0.5, width=0.1, p_BoRo_B=(0.05, 0.1, -0.1))
+LAWS = {
+    "normal constant": NormalForceLaw(2.0),
+    "normal line": load_coefficients("robot_tail_line").law(),
+    "polar constant": PolarLaw(1.2, 0.4),
+    "polar surface": load_coefficients("cheetah_tail_1_major").law(surface=True),
+}
+
+
+def diagrams(law, jet=None):
+    builder = DiagramBuilder()
+    plant = add_plant(builder)
+    add_free_body(plant)
+    plant.Finalize()
+    wind = builder.AddSystem(ConstantVectorSource([1.0, -2.0, 0.5]))
+    force = add_to_builder(builder, plant, "tail", LAYOUT, law, wind=wind.get_output_port(), jet=jet)
+    diagram = builder.Build()
+    converted = diagram.ToAutoDiffXd()
+    return (
+        (diagram, plant, force, wind),
+        tuple(converted.GetSubsystemByName(system.get_name()) for system in (plant, force, wind)),
+        converted,
+    )
+
+
+def gradient(parts, state, wind=None):
+    _, (plant, force, source), converted = parts
+    context = converted.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state))
+    if wind is not None:
+        air = source.get_mutable_source_value(source.GetMyMutableContextFromRoot(context))
+        air.SetFromVector([AutoDiffXd(w) for w in wind])
+    value = force.GetOutputPort("wrench").Eval(force.GetMyContextFromRoot(context))
+    # A constant carries no derivatives at all.
+    return np.array([v.derivatives() if len(v.derivatives()) else np.zeros(len(state)) for v in value[:6]])
+
+
+def differences(parts, state, step=1e-6):
+    (diagram, plant, force, _), _, _ = parts
+    columns = []
+    for i in range(len(state)):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = state.copy()
+            moved[i] += sign * step
+            ends.append(port_value(force, plant_context(diagram, plant, moved), "wrench")[:6])
+        columns.append((ends[0] - ends[1]) / (2 * step))
+    return np.column_stack(columns)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_gradients_equal_central_differences(name) -> None:
+    """To 1e-6 of the largest entry; central differences with a step of 1e-6 err by about 1e-9 of it."""
+    parts = diagrams(LAWS[name])
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        state = random_state(parts[0][1], rng, speed=2.0)
+        exact, approximate = gradient(parts, state), differences(parts, state)
+        np.testing.assert_allclose(exact, approximate, atol=1e-6 * np.abs(approximate).max())
+
+
+def test_gradients_inside_a_jet_follow_the_moving_exposure() -> None:
+    parts = diagrams(PolarLaw(1.2, 0.4), Jet((0.0, 0.0, 0.3)))
+    state = np.array([1.0, 0.05, 0.02, 0.01, 0.0, 0.0, 0.1, 0.3, -0.2, 0.4, 1.0, 2.0, 0.5])
+    exact = gradient(parts, state)
+    np.testing.assert_allclose(exact, differences(parts, state), atol=1e-6 * np.abs(exact).max())
+    assert np.abs(exact[:3, 6]).max() > 0.0  # raising the body takes sections out of the jet
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_gradients_are_finite_in_still_air_and_at_ninety_degrees(name) -> None:
+    """Body at rest without wind; and wind exactly along the axis (identity pose, axis +z), where lift has no direction."""
+    parts = diagrams(LAWS[name])
+    rest = np.array([1.0] + [0.0] * 12)
+    for wind, along in ((np.zeros(3), False), (np.array([0.0, 0.0, 6.0]), True)):
+        slopes = gradient(parts, rest, wind)
+        assert np.all(np.isfinite(slopes))
+        if not along:
+            np.testing.assert_array_equal(slopes[:, 7:], 0.0)  # quadratic in the velocity
+
+
+def test_other_outputs_convert_too() -> None:
+    _, (plant, force, _), converted = diagrams(PolarLaw(1.2, 0.4))
+    context = converted.CreateDefaultContext()
+    rows = force.GetOutputPort("sections").Eval(force.GetMyContextFromRoot(context)).reshape(5, 4)
+    assert rows[0, 0].value() == pytest.approx(math.sqrt(1 + 4 + 0.25))
+    assert len(plant.get_applied_spatial_force_input_port().Eval(plant.GetMyContextFromRoot(context))) == 1
