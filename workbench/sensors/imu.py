@@ -127,7 +127,7 @@ class Imu(SampledSensor):
         self._body = int(body_index)
         self._p_BoImu_B = np.array(p_BoImu_B, dtype=float)
         self._gravity = gravity
-        self._limits = limits
+        self._limit = np.repeat([math.inf, limits.gyro, limits.specific_force], 3)
         self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
         self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
         self._accelerations = self.DeclareAbstractInputPort(
@@ -172,10 +172,10 @@ class Imu(SampledSensor):
         roll_pitch_yaw, omega, acceleration = motion_at_imu(
             X_WB, velocities[self._body], accelerations[self._body], self._p_BoImu_B
         )
-        sample = np.concatenate([roll_pitch_yaw, omega, acceleration])
+        sample = np.concatenate((roll_pitch_yaw, omega, acceleration))
         sample += self._bias + self._deviation * self._noise.at(index)
         reaction = self._gravity * X_WB.rotation().matrix()[2]
-        limit = self._limits.specific_force
-        sample[3:6] = np.clip(sample[3:6], -self._limits.gyro, self._limits.gyro)
-        sample[6:9] = np.clip(sample[6:9] + reaction, -limit, limit) - reaction
-        return np.round(sample * self._counts) / self._counts
+        sample[6:] += reaction
+        sample = np.minimum(np.maximum(sample, -self._limit), self._limit)
+        sample[6:] -= reaction
+        return np.rint(sample * self._counts) / self._counts

@@ -73,8 +73,8 @@ class SampledSensor(LeafSystem):
             for (port, width), end in zip(outputs.items(), ends, strict=True)
         ]
         self._sample_time = DiscreteVector(self, [0.0], output="sample_time")
-        self._queue_shape = (whole + 1, size + 1)
-        self._queue = DiscreteVector(self, np.zeros((whole + 1) * (size + 1)))
+        self._queue_length, self._row_size = whole + 1, size + 1
+        self._queue = DiscreteVector(self, np.zeros(self._queue_length * self._row_size))
         self.DeclareVectorOutputPort("age", 1, self._calc_age, {self.time_ticket(), self._sample_time.ticket})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=1.0 / rate, offset_sec=0.0, update=self._sample)
@@ -96,27 +96,31 @@ class SampledSensor(LeafSystem):
         raise NotImplementedError
 
     def _row(self, context: Context) -> np.ndarray:
+        """One row of the queue: the sample, then the time at which it was taken."""
         time = context.get_time()
-        return np.append(self.measure(context, max(0, round(time * self._rate))), time)
+        row = np.empty(self._row_size)
+        row[:-1] = self.measure(context, max(0, round(time * self._rate)))
+        row[-1] = time
+        return row
 
     def _initialise(self, context: Context, state: State) -> None:
         discrete_state = state.get_mutable_discrete_state()
-        rows = np.tile(self._row(context), (self._queue_shape[0], 1))
-        rows[:, -1] -= np.arange(len(rows), 0, -1) / self._rate
+        row = self._row(context)
+        rows = np.tile(row, (self._queue_length, 1))
+        rows[:, -1] -= np.arange(self._queue_length, 0, -1) / self._rate
         self._queue.write(discrete_state, rows.ravel())
-        self._set_outputs(np.append(rows[0, :-1], context.get_time() - self._delay), discrete_state)
+        row[-1] -= self._delay
+        self._set_outputs(row, discrete_state)
 
     def _sample(self, context: Context, state: State) -> None:
         discrete_state = state.get_mutable_discrete_state()
-        rows = self._queue.read(context).reshape(self._queue_shape)
-        rows = np.vstack([rows[1:], self._row(context)])
-        self._queue.write(discrete_state, rows.ravel())
+        queue = np.concatenate((self._queue.read(context)[self._row_size :], self._row(context)))
+        self._queue.write(discrete_state, queue)
         if self._shows_at_once:
-            self._set_outputs(rows[0], discrete_state)
+            self._set_outputs(queue[: self._row_size], discrete_state)
 
     def _show(self, context: Context, discrete_state: DiscreteValues) -> None:
-        rows = self._queue.read(context)
-        self._set_outputs(rows[: self._queue_shape[1]], discrete_state)
+        self._set_outputs(self._queue.read(context)[: self._row_size], discrete_state)
 
     def _set_outputs(self, row: np.ndarray, discrete_state: DiscreteValues) -> None:
         for group, columns in self._outputs:
