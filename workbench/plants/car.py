@@ -63,7 +63,10 @@ def add_car_plant(builder: DiagramBuilder, scenario: Scenario) -> CarPlant:
     car = parse_model(plant, car_sdf(scenario))
     tail = None
     if scenario.tail.mode != "none":
-        tail = parse_model(plant, tail_sdf(scenario.tail, scenario.tail_motor, scenario.car))
+        arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
+        if scenario.tail.sail == "locked":
+            arm.fix_joint("tail_sail_turn")
+        tail = parse_model(plant, arm)
         X_GT = RigidTransform([0.0, 0.0, scenario.car.gearbox_height / 2])
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
         plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))

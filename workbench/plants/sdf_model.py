@@ -37,12 +37,13 @@ class SdfModel:
     def __init__(self, path: Path):
         self.path = path
         try:
-            self._tree = ElementTree.ElementTree(ElementTree.fromstring(path.read_text(encoding="utf-8")))
+            reader = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+            self._root = ElementTree.fromstring(path.read_text(encoding="utf-8"), reader)
         except FileNotFoundError:
             raise ModelError(f"{path}: no such file") from None
         except (ElementTree.ParseError, OSError, UnicodeDecodeError) as error:
             raise ModelError(f"{path}: cannot be read as SDF: {error}") from None
-        model = self._tree.getroot().find("model")
+        model = self._root.find("model")
         if model is None:
             raise ModelError(f"{path}: holds no <model>")
         self.model = model
@@ -114,7 +115,7 @@ class SdfModel:
 
     def text(self) -> str:
         """The model as an SDF document."""
-        return '<?xml version="1.0"?>\n' + ElementTree.tostring(self._tree.getroot(), encoding="unicode") + "\n"
+        return '<?xml version="1.0"?>\n' + ElementTree.tostring(self._root, encoding="unicode") + "\n"
 
     def numbers(self) -> dict[str, list[float]]:
         """Every number of the document by its path; two models are equal where these are (a tenth of a micron apart)."""
@@ -154,6 +155,8 @@ def _text(value: float) -> str:
 
 
 def _numbers(element: ElementTree.Element, path: str) -> Iterator[tuple[str, list[float]]]:
+    if not isinstance(element.tag, str):  # a comment
+        return
     here = f"{path}/{element.tag.split('}')[-1]}" + (f"[{element.get('name')}]" if element.get("name") else "")
     words = (element.text or "").split() + [value for key, value in element.items() if key != "name"]
     yield here, [float(word) for word in words if _is_number(word)]

@@ -51,8 +51,6 @@ def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameter
     for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_limit)):
         model.set_joint(joint, lower=-limit, upper=limit, effort=motor.torque_limit)
         model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
-    if tail.sail == "locked":
-        model.fix_joint("tail_sail_turn")
     return model
 
 

@@ -1,0 +1,157 @@
+"""`aerodima turn`, `straight` and `slalom`: one simulated run with its log, its metrics and its replay."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Speed = Annotated[float | None, typer.Option(help="Commanded speed, m/s.")]
+Tail = Annotated[str | None, typer.Option(help="none, held or swing.")]
+ScenarioOption = Annotated[str, typer.Option(help="Scenario file (YAML), or the name of one that ships.")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
+]
+LogOption = Annotated[Path | None, typer.Option(help="Keep the run log as this Parquet file.")]
+ReplayOption = Annotated[Path | None, typer.Option(help="Write the replay as one self-contained HTML file.")]
+LiveOption = Annotated[bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")]
+PortOption = Annotated[int | None, typer.Option(help="Port of Meshcat on 127.0.0.1.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the three commands."""
+    app.command()(turn)
+    app.command()(straight)
+    app.command()(slalom)
+
+
+def turn(
+    speed: Speed = None,
+    tail: Tail = None,
+    tail_speed: Annotated[float | None, typer.Option(help="Commanded roll rate of the swing, rad/s.")] = None,
+    direction: Annotated[str | None, typer.Option(help="left or right.")] = None,
+    scenario: ScenarioOption = "turn_swing",
+    settings: Settings = None,
+    log: LogOption = None,
+    replay: ReplayOption = None,
+    live: LiveOption = False,
+    port: PortOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Drive the published turn: up to speed in 2 s, 30 degrees of steering for 0.5 s, straight on.
+
+    Example: aerodima turn --speed 4.44 --tail swing --log run.parquet --replay run.html
+    """
+    flags = {
+        "manoeuvre.speed": speed,
+        "tail.mode": tail,
+        "controller.swing_speed": tail_speed,
+        "manoeuvre.direction": direction,
+    }
+    _run(scenario, flags, settings, log, replay, live, port, force)
+
+
+def straight(
+    speed: Speed = None,
+    tail: Tail = None,
+    scenario: ScenarioOption = "straight",
+    settings: Settings = None,
+    log: LogOption = None,
+    replay: ReplayOption = None,
+    live: LiveOption = False,
+    port: PortOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Drive straight ahead at constant throttle (thesis section 6.2)."""
+    _run(scenario, {"manoeuvre.speed": speed, "tail.mode": tail}, settings, log, replay, live, port, force)
+
+
+def slalom(
+    speed: Speed = None,
+    tail: Tail = None,
+    scenario: ScenarioOption = "slalom",
+    settings: Settings = None,
+    log: LogOption = None,
+    replay: ReplayOption = None,
+    live: LiveOption = False,
+    port: PortOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Drive with sinusoidal steering of +-30 degrees (thesis section 6.1.3)."""
+    _run(scenario, {"manoeuvre.speed": speed, "tail.mode": tail}, settings, log, replay, live, port, force)
+
+
+def _run(
+    name: str,
+    flags: dict[str, float | str | None],
+    settings: list[str] | None,
+    log: Path | None,
+    replay: Path | None,
+    live: bool,
+    port: int | None,
+    force: bool,
+) -> None:
+    from workbench.atomic_write import refuse_existing
+    from workbench.errors import UserError
+    from workbench.replay import open_meshcat, write_replay_html
+    from workbench.run import run_scenario
+    from workbench.scenario import load_scenario
+
+    if port is not None and not live:
+        raise UserError("--port: it names the port of the live view; allowed together with --live")
+    given = [f"{key}={value}" for key, value in flags.items() if value is not None]
+    scenario = load_scenario(name, [*given, *(settings or [])])
+    if replay is not None:
+        refuse_existing(replay, force, UserError)
+    meshcat = open_meshcat(port) if live else None
+    if meshcat is not None:
+        typer.echo(f"watch: {meshcat.web_url()}", err=True)
+    with tempfile.TemporaryDirectory() as folder:
+        path = log or Path(folder) / "run.parquet"
+        run_log = run_scenario(
+            scenario, path, force=force, meshcat=meshcat, real_time_rate=1.0 if live else 0.0, progress=show_progress()
+        )
+    for line in summary_lines(run_log):
+        typer.echo(line)
+    if log is not None:
+        typer.echo(f"log: {log}")
+    if replay is not None:
+        write_replay_html(run_log, replay, force=force)
+        typer.echo(f"replay: {replay}")
+
+
+def show_progress():  # type: ignore[no-untyped-def]  # workbench.run.Progress, whose import needs Drake
+    """A progress line on stderr when that is a terminal; None otherwise."""
+    import sys
+
+    if not sys.stderr.isatty():
+        return None
+
+    def progress(time: float, length: float) -> None:
+        end = "\r" if time + 0.1 < length else "\r\x1b[K"
+        print(f"simulating {time:5.1f} of {length:.1f} s", end=end, file=sys.stderr, flush=True)
+
+    return progress
+
+
+def summary_lines(run_log) -> list[str]:  # type: ignore[no-untyped-def]  # workbench.logs.schema.RunLog
+    """What a run came to, for the terminal."""
+    from math import degrees
+
+    from workbench.metrics import metrics_of
+
+    metrics = metrics_of(run_log)
+    outcome, raw = metrics.outcome, metrics.raw
+    result = outcome.result + ("" if outcome.result == "flipped" else ", clean" if outcome.clean else ", not clean")
+    touched = f"; touched the ground: {', '.join(outcome.touched)}" if outcome.touched else ""
+    return [
+        f"outcome: {result}{touched}",
+        f"speed at the turn {raw.speed_m_per_s:.2f} m/s, heading change {degrees(metrics.heading_change_rad):.0f} deg, "
+        f"peak roll {degrees(metrics.peak_roll_rad):.1f} deg",
+        f"yaw rate max {raw.max_yaw_rate_rad_per_s:.2f}, mean {raw.average_yaw_rate_rad_per_s:.2f} rad/s; lateral "
+        f"acceleration max {raw.max_linear_acceleration_m_per_s2:.2f}, mean "
+        f"{raw.average_linear_acceleration_m_per_s2:.2f} m/s2",
+    ]
