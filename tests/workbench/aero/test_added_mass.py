@@ -1,0 +1,348 @@
+"""Added mass: periods, mass matrices, contact, impulses, negative values."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box, ProximityProperties, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    CoulombFriction,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, RigidBody, SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from tests.workbench.aero.plants import add_plant
+from workbench.aero.added_mass import add_added_mass, added_mass_matrix
+from workbench.aero.sections import SectionLayout
+from workbench.errors import ModelError
+
+LENGTH, MASS, GRAVITY = 0.4, 0.1, 9.81
+LAYOUT = SectionLayout.strip(start=0.0, length=LENGTH, width=0.06)
+
+
+def rod() -> SpatialInertia:
+    """Thin rod from the body origin along +z."""
+    return SpatialInertia.ThinRodWithMassAboutEnd(MASS, LENGTH, [0.0, 0.0, 1.0])
+
+
+def add_pendulum(plant: MultibodyPlant) -> tuple[RigidBody, RevoluteJoint]:
+    """A rod that hangs from the origin; angle 0 hangs."""
+    body = plant.AddRigidBody("tail", rod())
+    down = RigidTransform(RotationMatrix.MakeXRotation(math.pi), np.zeros(3))
+    hang = plant.AddFrame(FixedOffsetFrame("hang", plant.world_frame(), down))
+    return body, plant.AddJoint(RevoluteJoint("swing", hang, body.body_frame(), [1.0, 0.0, 0.0]))
+
+
+def analytic_frequency(added: float) -> float:
+    """Small-angle frequency of the rod with the extra inertia sum m s_i^2, rad/s."""
+    inertia = MASS * LENGTH**2 / 3 + added * sum(s * s for s in LAYOUT.distances)
+    return math.sqrt(MASS * GRAVITY * LENGTH / 2 / inertia)
+
+
+def zero_crossing_period(plant, diagram, amplitude: float, duration: float, step: float, joint) -> float:
+    """Mean period from the interpolated upward zero crossings."""
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    joint.set_angle(context, amplitude)
+    simulator.get_mutable_integrator().set_target_accuracy(1e-11)
+    simulator.Initialize()
+    crossings, last = [], (0.0, amplitude)
+    for i in range(1, int(duration / step)):
+        simulator.AdvanceTo((i + 0.5) * step)  # between two discrete updates
+        now = (i * step, joint.get_angle(context), joint.get_angular_rate(context))
+        if not plant.time_step():
+            now = (simulator.get_context().get_time(), now[1], now[2])
+        if last[1] < 0.0 <= now[1]:
+            # The acceleration is zero at the crossing: extrapolating back with the rate errs by third order only.
+            crossings.append(now[0] - now[1] / now[2])
+        last = now
+    return float(np.mean(np.diff(crossings)))
+
+
+@pytest.mark.parametrize("ratio", [0.1, 10.0, -0.05])
+@pytest.mark.parametrize("spanwise_free", [True, False])
+def test_a_pendulum_has_the_analytic_period(ratio, spanwise_free) -> None:
+    """To 1e-6 in a continuous plant. An amplitude of 1e-3 rad lengthens the period by theta^2/16 = 6e-8 only."""
+    added = ratio * MASS / LAYOUT.number
+    builder = DiagramBuilder()
+    plant = add_plant(builder)
+    body, joint = add_pendulum(plant)
+    mass = add_added_mass(plant, body, LAYOUT, added, spanwise_free=spanwise_free)
+    plant.Finalize()
+    mass.add_to_builder(builder)
+    period = zero_crossing_period(plant, builder.Build(), 1e-3, 6.0, 1e-3, joint)
+    assert period == pytest.approx(2 * math.pi / analytic_frequency(added), rel=1e-6)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 10.0])
+def test_in_a_discrete_plant_the_period_converges_with_the_step(ratio) -> None:
+    """The discrete plant is symplectic Euler, of second order in the period: error (w h)^2 / 24, halved step a quarter."""
+    added = ratio * MASS / LAYOUT.number
+    exact = 2 * math.pi / analytic_frequency(added)
+    errors = []
+    for step in (4e-3, 2e-3):
+        builder = DiagramBuilder()
+        plant = add_plant(builder, time_step=step)
+        body, joint = add_pendulum(plant)
+        mass = add_added_mass(plant, body, LAYOUT, added)
+        plant.Finalize()
+        mass.add_to_builder(builder)
+        period = zero_crossing_period(plant, builder.Build(), 1e-3, 20.0, step, joint)
+        errors.append(period / exact - 1.0)
+    bound = (2 * math.pi / exact * 4e-3) ** 2 / 24
+    assert abs(errors[0]) < 3 * bound + 1e-6
+    assert abs(errors[1]) < 0.5 * abs(errors[0]) + 1e-6
+
+
+def two_joint_tail(plant, added, **options):
+    """A tail on pitch and roll joints that do not meet, on a body that floats: nothing in it favours the added mass."""
+    base = plant.AddRigidBody("base", SpatialInertia.SolidBoxWithMass(3.0, 0.4, 0.2, 0.1))
+    link = plant.AddRigidBody("link", SpatialInertia.SolidSphereWithMass(0.2, 0.03))
+    tail = plant.AddRigidBody("tail", rod())
+    deck = plant.AddFrame(FixedOffsetFrame("deck", base.body_frame(), RigidTransform([-0.2, 0.0, 0.1])))
+    top = plant.AddFrame(FixedOffsetFrame("top", link.body_frame(), RigidTransform([0.0, 0.03, 0.05])))
+    plant.AddJoint(RevoluteJoint("pitch", deck, link.body_frame(), [0.0, 1.0, 0.0]))
+    plant.AddJoint(RevoluteJoint("roll", top, tail.body_frame(), [1.0, 0.0, 0.0]))
+    return tail, add_added_mass(plant, tail, LAYOUT, added, **options)
+
+
+def random_tail_state(plant, rng) -> np.ndarray:
+    """Random pose, joint angles and velocities, with the slides at their rest place."""
+    context = plant.CreateDefaultContext()
+    q = plant.GetPositions(context).copy()
+    q[:4] = rng.normal(size=4)
+    q[:4] /= np.linalg.norm(q[:4])
+    v = np.zeros(plant.num_velocities())
+    v[:6] = rng.normal(size=6)
+    for name in ("pitch", "roll"):
+        joint = plant.GetJointByName(name)
+        q[joint.position_start()] = rng.uniform(-1.5, 1.5)
+        v[joint.velocity_start()] = rng.normal()
+    return np.concatenate([q, v])
+
+
+@pytest.mark.parametrize("added", [0.02, 0.2, -0.003])
+def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added) -> None:
+    """(M + M_added) vdot = tau(q, v) - sum J_i^T m (1 - a a^T) Jdot_i v, with M and M_added of a plant without added mass."""
+    builder = DiagramBuilder()
+    plant = add_plant(builder)
+    _, mass = two_joint_tail(plant, added)
+    plant.Finalize()
+    mass.add_to_builder(builder)
+    diagram = builder.Build()
+    bare = MultibodyPlant(0.0)
+    tail, _ = two_joint_tail(bare, 0.0)
+    bare.Finalize()
+    rng = np.random.default_rng(8)
+    slides = [joint.velocity_start() for joint, _ in mass.slides]
+    own = np.setdiff1d(np.arange(plant.num_velocities()), slides)
+    for _ in range(50):
+        state = random_tail_state(plant, rng)
+        context = diagram.CreateDefaultContext()
+        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
+        vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[plant.num_positions() :]
+        bare_context = bare.CreateDefaultContext()
+        bare.SetPositions(bare_context, state[: bare.num_positions()])
+        bare.SetVelocities(bare_context, state[plant.num_positions() :][: bare.num_velocities()])
+        tau = bare.CalcGravityGeneralizedForces(bare_context) - bare.CalcBiasTerm(bare_context)
+        tau -= transport_of_parts(bare, bare_context, tail, added)
+        total = bare.CalcMassMatrix(bare_context) + added_mass_matrix(bare, bare_context, tail, LAYOUT, added)
+        expected = np.linalg.solve(total, tau)
+        np.testing.assert_allclose(vdot[own], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def transport_of_parts(plant, context, body, added) -> np.ndarray:
+    """sum J_i^T m (1 - a a^T) Jdot_i v."""
+    from pydrake.multibody.tree import JacobianWrtVariable
+
+    world, total = plant.world_frame(), np.zeros(plant.num_velocities())
+    a = plant.EvalBodyPoseInWorld(context, body).rotation().multiply(np.array(LAYOUT.axis_B))
+    for p in LAYOUT.p_BoSi_B:
+        arguments = (context, JacobianWrtVariable.kV, body.body_frame(), p, world, world)
+        J, bias = plant.CalcJacobianTranslationalVelocity(*arguments), plant.CalcBiasTranslationalAcceleration(*arguments)[:, 0]
+        total += added * J.T @ (bias - a * (a @ bias))
+    return total
+
+
+def car_on_the_ground(added: float, angle: float = 1.2):
+    """A box of 3 kg at rest on the ground with a tail held at an angle; discrete plant, 2 ms."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 2e-3)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
+    box = plant.AddRigidBody("car", SpatialInertia.SolidBoxWithMass(3.0, 0.6, 0.4, 0.2))
+    tail = plant.AddRigidBody("tail", rod())
+    top = plant.AddFrame(FixedOffsetFrame("top", box.body_frame(), RigidTransform([0.0, 0.0, 0.1])))
+    plant.WeldFrames(top, tail.body_frame(), RigidTransform(RotationMatrix.MakeXRotation(angle), np.zeros(3)))
+    properties = ProximityProperties()
+    properties.AddProperty("material", "coulomb_friction", CoulombFriction(0.8, 0.8))
+    properties.AddProperty("material", "point_contact_stiffness", 1e5)
+    properties.AddProperty("material", "hunt_crossley_dissipation", 5.0)
+    ground = RigidTransform([0.0, 0.0, -0.5])
+    plant.RegisterCollisionGeometry(plant.world_body(), ground, Box(10, 10, 1), "ground", properties)
+    for x in (-0.3, 0.3):
+        for y in (-0.2, 0.2):
+            corner = RigidTransform([x, y, -0.1 + 0.01])
+            plant.RegisterCollisionGeometry(box, corner, Sphere(0.01), f"foot_{x}_{y}", properties)
+    mass = add_added_mass(plant, tail, LAYOUT, added)
+    plant.SetDefaultFloatingBaseBodyPose(box, RigidTransform([0.0, 0.0, 0.1]))
+    plant.Finalize()
+    keeper = mass.add_to_builder(builder)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    return diagram, context, plant, keeper
+
+
+def ground_force(plant, context) -> float:
+    """Vertical force of the ground on the car, N."""
+    results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
+    return sum(abs(results.point_pair_contact_info(i).contact_force()[2]) for i in range(results.num_point_pair_contacts()))
+
+
+def test_a_resting_car_feels_nothing() -> None:
+    """With added mass of ten times the tail's, the ground still carries the weight of car and tail and nothing else."""
+    diagram, context, plant, _ = car_on_the_ground(10 * MASS / 5)
+    simulator = Simulator(diagram, context)
+    simulator.AdvanceTo(1.0)
+    weight = (3.0 + MASS) * GRAVITY
+    assert ground_force(plant, simulator.get_context()) == pytest.approx(weight, rel=1e-6)
+    assert np.abs(plant.GetVelocities(plant.GetMyContextFromRoot(simulator.get_context()))).max() < 1e-6
+
+
+@pytest.mark.parametrize("added", [0.2, -0.003])
+def test_an_impulse_gives_the_analytic_response(added) -> None:
+    """A floating vehicle without gravity, at rest: one step of force F on the base gives (M + M_added)^-1 J^T F h."""
+    from pydrake.multibody.math import SpatialForce
+    from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+    from pydrake.systems.primitives import ConstantValueSource
+    from pydrake.common.value import Value
+
+    step = 2e-3
+    builder = DiagramBuilder()
+    plant = add_plant(builder, time_step=step, gravity=False)
+    tail, mass = two_joint_tail(plant, added)
+    plant.Finalize()
+    base = plant.GetBodyByName("base")
+    push = ExternallyAppliedSpatialForce()
+    push.body_index, push.p_BoBq_B = base.index(), [0.1, 0.0, 0.2]
+    push.F_Bq_W = SpatialForce([0.0, 0.0, 0.0], [30.0, -200.0, 90.0])
+    source = builder.AddSystem(ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([push])))
+    builder.Connect(source.get_output_port(), plant.get_applied_spatial_force_input_port())
+    mass.add_to_builder(builder)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    state = random_tail_state(plant, np.random.default_rng(9))
+    state[plant.num_positions() :] = 0.0
+    plant.SetPositionsAndVelocities(plant_context, state)
+    bare = MultibodyPlant(0.0)
+    bare_tail, _ = two_joint_tail(bare, 0.0)
+    bare.Finalize()
+    bare_context = bare.CreateDefaultContext()
+    bare.SetPositions(bare_context, state[: bare.num_positions()])
+    total = bare.CalcMassMatrix(bare_context) + added_mass_matrix(bare, bare_context, bare_tail, LAYOUT, added)
+    from pydrake.multibody.tree import JacobianWrtVariable
+
+    J = bare.CalcJacobianTranslationalVelocity(
+        bare_context, JacobianWrtVariable.kV, bare.GetBodyByName("base").body_frame(), push.p_BoBq_B, bare.world_frame(), bare.world_frame()
+    )
+    expected = np.linalg.solve(total, J.T @ push.F_Bq_W.translational() * step)
+    simulator = Simulator(diagram, context)
+    simulator.AdvanceTo(step)
+    got = plant.GetVelocities(plant_context)[: len(expected)]
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_slides_stay_beside_the_tail_in_a_fast_swing() -> None:
+    """A tail on a floating base that turns at 8 rad/s: the added mass leaves its place by less than 1 mm."""
+    builder = DiagramBuilder()
+    plant = add_plant(builder, time_step=2e-3)
+    _, mass = two_joint_tail(plant, 0.05)
+    plant.Finalize()
+    mass.add_to_builder(builder)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.GetJointByName("roll").set_angular_rate(context, 8.0)
+    [(slide, _)] = mass.slides
+    furthest = 0.0
+    for i in range(1, 500):
+        simulator.AdvanceTo(i * 2e-3)
+        furthest = max(furthest, abs(slide.get_translation(context)))
+    assert furthest < 1e-3
+
+
+def rig(added: float):
+    """The rig's swinging part (design section 4 and 6): bar, reflected rotor inertia and tail 1, on one joint."""
+    builder = DiagramBuilder()
+    plant = add_plant(builder)
+    tail = plant.AddRigidBody("cheetah_tail_1", SpatialInertia.ThinRodWithMass(0.0982, 0.390, [0.0, 0.0, 1.0]).Shift([0, 0, 0.433]))
+    bar = plant.AddRigidBody("bar", SpatialInertia.SolidSphereWithMass(0.313, 0.124))
+    joint = plant.AddJoint(RevoluteJoint("swing", plant.world_frame(), tail.body_frame(), [1.0, 0.0, 0.0]))
+    plant.WeldFrames(tail.body_frame(), bar.body_frame(), RigidTransform([0.0, 0.0, 0.100]))
+    actuator = plant.AddJointActuator("motor", joint)
+    actuator.set_default_rotor_inertia(6.731e-3)
+    actuator.set_default_gear_ratio(1.0)
+    layout = SectionLayout.strip(start=0.270, length=0.390, width=0.0639)
+    mass = add_added_mass(plant, tail, layout, added, spanwise_free=False)
+    plant.Finalize()
+    return mass, builder
+
+
+@pytest.mark.parametrize("added", [-0.003, -0.0167])
+def test_admissible_negative_values_work(added) -> None:
+    """Tail 3 major (Table 11.2) and the recomputed tail 1 major at 20 m/s (ERRATA E23)."""
+    mass, builder = rig(added)
+    assert mass.add_to_builder(builder) is None
+
+
+def test_the_published_minus_0_033_kg_is_refused_by_name() -> None:
+    """Tail 1 minor at 20 m/s (Table 11.2): five times -0.033 kg outweighs tail, bar and rotor."""
+    mass, builder = rig(-0.033)
+    with pytest.raises(ModelError, match=r"-0\.033 kg per part on body 'cheetah_tail_1'.*must be above -0\.0\d+ kg"):
+        mass.add_to_builder(builder)
+
+
+def test_bad_calls_are_refused() -> None:
+    plant = MultibodyPlant(0.0)
+    body = plant.AddRigidBody("tail", rod())
+    with pytest.raises(ModelError, match="nan kg per part"):
+        add_added_mass(plant, body, LAYOUT, math.nan)
+    mass = add_added_mass(plant, body, LAYOUT, 0.01)
+    with pytest.raises(ModelError, match="not finalised"):
+        mass.add_to_builder(DiagramBuilder())
+    plant.Finalize()
+    with pytest.raises(ModelError, match="already finalised"):
+        add_added_mass(plant, body, LAYOUT, 0.01)
+
+
+def test_the_rejected_methods_fail_where_the_slide_does_not() -> None:
+    """Why the added mass is inertia in the plant: a force from (M + M_added) vdot = tau, which cannot know the contact
+    forces, would take a third of a resting car's weight off the ground; a weld without slide has spanwise inertia."""
+    plant = MultibodyPlant(0.0)
+    tail, _ = two_joint_tail(plant, 0.0)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    plant.GetJointByName("roll").set_angle(context, math.pi / 2)  # tail level: its normal is vertical
+    added = added_mass_matrix(plant, context, tail, LAYOUT, 0.2)
+    vdot = np.linalg.solve(plant.CalcMassMatrix(context) + added, plant.CalcGravityGeneralizedForces(context))
+    lift = -(added @ vdot)[5]  # velocities of a floating base: three turns, then x, y, z
+    print(f"lift of the contact-blind force: {lift:.2f} N of {3.3 * GRAVITY:.2f} N")
+    assert lift > 0.05 * 3.3 * GRAVITY
+
+    for spanwise_free, inertia in ((True, 0.0), (False, 5 * 0.2)):
+        plant = MultibodyPlant(0.0)
+        tail = plant.AddRigidBody("tail", rod())
+        mass = add_added_mass(plant, tail, LAYOUT, 0.2, spanwise_free=spanwise_free)
+        plant.Finalize()
+        matrix = plant.CalcMassMatrix(plant.CreateDefaultContext())
+        spanwise = matrix[5, 5] - MASS
+        for joint, freed in mass.slides:
+            spanwise -= matrix[5, joint.velocity_start()] ** 2 / freed
+        assert spanwise == pytest.approx(inertia, abs=1e-12)

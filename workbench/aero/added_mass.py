@@ -1,0 +1,280 @@
+"""Added mass of a tail (QSS-AM, design section 5) as inertia inside the plant, so that it takes part in contact.
+
+Each of n equal parts of the tail feels -m_added times its acceleration normal to the tail axis. A straight row of such
+parts is one body without weight: mass M = n m_added at the middle of the row, moment of inertia m_added sum (s_i - s)^2
+about the normals and none about the axis. What is left is to free it along the axis:
+
+- m_added > 0: the body slides on a frictionless prismatic joint along the axis, so that its inertia acts on the tail only
+  across the axis: eliminating the slide leaves exactly M_added = sum J_i^T m (1 - a a^T) J_i.
+- m_added < 0: a body of negative mass is welded to the tail, and a second one of mass |M|, which slides freely across
+  the axis, puts the spanwise inertia back.
+
+The air holds the sliding bodies beside the tail: `SlideKeeper` pushes them from outside, along their slides only. No part
+of that push reaches the tail, so its small error shifts the place of the added mass (by spanwise acceleration / rate^2),
+never the force balance.
+
+The other method tried, a force computed from (M + M_added) vdot = tau without the contact forces, lifts a resting car; a
+welded body without a slide is exact in contact but has spanwise inertia too. README.md beside this file has the figures.
+
+Steady wind is assumed: the acceleration of the air itself is left out. The bodies sit in their own model instance, without
+gravity: leave that instance out of sums over the vehicle's mass.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialForce_
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce_, MultibodyPlant
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    JacobianWrtVariable,
+    ModelInstanceIndex,
+    PrismaticJoint,
+    RigidBody,
+    SpatialInertia,
+    UnitInertia,
+)
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem_, System
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from workbench.aero.laws import dot
+from workbench.aero.sections import SectionLayout
+from workbench.aero.tail_force import connect_spatial_forces
+from workbench.errors import ModelError
+
+_CONTINUOUS_RATE = 100.0
+_RATE_TIMES_STEP = 0.2
+_POSITION_SAMPLES = 64
+
+
+@dataclass(frozen=True)
+class AddedMass:
+    """Added mass on one body of a plant; made by `add_added_mass` before Finalize.
+
+    Attributes:
+        plant: that holds the body.
+        body: that carries the added mass.
+        layout: the parts, over the whole tail.
+        mass_per_part: m_added, kg.
+        instance: model instance of the weightless bodies.
+        slides: per slide the joint and the mass that it frees, kg.
+    """
+
+    plant: MultibodyPlant
+    body: RigidBody
+    layout: SectionLayout
+    mass_per_part: float
+    instance: ModelInstanceIndex
+    slides: tuple[tuple[PrismaticJoint, float], ...]
+
+    def add_to_builder(self, builder: DiagramBuilder, *, rate: float | None = None) -> System | None:
+        """Checks that M + M_added is positive definite and adds the keeper of the slides, if there are any.
+
+        Args:
+            builder: that owns the finalised plant.
+            rate: of the keeper, rad/s; default 0.2 / time step, or 100 in a continuous plant.
+
+        Raises:
+            ModelError: the mass is too negative, see `require_positive_definite`; or the plant is not finalised.
+        """
+        if not self.plant.is_finalized():
+            raise ModelError("added mass: the plant is not finalised; call plant.Finalize() first")
+        self.require_positive_definite()
+        if not self.slides:
+            return None
+        step = self.plant.time_step()
+        rate = rate or (_RATE_TIMES_STEP / step if step > 0.0 else _CONTINUOUS_RATE)
+        keeper = builder.AddNamedSystem(
+            f"added_mass_keeper_{self.body.name()}", SlideKeeper(self.plant, list(self.slides), rate)
+        )
+        builder.Connect(self.plant.get_state_output_port(), keeper.GetInputPort("plant_state"))
+        connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
+        return keeper
+
+    def require_positive_definite(self) -> None:
+        """Refuses a negative added mass that takes more inertia away than there is, at any of 64 sampled positions.
+
+        Raises:
+            ModelError: names the body, the value and the least value that is allowed there.
+        """
+        if self.mass_per_part >= 0.0:
+            return
+        plant, context = self.plant, self.plant.CreateDefaultContext()
+        rng = np.random.default_rng(0)
+        lower = np.clip(plant.GetPositionLowerLimits(), -math.pi, math.pi)
+        upper = np.clip(plant.GetPositionUpperLimits(), -math.pi, math.pi)
+        free = set(plant.GetFloatingBaseBodies())
+        own = self._own_velocities()
+        for sample in range(_POSITION_SAMPLES):
+            if sample and not free:
+                plant.SetPositions(context, rng.uniform(lower, upper))
+            bare = plant.CalcMassMatrix(context)
+            for body_index in plant.GetBodyIndices(self.instance):
+                body = plant.get_body(body_index)
+                bare = bare - _body_mass_matrix(plant, context, body)
+            unit = added_mass_matrix(plant, context, self.body, self.layout, 1.0)
+            keep = np.setdiff1d(np.arange(plant.num_velocities()), own)
+            largest = scipy.linalg.eigh(unit[np.ix_(keep, keep)], bare[np.ix_(keep, keep)], eigvals_only=True)[-1]
+            if self.mass_per_part * largest <= -1.0 + 1e-9:
+                raise ModelError(
+                    f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' takes away more inertia than "
+                    f"there is (M + M_added is not positive definite); it must be above {-1.0 / largest:.4g} kg"
+                )
+
+    def _own_velocities(self) -> list[int]:
+        return [joint.velocity_start() for joint, _ in self.slides]
+
+
+def added_mass_matrix(
+    plant: MultibodyPlant, context: Any, body: RigidBody, layout: SectionLayout, mass_per_part: float
+) -> np.ndarray:
+    """M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part centres (nv x nv)."""
+    world = plant.world_frame()
+    a_W = plant.EvalBodyPoseInWorld(context, body).rotation().multiply(np.asarray(layout.axis_B))
+    across = np.eye(3) - np.outer(a_W, a_W)
+    total = np.zeros((plant.num_velocities(), plant.num_velocities()))
+    for p_BoSi_B in layout.p_BoSi_B:
+        J = plant.CalcJacobianTranslationalVelocity(
+            context, JacobianWrtVariable.kV, body.body_frame(), p_BoSi_B, world, world
+        )
+        total += mass_per_part * J.T @ across @ J
+    return total
+
+
+def _body_mass_matrix(plant: MultibodyPlant, context: Any, body: RigidBody) -> np.ndarray:
+    """What one weightless body, whose centre of mass is its origin, adds to the mass matrix (nv x nv)."""
+    world = plant.world_frame()
+    J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, body.body_frame(), np.zeros(3), world, world)
+    R = plant.EvalBodyPoseInWorld(context, body).rotation().matrix()
+    I_W = R @ body.default_rotational_inertia().CopyToFullMatrix3() @ R.T
+    return J[:3].T @ I_W @ J[:3] + body.default_mass() * J[3:].T @ J[3:]
+
+
+def add_added_mass(
+    plant: MultibodyPlant, body: RigidBody, layout: SectionLayout, mass_per_part: float, *, spanwise_free: bool = True
+) -> AddedMass:
+    """Puts the added mass of a tail into a plant, before Finalize.
+
+    Args:
+        layout: the parts of the whole tail (not only of its exposed part), five by default.
+        mass_per_part: m_added, kg; may be negative.
+        spanwise_free: False welds the added mass to the tail and adds no degree of freedom: exact where the tail cannot
+            accelerate along its axis except by turning about a point on it, as on the rig.
+
+    Raises:
+        ModelError: the mass is not finite, or the plant is already finalised.
+    """
+    if not math.isfinite(mass_per_part):
+        raise ModelError(f"added mass: {mass_per_part} kg per part on body '{body.name()}', but it must be a finite number")
+    if plant.is_finalized():
+        raise ModelError("added mass: the plant is already finalised; add the mass before plant.Finalize()")
+    name = f"added_mass_{body.name()}"
+    instance = plant.AddModelInstance(name)
+    plant.set_gravity_enabled(instance, False)
+    if mass_per_part == 0.0:
+        return AddedMass(plant, body, layout, mass_per_part, instance, ())
+    middle = plant.AddFrame(FixedOffsetFrame(f"{name}_middle", body.body_frame(), _middle_pose(layout), instance))
+    s = np.asarray(layout.distances)
+    mass, moment = layout.number * mass_per_part, mass_per_part * float(np.sum((s - s.mean()) ** 2))
+    inertia = SpatialInertia(mass, np.zeros(3), UnitInertia(moment / mass, moment / mass, 0.0), skip_validity_check=True)
+    row = plant.AddRigidBody(name, instance, inertia)
+    if mass_per_part < 0.0 or not spanwise_free:
+        plant.WeldFrames(middle, row.body_frame())
+        slides = _free_across(plant, instance, middle, -mass, name) if mass < 0.0 and spanwise_free else ()
+    else:
+        joint = plant.AddJoint(PrismaticJoint(f"{name}_slide", middle, row.body_frame(), [0.0, 0.0, 1.0]))
+        slides = ((joint, mass),)
+    return AddedMass(plant, body, layout, mass_per_part, instance, slides)
+
+
+def _free_across(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, middle: Any, mass: float, name: str
+) -> tuple[tuple[PrismaticJoint, float], ...]:
+    """A point of positive mass that slides across the axis: it adds inertia along the axis only."""
+    carrier = plant.AddRigidBody(f"{name}_carrier", instance, SpatialInertia.Zero())
+    point = plant.AddRigidBody(f"{name}_spanwise", instance, SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0)))
+    first = plant.AddJoint(PrismaticJoint(f"{name}_slide_x", middle, carrier.body_frame(), [1.0, 0.0, 0.0]))
+    second = plant.AddJoint(PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), [0.0, 1.0, 0.0]))
+    return ((first, mass), (second, mass))
+
+
+def _middle_pose(layout: SectionLayout) -> RigidTransform:
+    """Frame at the middle of the parts, z along the axis, x along the sail normal."""
+    z, x = np.asarray(layout.axis_B), np.asarray(layout.normal_B)
+    middle = np.asarray(layout.p_BoRo_B) + float(np.mean(layout.distances)) * z
+    return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), middle)
+
+
+@TemplateSystem.define("SlideKeeper_", T_list=[float, AutoDiffXd])
+def SlideKeeper_(T):  # noqa: N802 (Drake's name for a template)
+    """Template over the scalar type; see `SlideKeeper`."""
+
+    class Impl(LeafSystem_[T]):
+        """Holds the weightless bodies of the added mass beside their tail: the air's side of the spanwise balance.
+
+        Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot - rate^2 x) e on the sliding
+        body, with A_bias the velocity-dependent acceleration of the tail's point under it. The slides are frictionless,
+        so nothing of it acts on the tail.
+
+        Input ports:
+            plant_state: multibody state [q; v].
+        Output ports:
+            spatial_forces: list[ExternallyAppliedSpatialForce], one per slide.
+
+        Args:
+            plant: finalised plant.
+            slides: pairs of prismatic joint and mass, kg.
+            rate: natural frequency of the critically damped hold, rad/s.
+        """
+
+        def _construct(self, plant: Any, slides: list[tuple[Any, float]], rate: float, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self._plant, self._slides, self._rate = plant, slides, rate
+            self._kinematics = plant.CreateDefaultContext()
+            self._sliding = slides[-1][0].child_body()
+            self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+            self.DeclareAbstractOutputPort(
+                "spatial_forces",
+                lambda: Value[list[ExternallyAppliedSpatialForce_[T]]](),
+                self._calc,
+                {self.input_port_ticket(InputPortIndex(0))},
+            )
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            plant = other._plant.ToScalarType[T]()
+            slides = [(plant.get_joint(joint.index()), mass) for joint, mass in other._slides]
+            Impl._construct(self, plant, slides, other._rate, converter)
+
+        def _calc(self, context: Any, output: Any) -> None:
+            plant, kinematics, rate = self._plant, self._kinematics, self._rate
+            plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
+            middle, world = self._slides[0][0].frame_on_parent(), plant.world_frame()
+            bias = plant.CalcBiasTranslationalAcceleration(
+                kinematics, JacobianWrtVariable.kV, middle, [0.0, 0.0, 0.0], world, world
+            )[:, 0].tolist()
+            R_WM = middle.CalcRotationMatrixInWorld(kinematics).matrix().tolist()
+            total = [0.0, 0.0, 0.0]
+            for joint, mass in self._slides:
+                i = joint.translation_axis().tolist().index(1.0)
+                e = [row[i] for row in R_WM]
+                slip = 2.0 * rate * joint.get_translation_rate(kinematics) + rate * rate * joint.get_translation(kinematics)
+                size = mass * (dot(e, bias) - slip)
+                total = [t + size * x for t, x in zip(total, e, strict=True)]
+            force = ExternallyAppliedSpatialForce_[T]()
+            force.body_index = self._sliding.index()
+            force.p_BoBq_B = [0.0, 0.0, 0.0]
+            force.F_Bq_W = SpatialForce_[T]([0.0, 0.0, 0.0], total)
+            output.set_value([force])
+
+    return Impl
+
+
+SlideKeeper = SlideKeeper_[float]
