@@ -78,7 +78,7 @@ def _line(item: Any, model: type[BaseModel]) -> str:
     if item["type"] == "missing":
         return f"{key}: missing"
     if item["type"] == "value_error":
-        return f"{key}: {item['ctx']['error']}" if key else str(item["ctx"]["error"])
+        return ".".join([*path, str(item["ctx"]["error"])])
     owner = _model_at(model, path[:-1])
     unit = unit_of(owner, path[-1]) if path and path[-1] in owner.model_fields else NO_UNIT
     allowed = item["msg"][0].lower() + item["msg"][1:]

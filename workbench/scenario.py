@@ -188,7 +188,7 @@ def load_scenario(name_or_path: str | Path, settings: list[str] | None = None) -
     data = read_yaml(path)
     for setting in settings or []:
         _apply_setting(data, setting)
-    return scenario_from_dict(data, str(path))
+    return scenario_from_dict(data, f"{path} with --set {' '.join(settings)}" if settings else str(path))
 
 
 def scenario_names() -> list[str]:
