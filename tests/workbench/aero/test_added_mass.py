@@ -324,7 +324,7 @@ def test_bad_calls_are_refused() -> None:
 
 def test_the_rejected_methods_fail_where_the_slide_does_not() -> None:
     """Why the added mass is inertia in the plant: a force from (M + M_added) vdot = tau, which cannot know the contact
-    forces, would take a third of a resting car's weight off the ground; a weld without slide has spanwise inertia."""
+    forces, would take 8 % of this resting car's weight off the ground; a weld without slide has spanwise inertia."""
     plant = MultibodyPlant(0.0)
     tail, _ = two_joint_tail(plant, 0.0)
     plant.Finalize()

@@ -1,0 +1,106 @@
+"""Wind: constant, gusts, turbulence with a seed, the jet, and the apparent wind of a driving car."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value
+from workbench.aero.jet import Jet
+from workbench.aero.sections import SectionLayout
+from workbench.aero.tail_force import add_to_builder
+from workbench.aero.wind import WindModel, WindSource, add_apparent_wind, add_wind
+from workbench.errors import ModelError
+
+
+def history(model: WindModel, duration: float, step: float = 0.01) -> np.ndarray:
+    """Wind sampled after every update (steps x 3), m/s."""
+    source = WindSource(model)
+    simulator = Simulator(source)
+    rows = []
+    for i in range(int(duration / step)):
+        simulator.AdvanceTo((i + 0.5) * step)
+        rows.append(source.get_output_port().Eval(simulator.get_context()))
+    return np.array(rows)
+
+
+def test_a_gust_is_a_sine_about_the_mean() -> None:
+    source = WindSource(WindModel(mean=(1.0, 2.0, 0.0), gust=(0.0, 3.0, 0.0), gust_frequency=0.5))
+    context = source.CreateDefaultContext()
+    for time, expected in ((0.0, 2.0), (0.5, 5.0), (1.0, 2.0), (1.5, -1.0)):
+        context.SetTime(time)
+        np.testing.assert_allclose(source.get_output_port().Eval(context), [1.0, expected, 0.0], atol=1e-12)
+
+
+def test_turbulence_has_the_given_spread_and_memory() -> None:
+    """500 time constants: the spread is known to about 1/sqrt(500) = 4.5 %, the correlation to as much; bounds are three times that."""
+    model = WindModel(turbulence=(1.0, 2.0, 0.0), time_constant=0.1, seed=3)
+    rows = history(model, 50.0)
+    assert np.std(rows[:, 0]) == pytest.approx(1.0, rel=0.15)
+    assert np.std(rows[:, 1]) == pytest.approx(2.0, rel=0.15)
+    assert np.all(rows[:, 2] == 0.0)
+    lag = np.corrcoef(rows[:-10, 0], rows[10:, 0])[0, 1]
+    assert lag == pytest.approx(math.exp(-1.0), abs=0.15)
+    assert abs(np.corrcoef(rows[:, 0], rows[:, 1])[0, 1]) < 0.15
+
+
+def test_equal_seeds_give_equal_turbulence() -> None:
+    model = WindModel(turbulence=(1.0, 1.0, 1.0), seed=5)
+    first = history(model, 1.0)
+    np.testing.assert_array_equal(first, history(model, 1.0))
+    assert np.abs(first - history(WindModel(turbulence=(1.0, 1.0, 1.0), seed=6), 1.0)).max() > 0.1
+
+
+def test_wind_and_motion_give_the_same_force() -> None:
+    """Only the relative velocity counts: a tail at rest in 5 m/s equals one that moves at -5 m/s in still air."""
+    wrenches = []
+    for wind, motion in ((5.0, 0.0), (0.0, -5.0), (2.0, -3.0)):
+        builder = DiagramBuilder()
+        plant = add_plant(builder)
+        add_free_body(plant)
+        plant.Finalize()
+        layout = SectionLayout.robot_tail(start=0.1, length=0.5, width=0.2)
+        force = add_to_builder(builder, plant, "tail", layout, 2.0, wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0))))
+        state = np.array([1.0] + [0.0] * 10 + [motion, 0.0])
+        wrenches.append(port_value(force, plant_context(builder.Build(), plant, state), "wrench"))
+    assert wrenches[0][1] == pytest.approx(0.5 * 1.225 * 0.1 * 2.0 * 25.0, rel=1e-12)
+    np.testing.assert_allclose(wrenches[1], wrenches[0], rtol=1e-12)
+    np.testing.assert_allclose(wrenches[2], wrenches[0], rtol=1e-12)
+
+
+def test_a_driving_car_feels_head_wind() -> None:
+    """Turned to the left by 90 degrees and driving at 4 m/s along +y in a side wind of 3 m/s along +x: in body axes the wind
+    comes from the front at 4 m/s and from the left (+y) at 3 m/s, so it blows towards -y."""
+    builder = DiagramBuilder()
+    plant = add_plant(builder)
+    add_free_body(plant, "car")
+    plant.Finalize()
+    sensor = add_apparent_wind(builder, plant, "car", wind=add_wind(builder, WindModel(mean=(3.0, 0.0, 0.0))))
+    half = math.sqrt(0.5)
+    state = np.array([half, 0.0, 0.0, half, 0, 0, 0, 0, 0, 0, 0, 4.0, 0])
+    context = plant_context(builder.Build(), plant, state)
+    np.testing.assert_allclose(port_value(sensor, context, "apparent_wind"), [-4.0, -3.0, 0.0], atol=1e-12)
+
+
+def test_the_tunnel_blows_downstream() -> None:
+    """Towards -y, turned by psi about z (design section 4)."""
+    jet = Jet.below_pivot((0, 0, 0), 0.265, psi=0.1)
+    np.testing.assert_allclose(WindModel.in_jet(jet, 10.0).mean, [10 * math.sin(0.1), -10 * math.cos(0.1), 0.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mean": (math.nan, 0.0, 0.0)}, "mean"),
+        ({"turbulence": (-1.0, 0.0, 0.0)}, "turbulence"),
+        ({"gust_frequency": 0.0}, "gust_frequency"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_bad_wind_is_refused(change, message) -> None:
+    with pytest.raises(ModelError, match=message):
+        WindModel(**change)

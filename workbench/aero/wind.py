@@ -1,0 +1,182 @@
+"""The motion of the air: constant wind, gusts, turbulence with a seed, the tunnel's jet, and what a driving car feels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.math import sin
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import DiagramBuilder, LeafSystem_, OutputPort, System
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from workbench.aero.jet import Jet
+from workbench.aero.tail_force import resolve_body
+from workbench.errors import ModelError
+
+Vector3 = tuple[float, float, float]
+_CALM: Vector3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class WindModel:
+    """v_WA(t) = mean + gust sin(2 pi f t + phase) + turbulence, everywhere the same; all in world axes.
+
+    Attributes:
+        mean: m/s (3).
+        gust: amplitude of the sinusoidal gust, m/s (3).
+        gust_frequency: f, Hz.
+        gust_phase: rad.
+        turbulence: standard deviation of the filtered noise per axis, m/s (3).
+        time_constant: of its first-order filter, s; white noise through it has correlation exp(-t / time_constant).
+        update_period: of the noise, s; it is held in between.
+        seed: equal seeds give equal turbulence, on every machine and for every context.
+    """
+
+    mean: Vector3 = _CALM
+    gust: Vector3 = _CALM
+    gust_frequency: float = 1.0
+    gust_phase: float = 0.0
+    turbulence: Vector3 = _CALM
+    time_constant: float = 0.5
+    update_period: float = 0.01
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("mean", "gust", "turbulence"):
+            value = getattr(self, name)
+            if len(value) != 3 or not np.all(np.isfinite(value)):
+                raise ModelError(f"wind: {name} is {value}, but it must be three finite numbers (m/s)")
+        if min(self.turbulence) < 0.0:
+            raise ModelError(f"wind: turbulence is {self.turbulence}, but a standard deviation cannot be negative")
+        for name in ("gust_frequency", "time_constant", "update_period"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ModelError(f"wind: {name} is {value}, but it must be a finite number above 0")
+        if self.seed < 0:
+            raise ModelError(f"wind: seed is {self.seed}, but it must be a whole number from 0")
+
+    @classmethod
+    def in_jet(cls, jet: Jet, speed: float, **gusts: Any) -> WindModel:
+        """The tunnel's wind: `speed` (m/s) in the downstream direction of the jet."""
+        x, y, z = (speed * part for part in jet.downstream_W)
+        return cls(mean=(x, y, z), **gusts)
+
+    def turbulence_step(self, step: int, previous: Any) -> list[Any]:
+        """The filtered noise after one more update; `step` 0 draws from the stationary distribution."""
+        noise = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, step])).standard_normal(3)
+        if step == 0:
+            return [std * x for std, x in zip(self.turbulence, noise, strict=True)]
+        keep = math.exp(-self.update_period / self.time_constant)
+        spread = math.sqrt(1.0 - keep * keep)
+        return [keep * p + spread * std * x for p, std, x in zip(previous, self.turbulence, noise, strict=True)]
+
+
+@TemplateSystem.define("WindSource_", T_list=[float, AutoDiffXd])
+def WindSource_(T):  # noqa: N802 (Drake's name for a template)
+    """Template over the scalar type; see `WindSource`."""
+
+    class Impl(LeafSystem_[T]):
+        """The wind of a `WindModel`.
+
+        Output ports:
+            wind_velocity (3): v_WA of the air in W, m/s.
+        """
+
+        def _construct(self, model: WindModel, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self._model = model
+            self._turbulent = max(model.turbulence) > 0.0
+            if self._turbulent:
+                self.DeclareDiscreteState(model.turbulence_step(0, None))
+                self.DeclarePeriodicDiscreteUpdateEvent(model.update_period, model.update_period, self._update)
+            self.DeclareVectorOutputPort("wind_velocity", 3, self._calc)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(self, other._model, converter)
+
+        def _update(self, context: Any, state: Any) -> None:
+            time = context.get_time()
+            seconds = time if isinstance(time, float) else time.value()
+            step = round(seconds / self._model.update_period)
+            state.get_mutable_vector().SetFromVector(
+                self._model.turbulence_step(step, context.get_discrete_state_vector().CopyToVector())
+            )
+
+        def _calc(self, context: Any, output: Any) -> None:
+            model = self._model
+            wave = sin(2.0 * math.pi * model.gust_frequency * context.get_time() + model.gust_phase)
+            wind = [mean + gust * wave for mean, gust in zip(model.mean, model.gust, strict=True)]
+            if self._turbulent:
+                wind = [w + x for w, x in zip(wind, context.get_discrete_state_vector().CopyToVector(), strict=True)]
+            output.SetFromVector(wind)
+
+    return Impl
+
+
+WindSource = WindSource_[float]
+
+
+@TemplateSystem.define("ApparentWind_", T_list=[float, AutoDiffXd])
+def ApparentWind_(T):  # noqa: N802 (Drake's name for a template)
+    """Template over the scalar type; see `ApparentWind`."""
+
+    class Impl(LeafSystem_[T]):
+        """What a sensor on a moving body feels: v_air - v_point, in body axes. `TailForce` needs no such system.
+
+        Input ports:
+            plant_state: multibody state [q; v].
+            wind_velocity (optional, 3): v_WA in W, m/s.
+        Output ports:
+            apparent_wind (3): in body axes, m/s; a car that drives forward in still air reads (-speed, 0, 0).
+        """
+
+        def _construct(self, plant: Any, body: Any, p_BoQ_B: Vector3 = _CALM, converter: Any = None) -> None:
+            LeafSystem_[T].__init__(self, converter=converter)
+            self._plant, self._body, self._point = plant, resolve_body(plant, body), p_BoQ_B
+            self._kinematics = plant.CreateDefaultContext()
+            self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+            self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
+            self.DeclareVectorOutputPort("apparent_wind", 3, self._calc)
+
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            plant = other._plant.ToScalarType[T]()
+            Impl._construct(self, plant, plant.get_body(other._body.index()), other._point, converter)
+
+        def _calc(self, context: Any, output: Any) -> None:
+            plant, kinematics = self._plant, self._kinematics
+            plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
+            R_WB = plant.EvalBodyPoseInWorld(kinematics, self._body).rotation().matrix()
+            V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, self._body)
+            v = V_WB.translational() + np.cross(V_WB.rotational(), R_WB @ np.asarray(self._point))
+            wind = self._wind.Eval(context) if self._wind.HasValue(context) else np.zeros(3)
+            output.SetFromVector(R_WB.T @ (wind - v))
+
+    return Impl
+
+
+ApparentWind = ApparentWind_[float]
+
+
+def add_wind(builder: DiagramBuilder, model: WindModel | None = None) -> OutputPort:
+    """Adds a `WindSource`; returns its port for `add_to_builder(..., wind=port)`."""
+    return builder.AddNamedSystem("wind", WindSource(model or WindModel())).GetOutputPort("wind_velocity")
+
+
+def add_apparent_wind(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    body: RigidBody | str,
+    p_BoQ_B: Vector3 = _CALM,
+    wind: OutputPort | None = None,
+) -> System:
+    """Adds an `ApparentWind` sensor at a point of a body and wires it."""
+    sensor = builder.AddSystem(ApparentWind(plant, body, p_BoQ_B))
+    builder.Connect(plant.get_state_output_port(), sensor.GetInputPort("plant_state"))
+    if wind is not None:
+        builder.Connect(wind, sensor.GetInputPort("wind_velocity"))
+    return sensor
