@@ -3,6 +3,7 @@
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pydrake.multibody.parsing import Parser
@@ -45,13 +46,17 @@ def check_shipped_models() -> Iterator[CheckResult]:
     for path in sorted([*root.rglob("*.sdf"), *root.rglob("*.urdf")]):
         yield from check_model_file(path)
     for section in SECTIONS:
-        yield _attempt(f"parameters/{section}.yaml: unit and source of every number", lambda s=section: load_parameter_entries(s))
+        yield _attempt(
+            f"parameters/{section}.yaml: unit and source of every number", partial(load_parameter_entries, section)
+        )
     for model in nominal_models():
-        yield CheckResult(f"{model.path.relative_to(root)}: numbers equal the parameters", tuple(sdf_differences(model)))
+        yield CheckResult(
+            f"{model.path.relative_to(root)}: numbers equal the parameters", tuple(sdf_differences(model))
+        )
     for name in scenario_names():
-        yield _attempt(f"scenarios/{name}.yaml: resolves", lambda n=name: load_scenario(n))
+        yield _attempt(f"scenarios/{name}.yaml: resolves", partial(load_scenario, name))
     for path in sorted((root / "swings").glob("*.yaml")):
-        yield _attempt(f"swings/{path.name}: reads", lambda p=path: read_swing(p))
+        yield _attempt(f"swings/{path.name}: reads", partial(read_swing, path))
 
 
 def check_model_file(path: Path) -> Iterator[CheckResult]:
@@ -77,10 +82,10 @@ def refuse_ignored_attributes(path: Path) -> None:
             element_path, _, attribute = place.partition("@")
             element = joint.find(element_path)
             value = None if element is None else element.get(attribute) if attribute else element.text
-            if value is not None and float(value) != 0.0:
+            if value is not None and value.strip() not in ("", "0", "0.0"):
                 raise ModelError(
-                    f"{path}: joint {joint.get('name')!r}: {place} = {value} is ignored by Drake; remove it and model the "
-                    f"{meaning} as a system"
+                    f"{path}: joint {joint.get('name')!r}: {place} = {value} is ignored by Drake; remove it and model "
+                    f"the {meaning} as a system"
                 )
 
 
@@ -101,7 +106,9 @@ def load_strictly(path: Path) -> None:
             body = plant.get_body(index)
             inertia = body.CalcSpatialInertiaInBodyFrame(context)
             if not (body.get_mass(context) > 0 and inertia.IsPhysicallyValid()):
-                raise ModelError(f"{path}: link {body.name()!r}: mass {body.get_mass(context)} kg or inertia is not physical")
+                raise ModelError(
+                    f"{path}: link {body.name()!r}: mass {body.get_mass(context)} kg or inertia is not physical"
+                )
 
 
 def sdf_differences(nominal: SdfModel) -> list[str]:

@@ -145,7 +145,7 @@ class EnvironmentParameters(QuantityModel):
 
 
 class ControllerParameters(QuantityModel):
-    """Tail controller of thesis Table 6.4, read with ERRATA E28 (design section 8). Angles for a left turn, mirrored right."""
+    """Tail controller of thesis Table 6.4, read with ERRATA E28 (design section 8); the same numbers for both sides."""
 
     rate: float = quantity("Hz", "controller rate", gt=0, le=10000)
     hold_angle: float = quantity("rad", "tail roll at rest, towards the inside of the turn", gt=0, le=3.1416)

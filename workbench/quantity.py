@@ -19,7 +19,9 @@ def quantity(unit: str, description: str, **limits: float) -> Any:
         description: what the number is, in one line.
         limits: pydantic's `ge`, `gt`, `le`, `lt`, in that unit.
     """
-    return Field(description=description, json_schema_extra={"unit": unit}, **limits)  # type: ignore[arg-type]
+    described: Any = {"unit": unit}
+    bounds: Any = limits
+    return Field(description=description, json_schema_extra=described, **bounds)
 
 
 class QuantityModel(BaseModel):

@@ -41,7 +41,8 @@ def assemble(
 ) -> CarDiagram:
     """Connects station, driver, controller and estimator; the controllers stand outside the station."""
     builder = DiagramBuilder()
-    station = builder.AddSystem(make_car_station(scenario, interface, meshcat))
+    station = make_car_station(scenario, interface, meshcat)
+    builder.AddSystem(station)
     driver = TurnDriver.add_to_builder(builder, make_schedule(scenario), scenario.controller.rate, station=station)
     controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver)
     settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)

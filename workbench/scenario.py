@@ -1,6 +1,6 @@
 """A scenario: everything that is needed to repeat a run, typed, with its seed.
 
-A scenario file holds only what differs from `models/parameters`; `load_scenario` resolves it. Schema `aerodima/scenario/1`.
+A scenario file holds only what differs from `models/parameters`; `load_scenario` resolves it.
 """
 
 from pathlib import Path
@@ -37,7 +37,7 @@ class Scenario(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
-    schema_: Literal["aerodima/scenario/1"] = Field(SCENARIO_SCHEMA, alias="schema")
+    schema_: Literal["aerodima/scenario/1"] = Field("aerodima/scenario/1", alias="schema")
     name: str = Field("turn", description="what the run is called in reports", min_length=1, max_length=80)
     seed: int = Field(1, description="seed of every random number of the run", ge=0, le=2**63 - 1)
     car: CarParameters
@@ -78,13 +78,11 @@ class Scenario(BaseModel):
                 f"tail.sail_length: {self.tail.sail_length:g} m; allowed: <= tail.length {self.tail.length:g} m"
             )
         if self.manoeuvre.steer_angle > self.servo.limit + 1e-9:
-            raise ValueError(
-                f"manoeuvre.steer_angle: {self.manoeuvre.steer_angle:g} rad; allowed: <= servo.limit {self.servo.limit:g} rad"
-            )
-        if self.manoeuvre.kind == "turn" and self.manoeuvre.speed_ramp > self.manoeuvre.turn_start:
-            raise ValueError(
-                f"manoeuvre.speed_ramp: {self.manoeuvre.speed_ramp:g} s; allowed: <= turn_start {self.manoeuvre.turn_start:g} s"
-            )
+            steer, limit = self.manoeuvre.steer_angle, self.servo.limit
+            raise ValueError(f"manoeuvre.steer_angle: {steer:g} rad; allowed: <= servo.limit {limit:g} rad")
+        ramp, start = self.manoeuvre.speed_ramp, self.manoeuvre.turn_start
+        if self.manoeuvre.kind == "turn" and ramp > start:
+            raise ValueError(f"manoeuvre.speed_ramp: {ramp:g} s; allowed: <= turn_start {start:g} s")
         return self
 
     def resolved(self) -> dict[str, Any]:

@@ -6,10 +6,12 @@ is. The simulated station adds ground-truth ports, whose names end in `_truth`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain, Multiplexer
 
 from workbench.actuators.ak70 import TailMotors
@@ -32,7 +34,7 @@ NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without tail arm."""
 
 InterfaceFactory = Callable[[Scenario], System]
-"""Makes the system that talks to the real car; it must have exactly the ports of `STATION_INPUTS` and `STATION_OUTPUTS`."""
+"""Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and `STATION_OUTPUTS`."""
 
 
 def make_car_station(
@@ -98,7 +100,7 @@ class _SimulatedCar:
         chassis = self._plant.GetBodyByName("chassis")
         drive = self._add_drive()
         self._add_steering()
-        tail = self._add_tail() if self._car.tail is not None else self._stand_in_for_tail()
+        tail = self._stand_in_for_tail() if self._car.tail is None else self._add_tail(self._car.tail)
         imu = Imu.add_to_builder(
             builder,
             scenario.imu,
@@ -158,7 +160,7 @@ class _SimulatedCar:
         )
         self._builder.ExportInput(servo.GetInputPort("steering_angle"), "steering_angle")
 
-    def _add_tail(self) -> _TailPorts:
+    def _add_tail(self, arm: ModelInstanceIndex) -> _TailPorts:
         builder, scenario, plant = self._builder, self._scenario, self._plant
         joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
         positions = [joint.position_start() for joint in joints]
@@ -172,7 +174,7 @@ class _SimulatedCar:
         for index, system in enumerate((motors, losses)):
             builder.Connect(joint_state, system.GetInputPort("joint_state"))
             builder.Connect(system.get_output_port(), total.get_input_port(index))
-        builder.Connect(total.get_output_port(), plant.get_actuation_input_port(self._car.tail))
+        builder.Connect(total.get_output_port(), plant.get_actuation_input_port(arm))
         for name in ("tail_pitch_command", "tail_roll_command"):
             builder.ExportInput(motors.GetInputPort(name), name)
         self._tail_force = add_tail_force(
@@ -267,7 +269,7 @@ class _SimulatedCar:
         self._builder.Connect(source, system.get_input_port())
         return system.get_output_port()
 
-    def _through(self, name: str, matrix: np.ndarray, source: OutputPort, sink: object) -> None:
+    def _through(self, name: str, matrix: np.ndarray, source: OutputPort, sink: InputPort) -> None:
         system = self._builder.AddNamedSystem(name, MatrixGain(matrix))
         self._builder.Connect(source, system.get_input_port())
         self._builder.Connect(system.get_output_port(), sink)
@@ -283,8 +285,9 @@ def sail_layout(scenario: Scenario) -> SectionLayout:
 
 def simulated_car(station: Diagram) -> CarPlant:
     """Plant and scene graph inside a simulated station, for those who look at bodies and joints."""
-    plant = station.GetSubsystemByName("plant")
+    plant: Any = station.GetSubsystemByName("plant")
+    scene_graph: Any = station.GetSubsystemByName("scene_graph")
     instances = {
         name: plant.GetModelInstanceByName(name) for name in ("car", "tail") if plant.HasModelInstanceNamed(name)
     }
-    return CarPlant(plant, station.GetSubsystemByName("scene_graph"), instances["car"], instances.get("tail"))
+    return CarPlant(plant, scene_graph, instances["car"], instances.get("tail"))

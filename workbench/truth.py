@@ -1,6 +1,7 @@
 """Ground truth of the simulated car: motion, contact and tail quantities that no sensor gives, for logs and metrics."""
 
 import math
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
@@ -44,7 +45,7 @@ class CarTruth(LeafSystem):
         self._kinematics = plant.CreateDefaultContext()
         self._chassis = plant.GetBodyByName("chassis")
         self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
-        self._shaft = plant.GetJointByName("drive_shaft_spin")
+        self._shaft: Any = plant.GetJointByName("drive_shaft_spin")
         self._contact_slots = contact_slots(car_plant)
         self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._acceleration_port = self.DeclareAbstractInputPort(
@@ -57,20 +58,22 @@ class CarTruth(LeafSystem):
         if self._tail is not None:
             self._length = scenario.tail.length
             self._rod = plant.GetBodyByName("tail_rod")
-            self._tail_joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
+            self._tail_joints: list[Any] = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
             self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
             self._wrench_port = self.DeclareVectorInputPort("tail_wrench", 9)
             self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, self._calc_tail)
 
     def _kinematics_at(self, context: Context) -> Context:
-        self._plant.SetPositionsAndVelocities(self._kinematics, self._state_port.Eval(context))
+        state: Any = self._state_port.Eval(context)
+        self._plant.SetPositionsAndVelocities(self._kinematics, state)
         return self._kinematics
 
     def _calc_body(self, context: Context, output: BasicVector) -> None:
         kinematics = self._kinematics_at(context)
         X_WB = self._plant.EvalBodyPoseInWorld(kinematics, self._chassis)
         V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, self._chassis)
-        A_WB = self._acceleration_port.Eval(context)[int(self._chassis.index())]
+        accelerations: Any = self._acceleration_port.Eval(context)
+        A_WB = accelerations[int(self._chassis.index())]
         R_WB = X_WB.rotation().matrix()
         angles, gyro, acceleration = motion_at_imu(X_WB, V_WB, A_WB, self._p_BoImu_B)
         com = self._plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
@@ -80,7 +83,7 @@ class CarTruth(LeafSystem):
         )
 
     def _calc_contact(self, context: Context, output: BasicVector) -> None:
-        results = self._contact_port.Eval(context)
+        results: Any = self._contact_port.Eval(context)
         forces = {name: np.zeros(3) for name in WHEELS}
         points = {name: np.zeros(3) for name in WHEELS}
         ground = dict.fromkeys(GROUND_CONTACTS, 0.0)
@@ -97,22 +100,23 @@ class CarTruth(LeafSystem):
             else:
                 ground[slot] += float(np.linalg.norm(force))
         kinematics = self._kinematics_at(context)
-        power = float(self._drive_port.Eval(context)[0]) * self._shaft.get_angular_rate(kinematics)
+        torque: Any = self._drive_port.Eval(context)
+        power = float(torque[0]) * self._shaft.get_angular_rate(kinematics)
         output.SetFromVector(np.concatenate([*forces.values(), *points.values(), list(ground.values()), [power]]))
 
     def _calc_tail(self, context: Context, output: BasicVector) -> None:
         kinematics, plant = self._kinematics_at(context), self._plant
         X_WT = plant.EvalBodyPoseInWorld(kinematics, self._rod)
-        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, [self._tail], np.zeros(3))
-        wrench = self._wrench_port.Eval(context)
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, self._instances[1:], np.zeros(3))
+        wrench: Any = self._wrench_port.Eval(context)
         force, moment, p_WTo = wrench[:3], wrench[3:6], wrench[6:]
-        torque = self._torque_port.Eval(context)
+        torque: Any = self._torque_port.Eval(context)
         rates = [joint.get_angular_rate(kinematics) for joint in self._tail_joints]
         output.SetFromVector(
             np.concatenate(
                 [
-                    X_WT.multiply(np.array([0.0, 0.0, self._length])),
-                    plant.CalcCenterOfMassPositionInWorld(kinematics, [self._tail]),
+                    X_WT.translation() + self._length * X_WT.rotation().matrix()[:, 2],
+                    plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances[1:]),
                     momentum.translational(),
                     momentum.rotational(),
                     force,

@@ -1,5 +1,7 @@
 """AK70-10 tail motors in MIT mode (design section 6)."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -53,7 +55,8 @@ class TailMotors(LeafSystem):
 
     Input ports:
         joint_state (4): pitch and roll angle rad, pitch and roll rate rad/s, from the plant.
-        tail_pitch_command (5), tail_roll_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m.
+        tail_pitch_command (5), tail_roll_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad,
+            torque N m.
     Output ports:
         torque (2): pitch and roll, N m, along the joint axes.
     """
@@ -71,11 +74,11 @@ class TailMotors(LeafSystem):
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        state = self._state.Eval(context).tolist()
+        joint_state: Any = self._state.Eval(context)
+        state = joint_state.tolist()
         torques = []
         for joint, port in enumerate(self._commands):
-            torque = mit_torque(
-                state[joint], state[JOINTS + joint], port.Eval(context).tolist(), self._motor, self._line
-            )
+            command: Any = port.Eval(context)
+            torque = mit_torque(state[joint], state[JOINTS + joint], command.tolist(), self._motor, self._line)
             torques.append(torque if torque == torque else 0.0)
         output.SetFromVector(np.array(torques))

@@ -1,5 +1,7 @@
 """Brushless drive on the rear differential (design section 6)."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -7,7 +9,7 @@ from workbench.parameters import CarParameters, DriveParameters
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:
-    """Speed (m/s) that a throttle in -1..1 leads to: the fitted line, mirrored for reverse, zero inside its dead band."""
+    """Speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero inside its dead band."""
     forward = max(0.0, drive.throttle_gain * abs(throttle) + drive.throttle_offset)
     return forward if throttle > 0 else -forward if throttle < 0 else 0.0
 
@@ -50,10 +52,12 @@ class Drive(LeafSystem):
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        throttle = float(self._throttle.Eval(context)[0])
+        command: Any = self._throttle.Eval(context)
+        speed: Any = self._speed.Eval(context)
+        throttle = float(command[0])
         limit = self._drive.torque_limit
         torque = 0.0
         if throttle == throttle and throttle != 0.0:
             target = steady_speed(min(max(throttle, -1.0), 1.0), self._drive) / self._radius
-            torque = min(max(self._gain * (target - float(self._speed.Eval(context)[0])), -limit), limit)
+            torque = min(max(self._gain * (target - float(speed[0])), -limit), limit)
         output.SetFromVector(np.array([torque]))

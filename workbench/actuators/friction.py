@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -45,5 +46,6 @@ class JointFriction(LeafSystem):
         self.DeclareVectorOutputPort("torque", count, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        rates = self._state.Eval(context)[self._count :].tolist()
+        state: Any = self._state.Eval(context)
+        rates = state[self._count :].tolist()
         output.SetFromVector(np.array([self._law(rate) for rate in rates]))

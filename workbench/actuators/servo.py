@@ -1,10 +1,12 @@
 """Steering servo and linkage (design section 6)."""
 
 import math
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from workbench.discrete_vector import DiscreteVector
 from workbench.parameters import CarParameters, ServoParameters
 
 
@@ -33,22 +35,23 @@ class SteeringServo(LeafSystem):
         super().__init__()
         self._servo, self._car, self._step = servo, car, step
         self._command = self.DeclareVectorInputPort("steering_angle", 1)
-        self._state = self.DeclareDiscreteState(2)
+        self._state = DiscreteVector(self, [0.0, 0.0])
         self.DeclarePeriodicDiscreteUpdateEvent(step, 0.0, self._update)
         self.DeclareVectorOutputPort(
-            "knuckle_state", 4, self._calc_knuckles, prerequisites_of_calc={self.discrete_state_ticket(self._state)}
+            "knuckle_state", 4, self._calc_knuckles, prerequisites_of_calc={self._state.ticket}
         )
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        command = self._command.Eval(context)[0]
-        angle, _ = context.get_discrete_state(self._state).value()
+        commanded: Any = self._command.Eval(context)
+        command = float(commanded[0])
+        angle, _ = self._state.read(context)
         target = angle if math.isnan(command) else min(max(command, -self._servo.limit), self._servo.limit)
         most = self._servo.rate * self._step
         change = min(max(target - angle, -most), most)
-        next_state.set_value(self._state, np.array([angle + change, change / self._step]))
+        self._state.write(next_state, [angle + change, change / self._step])
 
     def _calc_knuckles(self, context: Context, output: BasicVector) -> None:
-        angle, rate = context.get_discrete_state(self._state).value()
+        angle, rate = self._state.read(context)
         left, right = ackermann(angle, self._car.wheelbase, self._car.track)
         slope = 1.0 + math.tan(angle) ** 2
         half = 0.5 * self._car.track / self._car.wheelbase

@@ -26,7 +26,7 @@ def check(
         bool, typer.Option("--update", help="First write the numbers of models/parameters into the SDF files.")
     ] = False,
 ) -> None:
-    """Check that models load, are physical, hide nothing from Drake, name their sources and agree with the parameters."""
+    """Check that models load, are physical, hide nothing, name their sources and equal the parameters."""
     from workbench.errors import ModelError
     from workbench.model_check import check_model_file, check_shipped_models, update_model_files
 

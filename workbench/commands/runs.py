@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from workbench.logs.schema import RunLog
+    from workbench.run import Progress
 
 Speed = Annotated[float | None, typer.Option(help="Commanded speed, m/s.")]
 Tail = Annotated[str | None, typer.Option(help="none, held or swing.")]
@@ -123,10 +128,8 @@ def _run(
         typer.echo(f"replay: {replay}")
 
 
-def show_progress():  # type: ignore[no-untyped-def]  # workbench.run.Progress, whose import needs Drake
+def show_progress() -> Progress | None:
     """A progress line on stderr when that is a terminal; None otherwise."""
-    import sys
-
     if not sys.stderr.isatty():
         return None
 
@@ -137,7 +140,7 @@ def show_progress():  # type: ignore[no-untyped-def]  # workbench.run.Progress, 
     return progress
 
 
-def summary_lines(run_log) -> list[str]:  # type: ignore[no-untyped-def]  # workbench.logs.schema.RunLog
+def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal."""
     from math import degrees
 

@@ -75,5 +75,9 @@ def export(
     if out is None:
         typer.echo(text, nl=False)
         return
-    write_atomically(out, lambda temporary: temporary.write_text(text, encoding="utf-8"), force, UserError)
+
+    def write(temporary: Path) -> None:
+        temporary.write_text(text, encoding="utf-8")
+
+    write_atomically(out, write, force, UserError)
     typer.echo(f"scenario: {out}")

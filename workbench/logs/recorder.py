@@ -1,6 +1,7 @@
 """Writes the signals of a diagram into a run log while it runs."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
@@ -48,7 +49,8 @@ class RunRecorder(LeafSystem):
     ) -> "RunRecorder":
         """Records each output port under the given column names."""
         columns = recorded_columns(signals)
-        recorder = builder.AddSystem(cls(journal, columns, [port.size() for port, _ in signals], rate))
+        recorder = cls(journal, columns, [port.size() for port, _ in signals], rate)
+        builder.AddSystem(recorder)
         for index, (port, _) in enumerate(signals):
             builder.Connect(port, recorder.get_input_port(index))
         return recorder
@@ -58,7 +60,8 @@ class RunRecorder(LeafSystem):
         before = [row[index] for index in self._angles]
         row[0] = context.get_time()
         for port, start, end in self._ports:
-            row[start:end] = port.Eval(context)
+            values: Any = port.Eval(context)
+            row[start:end] = values
         if self._started:
             for index, earlier in zip(self._angles, before, strict=True):
                 row[index] += 2 * np.pi * round((earlier - row[index]) / (2 * np.pi))

@@ -118,7 +118,7 @@ class SdfModel:
         return '<?xml version="1.0"?>\n' + ElementTree.tostring(self._root, encoding="unicode") + "\n"
 
     def numbers(self) -> dict[str, list[float]]:
-        """Every number of the document by its path; two models are equal where these are (a tenth of a micron apart)."""
+        """Every number of the document by its path, element names and names of links, joints and shapes in it."""
         return {path: values for path, values in _numbers(self.model, "") if values}
 
     def _named(self, kind: str, name: str) -> ElementTree.Element:
