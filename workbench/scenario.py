@@ -6,10 +6,16 @@ A scenario file holds only what differs from `models/parameters`; `load_scenario
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from workbench.errors import ScenarioError
+from workbench.parameter_files import (
+    ParameterEntry,
+    apply_setting,
+    load_parameter_file,
+    read_yaml,
+    resolve,
+    sections_of,
+)
 from workbench.parameters import (
     CarParameters,
     ControllerParameters,
@@ -25,11 +31,9 @@ from workbench.parameters import (
     TailMotorParameters,
     TailParameters,
 )
-from workbench.quantity import explain, nearest, unit_of
 from workbench.resources import model_path, models_dir
 
 SCENARIO_SCHEMA = "aerodima/scenario/1"
-PARAMETER_SCHEMA = "aerodima/parameters/1"
 
 
 class Scenario(BaseModel):
@@ -90,59 +94,13 @@ class Scenario(BaseModel):
         return self.model_dump(mode="json", by_alias=True)
 
 
-SECTIONS: dict[str, type[BaseModel]] = {
-    name: field.annotation
-    for name, field in Scenario.model_fields.items()
-    if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
-}
+SECTIONS = sections_of(Scenario)
 """Section name -> model; one file of `models/parameters` each."""
-
-
-class ParameterEntry(BaseModel):
-    """One number of `models/parameters`: value, unit, source, and for assumed ones the prior range and the reason."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    value: float | int | bool | str
-    unit: str
-    source: str = Field(pattern=r"^(published: .+|datasheet: .+|assumed|calibrated: .+|chosen)$")
-    prior: tuple[float, float] | None = None
-    reason: str | None = None
-
-    @model_validator(mode="after")
-    def _reasons_are_given(self) -> "ParameterEntry":
-        if self.source in ("assumed", "chosen") and not self.reason:
-            raise ValueError(f"source {self.source!r} needs a reason")
-        if self.source == "assumed" and self.prior is None:
-            raise ValueError("source 'assumed' needs a prior range [low, high]")
-        if self.prior is not None and not (
-            isinstance(self.value, float | int) and self.prior[0] <= self.value <= self.prior[1]
-        ):
-            raise ValueError(f"value {self.value!r} lies outside its prior {list(self.prior)}")
-        return self
 
 
 def load_parameter_entries(section: str) -> dict[str, ParameterEntry]:
     """Reads `models/parameters/<section>.yaml`, checks unit and source of every number and that none is missing."""
-    path = model_path(f"parameters/{section}.yaml")
-    model = SECTIONS[section]
-    data = read_yaml(path)
-    if data.pop("schema", None) != PARAMETER_SCHEMA:
-        raise ScenarioError(f"{path}: schema: allowed is {PARAMETER_SCHEMA!r}")
-    entries = {}
-    for key, raw in data.items():
-        if key not in model.model_fields:
-            raise ScenarioError(f"{path}: {key}: unknown key; {nearest(key, list(model.model_fields))}")
-        try:
-            entries[key] = ParameterEntry.model_validate(raw)
-        except ValidationError as error:
-            raise explain(error, f"{path}: {key}", ParameterEntry) from None
-        if entries[key].unit != unit_of(model, key):
-            raise ScenarioError(f"{path}: {key}: unit {entries[key].unit!r}; allowed is {unit_of(model, key)!r}")
-    missing = set(model.model_fields) - set(entries)
-    if missing:
-        raise ScenarioError(f"{path}: missing: {', '.join(sorted(missing))}")
-    return entries
+    return load_parameter_file(model_path(f"parameters/{section}.yaml"), SECTIONS[section])
 
 
 def default_values() -> dict[str, dict[str, Any]]:
@@ -160,22 +118,7 @@ def scenario_from_dict(overrides: dict[str, Any], where: str = "scenario") -> Sc
     Raises:
         ScenarioError: unknown key, wrong unit, value out of range, NaN; names the place, the value and what is allowed.
     """
-    merged: dict[str, Any] = default_values()
-    for key, value in overrides.items():
-        if key in SECTIONS:
-            if not isinstance(value, dict):
-                raise ScenarioError(f"{where}: {key}: {value!r} is not allowed; it takes keys with values")
-            merged[key] |= value
-        else:
-            merged[key] = value
-    if merged.get("schema", SCENARIO_SCHEMA) != SCENARIO_SCHEMA:
-        raise ScenarioError(
-            f"{where}: schema: {merged['schema']!r} is not read by this version; allowed is {SCENARIO_SCHEMA!r}"
-        )
-    try:
-        return Scenario.model_validate(_floats(merged, Scenario))
-    except ValidationError as error:
-        raise explain(error, where, Scenario) from None
+    return resolve(Scenario, SCENARIO_SCHEMA, default_values(), overrides, where)
 
 
 def load_scenario(name_or_path: str | Path, settings: list[str] | None = None) -> Scenario:
@@ -185,59 +128,10 @@ def load_scenario(name_or_path: str | Path, settings: list[str] | None = None) -
         path = model_path(f"scenarios/{name_or_path}.yaml")
     data = read_yaml(path)
     for setting in settings or []:
-        _apply_setting(data, setting)
+        apply_setting(data, setting, SECTIONS, "car.com_height=0.21")
     return scenario_from_dict(data, f"{path} with --set {' '.join(settings)}" if settings else str(path))
 
 
 def scenario_names() -> list[str]:
     """Names of the scenarios that ship in `models/scenarios`."""
     return sorted(path.stem for path in (models_dir() / "scenarios").glob("*.yaml"))
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Reads a YAML mapping. Raises `ScenarioError` for a missing file, bad syntax or another kind of content."""
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
-    if data is None:
-        return {}
-    if not isinstance(data, dict):
-        raise ScenarioError(f"{path}: holds a {type(data).__name__}; allowed is a mapping of sections")
-    return data
-
-
-def _apply_setting(data: dict[str, Any], setting: str) -> None:
-    path, separator, text = setting.partition("=")
-    parts = path.strip().split(".")
-    if not separator or not all(parts) or len(parts) > 2:
-        raise ScenarioError(f"--set {setting}: allowed is section.key=value, such as car.com_height=0.21")
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise ScenarioError(f"--set {setting}: {text!r} is not a value") from None
-    if len(parts) == 1:
-        data[parts[0]] = value
-        return
-    section = data.setdefault(parts[0], {})
-    if not isinstance(section, dict) or parts[0] not in SECTIONS:
-        raise ScenarioError(f"--set {setting}: {parts[0]!r} is no section; {nearest(parts[0], list(SECTIONS))}")
-    section[parts[1]] = value
-
-
-def _floats(data: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
-    """Whole numbers written for float fields become floats; everything else is left for strict validation."""
-    result = {}
-    for key, value in data.items():
-        field = model.model_fields.get(key)
-        annotation = None if field is None else field.annotation
-        if isinstance(value, dict) and isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            value = _floats(value, annotation)
-        elif annotation is float and type(value) is int:
-            value = float(value)
-        result[key] = value
-    return result
