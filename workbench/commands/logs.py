@@ -57,5 +57,5 @@ def recover(
     from workbench.logs.journal import recover as recover_journal
 
     recovery = recover_journal(journal, out, force=force)
-    state = "complete" if recovery.complete else "cut off"
-    typer.echo(f"{recovery.path}: {recovery.rows} rows recovered ({state})")
+    state = "none was lost" if recovery.complete else "the last ones were lost with the process"
+    typer.echo(f"{recovery.path}: {recovery.rows} rows recovered; {state}")

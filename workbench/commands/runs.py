@@ -101,6 +101,7 @@ def _run(
 ) -> None:
     from workbench.atomic_write import refuse_existing
     from workbench.errors import UserError
+    from workbench.logs.journal import journal_path
     from workbench.replay import open_meshcat, write_replay_html
     from workbench.run import run_scenario
     from workbench.scenario import load_scenario
@@ -116,9 +117,15 @@ def _run(
         typer.echo(f"watch: {meshcat.web_url()}", err=True)
     with tempfile.TemporaryDirectory() as folder:
         path = log or Path(folder) / "run.parquet"
-        run_log = run_scenario(
-            scenario, path, force=force, meshcat=meshcat, real_time_rate=1.0 if live else 0.0, progress=show_progress()
-        )
+        rate = 1.0 if live else 0.0
+        try:
+            run_log = run_scenario(
+                scenario, path, force=force, meshcat=meshcat, real_time_rate=rate, progress=show_progress()
+            )
+        except KeyboardInterrupt:
+            if log is not None:
+                typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(log)}", err=True)
+            raise
     for line in summary_lines(run_log):
         typer.echo(line)
     if log is not None:

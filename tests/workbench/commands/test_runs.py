@@ -1,0 +1,84 @@
+"""`aerodima turn`, `straight`, `slalom`: what they print, write and refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from workbench.logs.schema import read_run_log
+
+SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
+"""A turn of 1.2 s: enough for the window of the metrics, quick to simulate."""
+
+
+def test_turn_writes_the_log_it_was_asked_for(call: Callable, tmp_path: Path) -> None:
+    log = tmp_path / "new folder" / "run.parquet"
+    result = call("turn", "--speed", 1.5, "--tail", "held", "--direction", "right", *SHORT, "--log", log)
+    assert result.exit_code == 0, result.output
+    assert "outcome: survived" in result.stdout
+    run = read_run_log(log)
+    assert run.scenario["manoeuvre"]["speed"] == 1.5
+    assert run.scenario["tail"]["mode"] == "held"
+    assert run.scenario["manoeuvre"]["direction"] == "right"
+    assert run.table["steering_command_rad"].min() == pytest.approx(-0.5236, abs=1e-4)  # right is negative
+    assert run.table["tail_roll_angle_rad"].iloc[0] == pytest.approx(1.5708, abs=1e-3)  # inside of a right turn: right
+
+
+def test_tail_speed_reaches_the_controller(call: Callable, tmp_path: Path) -> None:
+    log = tmp_path / "run.parquet"
+    assert call("turn", "--speed", 1.0, "--tail-speed", 5.5, *SHORT, "--log", log).exit_code == 0
+    assert read_run_log(log).scenario["controller"]["swing_speed"] == 5.5
+
+
+@pytest.mark.parametrize("command", ["straight", "slalom"])
+def test_other_manoeuvres_run(call: Callable, tmp_path: Path, command: str) -> None:
+    log = tmp_path / "run.parquet"
+    result = call(command, "--speed", 1.0, "--set", "manoeuvre.duration=0.6", "--log", log)
+    assert result.exit_code == 0, result.output
+    assert read_run_log(log).scenario["manoeuvre"]["kind"] == command
+
+
+def test_existing_log_is_kept_without_force(call: Callable, refused: Callable, untouched: Path) -> None:
+    assert "--force" in refused("turn", *SHORT, "--log", untouched)
+    assert untouched.read_text() == "precious"
+    assert call("turn", "--speed", 1.0, *SHORT, "--log", untouched, "--force").exit_code == 0
+    assert len(read_run_log(untouched).table) == 601  # 1.2 s at 500 Hz, both ends
+
+
+def test_existing_replay_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
+    log = untouched.parent / "run.parquet"
+    assert "precious.txt" in refused("turn", *SHORT, "--log", log, "--replay", untouched)
+    assert untouched.read_text() == "precious"
+    assert not log.exists()
+
+
+def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None:
+    assert str(untouched) in refused("turn", *SHORT, "--log", untouched / "run.parquet")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--speed", "nan"), ("manoeuvre.speed", "nan", "finite")),
+        (("--speed", "-1"), ("manoeuvre.speed", "-1", "greater than or equal to 0", "m/s")),
+        (("--speed", "25"), ("25", "m/s")),  # beyond the throttle line
+        (("--tail", "wagging"), ("tail.mode", "wagging", "'none', 'held' or 'swing'")),
+        (("--direction", "up"), ("manoeuvre.direction", "'left' or 'right'")),
+        (("--set", "car.com_heigth=0.2"), ("car.com_heigth", "did you mean 'com_height'")),
+        (("--set", "car.com_height=21 cm"), ("car.com_height", "'cm'", "allowed is 'm'")),
+        (("--set", "cra.com_height=0.2"), ("'cra'", "did you mean 'car'")),
+        (("--set", "car.mass=-4"), ("car.mass", "-4", "kg")),
+        (("--set", "car.mass=2"), ("car.mass", "2 kg", "more than its parts")),
+        (("--set", "nonsense"), ("nonsense", "section.key=value")),
+        (("--set", "imu.rate=2000"), ("imu.rate", "2000 Hz", "1/step", "500 Hz")),
+        (("--scenario", "nowhere.yaml"), ("nowhere.yaml", "no such file")),
+        (("--port", "7000"), ("--port", "--live")),
+    ],
+)
+def test_wrong_input_is_one_clear_line(refused: Callable, words: tuple[str, ...], named: tuple[str, ...]) -> None:
+    message = refused("turn", *SHORT, *words)
+    for part in named:
+        assert part in message
+    assert "\n" not in message
