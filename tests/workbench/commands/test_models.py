@@ -9,13 +9,20 @@ import pytest
 
 from workbench.model_check import check_shipped_models
 
-LINK = """<link name="{name}"><inertial><mass>{mass}</mass><inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>{izz}</izz></inertia>
-</inertial></link>"""
-JOINT = """<joint name="hinge" type="revolute"><parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz><dynamics>{dynamics}
-</dynamics></axis></joint>"""
-URDF = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1"
-iyz="0" izz="1"/></inertial></link><joint name="hinge" type="continuous"><parent link="a"/><child link="b"/>
-<axis xyz="0 0 1"/><dynamics damping="0.1" {attribute}="2.5"/></joint></robot>"""
+LINK = """
+<link name="{name}"><inertial><mass>{mass}</mass>
+<inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>{izz}</izz></inertia></inertial></link>
+"""
+JOINT = """
+<joint name="hinge" type="revolute"><parent>a</parent><child>b</child>
+<axis><xyz>0 0 1</xyz><dynamics>{dynamics}</dynamics></axis></joint>
+"""
+URDF = """
+<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<dynamics damping="0.1" {attribute}="2.5"/></joint></robot>
+"""
 
 
 def sdf(tmp_path: Path, dynamics: str = "", mass: float = 1.0, izz: float = 0.1) -> Path:
