@@ -23,6 +23,7 @@ from workbench.aero.tail_force import add_to_builder as add_tail_force
 from workbench.errors import UserError
 from workbench.plants.car import CarPlant, add_car_plant
 from workbench.plants.car_model import axle_statics
+from workbench.plants.tail import arm_inertia
 from workbench.ports import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
 from workbench.scenario import Scenario
 from workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder
@@ -166,7 +167,10 @@ class _SimulatedCar:
         positions = [joint.position_start() for joint in joints]
         rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
         joint_state = self._select("tail_joint_state", plant.get_state_output_port(), positions + rates)
-        motors = builder.AddNamedSystem("tail_torques", TailMotors(scenario.tail_motor))
+        inertia = arm_inertia(scenario.tail, scenario.tail_motor, scenario.car)
+        motors = builder.AddNamedSystem(
+            "tail_torques", TailMotors(scenario.tail_motor, inertia, scenario.simulation.step)
+        )
         friction = scenario.friction
         law = smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain)
         losses = builder.AddNamedSystem("tail_friction", JointFriction(law, len(joints)))
@@ -174,7 +178,14 @@ class _SimulatedCar:
         for index, system in enumerate((motors, losses)):
             builder.Connect(joint_state, system.GetInputPort("joint_state"))
             builder.Connect(system.get_output_port(), total.get_input_port(index))
+        builder.Connect(losses.get_output_port(), motors.GetInputPort("friction"))
         builder.Connect(total.get_output_port(), plant.get_actuation_input_port(arm))
+        builder.Connect(plant.get_net_actuation_output_port(arm), motors.GetInputPort("joint_torque"))
+        rates_in_v = [joint.velocity_start() for joint in joints]
+        acceleration = self._select(
+            "tail_joint_acceleration", plant.GetOutputPort("generalized_acceleration"), rates_in_v
+        )
+        builder.Connect(acceleration, motors.GetInputPort("joint_acceleration"))
         for name in ("tail_pitch_command", "tail_roll_command"):
             builder.ExportInput(motors.GetInputPort(name), name)
         self._tail_force = add_tail_force(

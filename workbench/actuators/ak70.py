@@ -1,15 +1,16 @@
 """AK70-10 tail motors in MIT mode (design section 6)."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from workbench.parameters import TailMotorParameters
+from workbench.plants.tail import ArmInertia
 from workbench.ports import TAIL_COMMAND
 
-JOINTS = 2
-"""Pitch and roll, in this order, as in the tail plant."""
+JOINTS, ROLL = 2, 1
+"""Pitch and roll, in this order, as in the tail plant: how many, and which one is roll."""
 
 
 def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
@@ -22,13 +23,39 @@ def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
     return stall_torque, no_load_speed
 
 
+class StepAhead(NamedTuple):
+    """How a joint will move until the end of a step of the plant.
+
+    Args:
+        length: of the step, s; 0 evaluates the law at this instant.
+        inertia: of the joint with the reflected rotor, kg m2.
+        load: torque on the joint from all but its motor, N m.
+    """
+
+    length: float = 0.0
+    inertia: float = 1.0
+    load: float = 0.0
+
+
+NOW = StepAhead()
+
+
 def mit_torque(
-    position: float, speed: float, command: tuple[float, ...], motor: TailMotorParameters, line: tuple[float, float]
+    position: float,
+    speed: float,
+    command: tuple[float, ...],
+    motor: TailMotorParameters,
+    line: tuple[float, float],
+    ahead: StepAhead = NOW,
 ) -> float:
     """Torque (N m) of one motor in MIT mode, positive along the joint axis.
 
     tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, then held inside the peak
     torque and the torque-speed line: near the no-load speed the motor cannot push further, braking stays possible.
+
+    The firmware closes this loop at kHz, the plant steps at 2 ms: damping that acts on the rate of the beginning of a
+    step would push a light joint back and forth (kd h / I > 2 for the pitch joint of a tail that lies sideways). So
+    angle and rate are those of the end of the step, q + h v and v = qd + (tau + load) h / I, solved for tau.
 
     Args:
         position: joint angle, rad.
@@ -36,11 +63,15 @@ def mit_torque(
         command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
         motor: limits.
         line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
+        ahead: step of the plant; by default the law holds at this instant.
     """
     q_d, qd_d, kp, kd, feedforward = command
     kp = min(max(kp, 0.0), motor.kp_max)
     kd = min(max(kd, 0.0), motor.kd_max)
-    torque = kp * (q_d - position) + kd * (qd_d - speed) + feedforward
+    step, inertia, load = ahead
+    coasting = speed + step * load / inertia
+    torque = kp * (q_d - position - step * coasting) + kd * (qd_d - coasting) + feedforward
+    torque /= 1.0 + step * (kd + step * kp) / inertia
     stall, no_load = line
     upper = min(motor.torque_limit, max(0.0, stall * (1.0 - speed / no_load)))
     lower = max(-motor.torque_limit, min(0.0, -stall * (1.0 + speed / no_load)))
@@ -50,22 +81,35 @@ def mit_torque(
 class TailMotors(LeafSystem):
     """The two tail motors: commands in, joint torques out.
 
-    The law is evaluated at every step of the plant, as the motor's own firmware does it at kHz. The reflected rotor
-    inertia is part of the plant (tail.sdf). A NaN in a command gives zero torque for that joint.
+    The law is that of `mit_torque` at the end of the step. The load on a joint is taken from the last step, inertia
+    times acceleration less the torque that acted, with the friction of this instant. The reflected rotor inertia is
+    part of the plant (tail.sdf). A NaN in a command gives zero torque for that joint.
 
-    Input ports:
-        joint_state (4): pitch and roll angle rad, pitch and roll rate rad/s, from the plant.
+    Input ports (pitch and roll, in this order):
+        joint_state (4): angles rad, rates rad/s, from the plant.
+        joint_acceleration (2): rad/s2, of the plant's last step.
+        joint_torque (2): N m, motor and friction together, of the plant's last step.
+        friction (2): N m, of this instant.
         tail_pitch_command (5), tail_roll_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad,
             torque N m.
     Output ports:
-        torque (2): pitch and roll, N m, along the joint axes.
+        torque (2): N m, along the joint axes.
+
+    Args:
+        motor: limits and rotor.
+        arm: inertia of the arm about its joints.
+        step: of the plant, s.
     """
 
-    def __init__(self, motor: TailMotorParameters):
+    def __init__(self, motor: TailMotorParameters, arm: ArmInertia, step: float):
         super().__init__()
-        self._motor = motor
+        self._motor, self._arm, self._step = motor, arm, step
         self._line = torque_speed_limits(motor)
+        self._rotor = motor.rotor_inertia * motor.gear_ratio**2
         self._state = self.DeclareVectorInputPort("joint_state", 2 * JOINTS)
+        self._past = [
+            self.DeclareVectorInputPort(name, JOINTS) for name in ("joint_acceleration", "joint_torque", "friction")
+        ]
         self._commands = [
             self.DeclareVectorInputPort(f"tail_{joint}_command", TAIL_COMMAND.size) for joint in ("pitch", "roll")
         ]
@@ -77,8 +121,17 @@ class TailMotors(LeafSystem):
         joint_state: Any = self._state.Eval(context)
         state = joint_state.tolist()
         torques = []
-        for joint, port in enumerate(self._commands):
-            command: Any = port.Eval(context)
-            torque = mit_torque(state[joint], state[JOINTS + joint], command.tolist(), self._motor, self._line)
+        for joint, ahead in enumerate(self._steps_ahead(context, state[ROLL])):
+            command: Any = self._commands[joint].Eval(context)
+            torque = mit_torque(state[joint], state[JOINTS + joint], command.tolist(), self._motor, self._line, ahead)
             torques.append(torque if torque == torque else 0.0)
         output.SetFromVector(np.array(torques))
+
+    def _steps_ahead(self, context: Context, roll_angle: float) -> list[StepAhead]:
+        accelerations, torques, frictions = (np.asarray(port.Eval(context)).tolist() for port in self._past)
+        steps = []
+        for joint, arm in enumerate(self._arm.about_joints(roll_angle)):
+            inertia = arm + self._rotor
+            load = inertia * accelerations[joint] - torques[joint] + frictions[joint]
+            steps.append(StepAhead(self._step, inertia, load))
+        return steps

@@ -56,6 +56,15 @@ class SdfModel:
         for tag, moment in zip(("ixx", "iyy", "izz"), inertial.moments, strict=True):
             self._child(self._child(element, "inertia"), tag).text = _text(moment)
 
+    def inertial(self, link: str) -> Inertial:
+        """Mass, centre of mass and principal moments of a link."""
+        element = self._child(self._named("link", link), "inertial")
+        x, y, z = (float(word) for word in (self._child(element, "pose").text or "").split()[:3])
+        xx, yy, zz = (
+            float(self._child(self._child(element, "inertia"), tag).text or "nan") for tag in ("ixx", "iyy", "izz")
+        )
+        return Inertial(float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz))
+
     def set_link_position(self, link: str, position: Sequence[float]) -> None:
         """Sets the position (m) of a link in the model frame; its orientation stays."""
         self._set_position(self._named("link", link), position)

@@ -4,6 +4,9 @@ Joint signs: roll 0 = straight up, positive to the right (-y), axis +x; pitch ax
 about the tail's own axis (design section 4). The sail's normal is the body y axis when the arm stands up.
 """
 
+import math
+from dataclasses import dataclass
+
 from workbench.parameters import CarParameters, TailMotorParameters, TailParameters
 from workbench.plants.sdf_model import Inertial, SdfModel
 from workbench.resources import model_path
@@ -17,6 +20,39 @@ SAIL_TIP_MARGIN = 0.01
 
 TAIL_CONTACT_STIFFNESS = 1.0e4
 """Contact stiffness (N/m) of the sail's corners: a foam edge, soft against the tyres; acts in a crash only."""
+
+
+@dataclass(frozen=True)
+class ArmInertia:
+    """Inertia (kg m2) of the moving arm about its joints, without the rotors.
+
+    Args:
+        roll: rod and sail about the roll axis.
+        pitch_upright: hub, rod and sail about the pitch axis, arm straight up.
+        pitch_sideways: the same with the arm along the pitch axis.
+    """
+
+    roll: float
+    pitch_upright: float
+    pitch_sideways: float
+
+    def about_joints(self, roll_angle: float) -> tuple[float, float]:
+        """About the pitch and the roll axis at a roll angle (rad), the diagonal of the arm's mass matrix."""
+        sideways = math.sin(roll_angle) ** 2
+        return self.pitch_upright + sideways * (self.pitch_sideways - self.pitch_upright), self.roll
+
+
+def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> ArmInertia:
+    """Inertia of the arm as `tail_sdf` builds it."""
+    model = tail_sdf(tail, motor, car)
+    hub = model.inertial("tail_hub")
+    about_root = [0.0, 0.0, 0.0]
+    for link in ("tail_rod", "tail_sail"):
+        part = model.inertial(link)
+        lever = part.mass * part.com[2] ** 2
+        for axis, moment in enumerate((part.moments[0] + lever, part.moments[1] + lever, part.moments[2])):
+            about_root[axis] += moment
+    return ArmInertia(about_root[0], hub.moments[1] + about_root[1], hub.moments[1] + about_root[2])
 
 
 def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> SdfModel:

@@ -1,0 +1,88 @@
+"""The steering servo: 30 degrees in 0.14 s, its limit, and the linkage that turns both wheels about one centre."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from workbench.actuators.servo import SteeringServo, ackermann
+from workbench.scenario import scenario_from_dict
+
+SCENARIO = scenario_from_dict({})
+CAR, SERVO, STEP = SCENARIO.car, SCENARIO.servo, 0.002
+LIMIT = math.radians(30.0)
+
+
+def bicycle_angle(knuckles):
+    """Bicycle angle of two knuckle angles: the cotangents of both wheels have that of the bicycle as their mean."""
+    left, right = knuckles[:2]
+    return math.atan(2.0 / (1.0 / math.tan(left) + 1.0 / math.tan(right))) if left else 0.0
+
+
+class ServoRun:
+    def __init__(self):
+        self.servo = SteeringServo(SERVO, CAR, STEP)
+        self.simulator = Simulator(self.servo)
+        self.context = self.simulator.get_mutable_context()
+
+    def command(self, angle, until):
+        self.servo.get_input_port().FixValue(self.context, [angle])
+        self.simulator.AdvanceTo(until)
+        # `AdvanceTo` leaves the update of its end time pending; a step of no width takes it.
+        self.simulator.AdvancePendingEvents()
+        return self.servo.get_output_port().Eval(self.context)
+
+
+def test_thirty_degrees_take_0_14_seconds():
+    run = ServoRun()
+    half_way = run.command(LIMIT, 0.07 - STEP)
+    assert bicycle_angle(half_way) == pytest.approx(LIMIT / 2, rel=1e-9)
+    before = run.command(LIMIT, 0.14 - 2 * STEP)
+    assert bicycle_angle(before) == pytest.approx(LIMIT - SERVO.rate * STEP, rel=1e-9)
+    there = run.command(LIMIT, 0.14 - STEP)
+    assert bicycle_angle(there) == pytest.approx(LIMIT, rel=1e-9)
+    back = run.command(0.0, 0.28 - STEP)
+    np.testing.assert_allclose(back[:2], 0.0, atol=1e-12)
+
+
+def test_servo_stops_at_its_limit_on_both_sides():
+    for command, end in ((2.0, LIMIT), (-2.0, -LIMIT)):
+        knuckles = ServoRun().command(command, 0.5)
+        assert bicycle_angle(knuckles) == pytest.approx(end, rel=1e-9)
+        np.testing.assert_allclose(knuckles[2:], 0.0, atol=1e-12)
+
+
+def test_small_step_is_taken_at_once():
+    assert bicycle_angle(ServoRun().command(0.5 * SERVO.rate * STEP, 0.0)) == pytest.approx(0.5 * SERVO.rate * STEP)
+
+
+def test_nan_holds_the_last_angle():
+    run = ServoRun()
+    before = run.command(0.2, 0.2).copy()
+    np.testing.assert_array_equal(run.command(math.nan, 0.4), before)
+    assert bicycle_angle(before) == pytest.approx(0.2)
+
+
+def test_left_steering_turns_both_wheels_left_and_the_inner_one_more():
+    left, right = ackermann(0.3, CAR.wheelbase, CAR.track)
+    assert left > 0.3 > right > 0.0
+    np.testing.assert_allclose(ackermann(-0.3, CAR.wheelbase, CAR.track), (-right, -left))
+    assert ackermann(0.0, CAR.wheelbase, CAR.track) == (0.0, 0.0)
+
+
+def test_both_wheels_roll_about_one_centre_on_the_rear_axle():
+    delta = 0.4
+    radius = CAR.wheelbase / math.tan(delta)
+    for angle, y in zip(ackermann(delta, CAR.wheelbase, CAR.track), (CAR.track / 2, -CAR.track / 2), strict=True):
+        # The wheel at (wheelbase, y) is perpendicular to the line from the centre of turn at (0, radius).
+        assert math.tan(angle) == pytest.approx(CAR.wheelbase / (radius - y))
+
+
+def test_knuckle_rates_are_the_derivatives_of_the_knuckle_angles():
+    run = ServoRun()
+    earlier = run.command(LIMIT, 0.1 - STEP).copy()
+    later = run.command(LIMIT, 0.1)
+    # The reported rate is that of the end of the step: off by half a step of a slope that changes by 5 rad/s2.
+    np.testing.assert_allclose((later[:2] - earlier[:2]) / STEP, later[2:], rtol=5e-3)
+    assert later[2] > later[3] > 0.0
