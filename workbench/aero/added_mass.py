@@ -173,7 +173,9 @@ def add_added_mass(
         ModelError: the mass is not finite, or the plant is already finalised.
     """
     if not math.isfinite(mass_per_part):
-        raise ModelError(f"added mass: {mass_per_part} kg per part on body '{body.name()}', but it must be a finite number")
+        raise ModelError(
+            f"added mass: {mass_per_part} kg per part on body '{body.name()}', but it must be a finite number"
+        )
     if plant.is_finalized():
         raise ModelError("added mass: the plant is already finalised; add the mass before plant.Finalize()")
     name = f"added_mass_{body.name()}"
@@ -184,7 +186,9 @@ def add_added_mass(
     middle = plant.AddFrame(FixedOffsetFrame(f"{name}_middle", body.body_frame(), _middle_pose(layout), instance))
     s = np.asarray(layout.distances)
     mass, moment = layout.number * mass_per_part, mass_per_part * float(np.sum((s - s.mean()) ** 2))
-    inertia = SpatialInertia(mass, np.zeros(3), UnitInertia(moment / mass, moment / mass, 0.0), skip_validity_check=True)
+    inertia = SpatialInertia(
+        mass, np.zeros(3), UnitInertia(moment / mass, moment / mass, 0.0), skip_validity_check=True
+    )
     row = plant.AddRigidBody(name, instance, inertia)
     if mass_per_part < 0.0 or not spanwise_free:
         plant.WeldFrames(middle, row.body_frame())
@@ -200,9 +204,13 @@ def _free_across(
 ) -> tuple[tuple[PrismaticJoint, float], ...]:
     """A point of positive mass that slides across the axis: it adds inertia along the axis only."""
     carrier = plant.AddRigidBody(f"{name}_carrier", instance, SpatialInertia.Zero())
-    point = plant.AddRigidBody(f"{name}_spanwise", instance, SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0)))
+    point = plant.AddRigidBody(
+        f"{name}_spanwise", instance, SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0))
+    )
     first = plant.AddJoint(PrismaticJoint(f"{name}_slide_x", middle, carrier.body_frame(), [1.0, 0.0, 0.0]))
-    second = plant.AddJoint(PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), [0.0, 1.0, 0.0]))
+    second = plant.AddJoint(
+        PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), [0.0, 1.0, 0.0])
+    )
     return ((first, mass), (second, mass))
 
 
@@ -239,7 +247,22 @@ def SlideKeeper_(T):  # noqa: N802 (Drake's name for a template)
             LeafSystem_[T].__init__(self, converter=converter)
             self._plant, self._slides, self._rate = plant, slides, rate
             self._kinematics = plant.CreateDefaultContext()
-            self._sliding = slides[-1][0].child_body()
+            nq = plant.num_positions()
+            self._rows = [
+                (
+                    joint.translation_axis().tolist().index(1.0),
+                    joint.position_start(),
+                    nq + joint.velocity_start(),
+                    mass,
+                )
+                for joint, mass in slides
+            ]
+            self._middle, self._world = slides[0][0].frame_on_parent(), plant.world_frame()
+            self._force = ExternallyAppliedSpatialForce_[T]()
+            self._force.body_index = slides[-1][0].child_body().index()
+            self._force.p_BoBq_B = [0.0, 0.0, 0.0]
+            self._origin = np.zeros(3)
+            self._SpatialForce = SpatialForce_[T]
             self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
             self.DeclareAbstractOutputPort(
                 "spatial_forces",
@@ -255,24 +278,19 @@ def SlideKeeper_(T):  # noqa: N802 (Drake's name for a template)
 
         def _calc(self, context: Any, output: Any) -> None:
             plant, kinematics, rate = self._plant, self._kinematics, self._rate
-            plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
-            middle, world = self._slides[0][0].frame_on_parent(), plant.world_frame()
+            state = self._state.Eval(context)
+            plant.SetPositionsAndVelocities(kinematics, state)
             bias = plant.CalcBiasTranslationalAcceleration(
-                kinematics, JacobianWrtVariable.kV, middle, [0.0, 0.0, 0.0], world, world
+                kinematics, JacobianWrtVariable.kV, self._middle, self._origin, self._world, self._world
             )[:, 0].tolist()
-            R_WM = middle.CalcRotationMatrixInWorld(kinematics).matrix().tolist()
+            R_WM = self._middle.CalcRotationMatrixInWorld(kinematics).matrix().tolist()
             total = [0.0, 0.0, 0.0]
-            for joint, mass in self._slides:
-                i = joint.translation_axis().tolist().index(1.0)
-                e = [row[i] for row in R_WM]
-                slip = 2.0 * rate * joint.get_translation_rate(kinematics) + rate * rate * joint.get_translation(kinematics)
-                size = mass * (dot(e, bias) - slip)
+            for axis, position, velocity, mass in self._rows:
+                e = [row[axis] for row in R_WM]
+                size = mass * (dot(e, bias) - 2.0 * rate * state[velocity] - rate * rate * state[position])
                 total = [t + size * x for t, x in zip(total, e, strict=True)]
-            force = ExternallyAppliedSpatialForce_[T]()
-            force.body_index = self._sliding.index()
-            force.p_BoBq_B = [0.0, 0.0, 0.0]
-            force.F_Bq_W = SpatialForce_[T]([0.0, 0.0, 0.0], total)
-            output.set_value([force])
+            self._force.F_Bq_W = self._SpatialForce(np.array((0.0, 0.0, 0.0, *total)))
+            output.set_value([self._force])
 
     return Impl
 

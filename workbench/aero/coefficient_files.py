@@ -82,9 +82,7 @@ class CoefficientSet:
                 return NormalForceLaw(float(content["cn"]))
             if self.kind == "speed_line":
                 return NormalForceLaw(SpeedLine(content["cn_slope_s_per_m"], content["cn_intercept"], self.speed_range))
-            return NormalForceLaw(
-                SpeedTable(tuple(self.nodes.speed_m_per_s), tuple(self.nodes.cn), where=self.where)
-            )
+            return NormalForceLaw(SpeedTable(tuple(self.nodes.speed_m_per_s), tuple(self.nodes.cn), where=self.where))
         if self.kind == "constant":
             return PolarLaw(float(content["cd"]), float(content["cl"]))
         if self.kind == "surface":
@@ -135,7 +133,11 @@ class CoefficientSet:
         assert self.angle_range is not None
         rows = tuple(tuple(float(c) for c in row) for row in content[coefficient])
         return PolynomialSurface(
-            rows, self.speed_range, self.angle_range, float(content["speed_scale_m_per_s"]), float(content["angle_scale_rad"])
+            rows,
+            self.speed_range,
+            self.angle_range,
+            float(content["speed_scale_m_per_s"]),
+            float(content["angle_scale_rad"]),
         )
 
 
@@ -276,7 +278,9 @@ def _nodes(content: Mapping[str, Any], law: str, where: str) -> pd.DataFrame:
         if (nodes[column] < 0.0).any():
             raise ModelError(f"{where}: nodes.{column} must not be negative (the coefficients are even in the angle)")
     if set(nodes.status) - {"measured", "seed"}:
-        raise ModelError(f"{where}: nodes.status must be measured or seed, found {', '.join(sorted(set(map(str, nodes.status))))}")
+        raise ModelError(
+            f"{where}: nodes.status must be measured or seed, found {', '.join(sorted(set(map(str, nodes.status))))}"
+        )
     _require_order(nodes, where)
     return nodes
 
@@ -294,10 +298,14 @@ def _require_order(nodes: pd.DataFrame, where: str) -> None:
     holes = sorted(grid - set(keys))
     if holes:
         g, v = holes[0]
-        raise ModelError(f"{where}: hole in the table: no node at {v} m/s, {g} rad; add it with status seed or measured")
+        raise ModelError(
+            f"{where}: hole in the table: no node at {v} m/s, {g} rad; add it with status seed or measured"
+        )
 
 
 def _warn_of_degrees(angles: list[float], where: str) -> None:
     largest = max(angles, default=0.0)
     if largest > math.pi:
-        warnings.warn(f"{where}: an angle is {largest} rad, beyond pi: is the column in degrees?", UserWarning, stacklevel=3)
+        warnings.warn(
+            f"{where}: an angle is {largest} rad, beyond pi: is the column in degrees?", UserWarning, stacklevel=3
+        )

@@ -202,7 +202,9 @@ class PolynomialSurface:
 
     def covers(self, speed: float, angle: float) -> bool:
         """Whether the point lies in the range of the nodes."""
-        return self.speed_range[0] <= speed <= self.speed_range[1] and self.angle_range[0] <= angle <= self.angle_range[1]
+        return (
+            self.speed_range[0] <= speed <= self.speed_range[1] and self.angle_range[0] <= angle <= self.angle_range[1]
+        )
 
 
 def fit_surface(
@@ -224,12 +226,16 @@ def fit_surface(
         require_finite(name, array, "surface fit")
     v_scale, g_scale = float(v.max()) or 1.0, float(g.max()) or 1.0
     choices = sorted(
-        ((p, q) for p in range(highest[0] + 1) for q in range(highest[1] + 1)), key=lambda d: (-(d[0] + 1) * (d[1] + 1), -d[1])
+        ((p, q) for p in range(highest[0] + 1) for q in range(highest[1] + 1)),
+        key=lambda d: (-(d[0] + 1) * (d[1] + 1), -d[1]),
     )
     for p, q in choices:
         design = np.vander(v / v_scale, p + 1, True)[:, :, None] * np.vander(g / g_scale, q + 1, True)[:, None, :]
         matrix = design.reshape(len(c), -1)
-        if matrix.shape[1] <= len(c) and np.linalg.matrix_rank(matrix, tol=1e-9 * np.sqrt(matrix.size)) == matrix.shape[1]:
+        if (
+            matrix.shape[1] <= len(c)
+            and np.linalg.matrix_rank(matrix, tol=1e-9 * np.sqrt(matrix.size)) == matrix.shape[1]
+        ):
             solution = np.linalg.lstsq(matrix, c, rcond=None)[0].reshape(p + 1, q + 1)
             rows = tuple(tuple(float(x) for x in row) for row in solution)
             return PolynomialSurface(

@@ -93,9 +93,7 @@ class Jet:
             ModelError: no position of any joint brings a section into the jet.
         """
         context = plant.CreateDefaultContext()
-        defaults = np.clip(
-            plant.GetPositions(context), plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        )
+        defaults = np.clip(plant.GetPositions(context), plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits())
         plant.SetPositions(context, defaults)
 
         def exposed() -> bool:

@@ -43,7 +43,14 @@ class SectionLaw(Protocol):
     """What `TailForce` asks of a law."""
 
     def line_force(
-        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+        self,
+        u: Vector,
+        k: Vector,
+        a: Vector,
+        n: Vector,
+        distances: Sequence[Scalar],
+        areas: Sequence[Scalar],
+        density: float,
     ) -> tuple[Scalar, ...]:
         """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame, N and N m."""
         ...
@@ -100,7 +107,14 @@ class NormalForceLaw:
                 raise ModelError(f"normal-force law: the coefficient is {value}, but it must be a finite number from 0")
 
     def line_force(
-        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+        self,
+        u: Vector,
+        k: Vector,
+        a: Vector,
+        n: Vector,
+        distances: Sequence[Scalar],
+        areas: Sequence[Scalar],
+        density: float,
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
         ax, ay, az = a
@@ -165,7 +179,14 @@ class TwoSidedLaw:
                 raise ModelError(f"two-sided law: {name} is {value}, but it must be a finite number from 0")
 
     def line_force(
-        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+        self,
+        u: Vector,
+        k: Vector,
+        a: Vector,
+        n: Vector,
+        distances: Sequence[Scalar],
+        areas: Sequence[Scalar],
+        density: float,
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows to the wind."""
         u_n, k_n = dot(u, n), dot(k, n)

@@ -43,7 +43,9 @@ class PolarLaw:
         if not callable(self.drag) and self.drag < 0.0:
             raise ModelError(f"polar law: the drag coefficient is {self.drag}, but negative drag would add energy")
         if not 0.0 <= self.lift_blend <= math.pi / 4 or not 0.0 < self.lift_end <= math.pi / 4:
-            raise ModelError("polar law: lift_blend must lie in 0 .. 0.785 rad and lift_end in 0 .. 0.785 rad (above 0)")
+            raise ModelError(
+                "polar law: lift_blend must lie in 0 .. 0.785 rad and lift_end in 0 .. 0.785 rad (above 0)"
+            )
 
     def _fade(self, spanwise: Scalar, across: Scalar, speed: Scalar) -> Scalar:
         """Factor on C_L: sign of gamma, smooth at 0, and zero at 90 degrees."""
@@ -78,7 +80,14 @@ class PolarLaw:
         return scale * speed * (drag + lift * spanwise), -scale * lift * squared * speed
 
     def line_force(
-        self, u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
+        self,
+        u: Vector,
+        k: Vector,
+        a: Vector,
+        n: Vector,
+        distances: Sequence[Scalar],
+        areas: Sequence[Scalar],
+        density: float,
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
         spanwise = dot(u, a)

@@ -108,7 +108,9 @@ def cheetah_nodes(tail: int, axis: str) -> list[dict[str, Any]]:
             group = fits[(fits.angle_of_attack_deg == angle) & (fits.wind_speed_m_per_s == speed)]
             place = {"speed_m_per_s": speed, "angle_rad": round(math.radians(angle), 9)}
             if len(group):
-                nodes.append({**place, "status": "measured", **_measured(group), "source": str(group.source_table.iloc[0])})
+                nodes.append(
+                    {**place, "status": "measured", **_measured(group), "source": str(group.source_table.iloc[0])}
+                )
             else:
                 nodes.append({**place, "status": "seed", **_seed(seeds, angle, speed)})
     return nodes
@@ -120,7 +122,11 @@ def _measured(group: pd.DataFrame) -> dict[str, Any]:
     for name in ("cd", "cl"):
         column = group[name].to_numpy()
         low, high = np.percentile(column, _BAND)
-        values |= {name: _rounded(weighted(column, resnorms)), f"{name}_p10": _rounded(low), f"{name}_p90": _rounded(high)}
+        values |= {
+            name: _rounded(weighted(column, resnorms)),
+            f"{name}_p10": _rounded(low),
+            f"{name}_p90": _rounded(high),
+        }
     return {**values, "samples": len(group)}
 
 
@@ -150,7 +156,10 @@ def cheetah_sets() -> dict[str, dict[str, Any]]:
                 " area = length x major width for both axes (ERRATA E2); seeds from Tables 4.9, 4.10, 10.1-10.5",
                 "kind": "table",
                 "range": {
-                    "speed_m_per_s": [min(n["speed_m_per_s"] for n in measured), max(n["speed_m_per_s"] for n in measured)],
+                    "speed_m_per_s": [
+                        min(n["speed_m_per_s"] for n in measured),
+                        max(n["speed_m_per_s"] for n in measured),
+                    ],
                     "angle_rad": [min(n["angle_rad"] for n in measured), max(n["angle_rad"] for n in measured)],
                 },
                 "nodes": nodes,
@@ -181,7 +190,9 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _represent_list(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=not any(isinstance(x, dict) for x in data))
+    return dumper.represent_sequence(
+        "tag:yaml.org,2002:seq", data, flow_style=not any(isinstance(x, dict) for x in data)
+    )
 
 
 def _represent_node(dumper: yaml.SafeDumper, data: dict[str, Any]) -> yaml.Node:

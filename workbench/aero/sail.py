@@ -61,7 +61,9 @@ class FreeSail:
             if not (math.isfinite(value) and value > 0.0):
                 raise ModelError(f"free sail: {name} is {value}, but it must be a finite number above 0")
         if not (math.isfinite(self.bearing_damping) and self.bearing_damping >= 0.0):
-            raise ModelError(f"free sail: bearing_damping is {self.bearing_damping}, but it must be a finite number from 0")
+            raise ModelError(
+                f"free sail: bearing_damping is {self.bearing_damping}, but it must be a finite number from 0"
+            )
         if not abs(self.centre_of_pressure) <= self.width:
             raise ModelError(
                 f"free sail: centre_of_pressure is {self.centre_of_pressure} m, but it must lie within one width "

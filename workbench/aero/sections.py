@@ -107,7 +107,9 @@ class SectionLayout:
             number: of equal sections.
         """
         if int(number) != number or number < 1:
-            raise ModelError(f"section layout: the number of sections is {number}, but it must be a whole number from 1")
+            raise ModelError(
+                f"section layout: the number of sections is {number}, but it must be a whole number from 1"
+            )
         for name, value in (("length", length), ("width", width)):
             if not (math.isfinite(value) and value > 0.0):
                 raise ModelError(f"section layout: {name} is {value} m, but it must be a finite number above 0")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce_
@@ -161,7 +162,7 @@ def TailForce_(T):  # noqa: N802 (Drake's name for a template)
 
         def _calc_forces(self, context: Any, output: Any) -> None:
             _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
-            self._force.F_Bq_W = self._SpatialForce((m_x, m_y, m_z), (f_x, f_y, f_z))
+            self._force.F_Bq_W = self._SpatialForce(np.array((m_x, m_y, m_z, f_x, f_y, f_z)))
             output.set_value([self._force])
 
         def _calc_wrench(self, context: Any, output: Any) -> None:
@@ -281,7 +282,9 @@ def connect_spatial_forces(builder: DiagramBuilder, plant: MultibodyPlant, force
         return
     source = builder.connection_map().get((plant, port.get_index()))
     if source is None:
-        raise ModelError(f"plant '{plant.get_name()}': applied_spatial_force is exported; connect the aerodynamic bodies first")
+        raise ModelError(
+            f"plant '{plant.get_name()}': applied_spatial_force is exported; connect the aerodynamic bodies first"
+        )
     present = source[0].get_output_port(source[1])
     builder.Disconnect(present, port)
     multiplexer = builder.AddSystem(ExternallyAppliedSpatialForceMultiplexer(2))

@@ -24,10 +24,14 @@ def add_free_body(plant: MultibodyPlant, name: str = "tail", mass: float = 0.5) 
 
 def add_rod(plant: MultibodyPlant, name: str, length: float, mass: float, parent: RigidBody | None = None) -> RigidBody:
     """A thin rod along +z of its body frame from the origin, on a revolute joint about +x (angle 0 = along the parent's z)."""
-    body = plant.AddRigidBody(name, SpatialInertia.ThinRodWithMass(mass, [0.0, 0.0, 1.0]).Shift([0.0, 0.0, -length / 2]))
+    body = plant.AddRigidBody(
+        name, SpatialInertia.ThinRodWithMass(mass, [0.0, 0.0, 1.0]).Shift([0.0, 0.0, -length / 2])
+    )
     inertia = SpatialInertia.ThinRodWithMass(mass, length, [0.0, 0.0, 1.0]).Shift([0.0, 0.0, -length / 2])
     assert np.isclose(inertia.get_mass(), mass)
-    plant.AddJoint(RevoluteJoint(f"{name}_joint", (parent or plant.world_body()).body_frame(), body.body_frame(), [1, 0, 0]))
+    plant.AddJoint(
+        RevoluteJoint(f"{name}_joint", (parent or plant.world_body()).body_frame(), body.body_frame(), [1, 0, 0])
+    )
     return body
 
 

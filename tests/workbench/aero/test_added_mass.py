@@ -166,7 +166,10 @@ def transport_of_parts(plant, context, body, added) -> np.ndarray:
     a = plant.EvalBodyPoseInWorld(context, body).rotation().multiply(np.array(LAYOUT.axis_B))
     for p in LAYOUT.p_BoSi_B:
         arguments = (context, JacobianWrtVariable.kV, body.body_frame(), p, world, world)
-        J, bias = plant.CalcJacobianTranslationalVelocity(*arguments), plant.CalcBiasTranslationalAcceleration(*arguments)[:, 0]
+        J, bias = (
+            plant.CalcJacobianTranslationalVelocity(*arguments),
+            plant.CalcBiasTranslationalAcceleration(*arguments)[:, 0],
+        )
         total += added * J.T @ (bias - a * (a @ bias))
     return total
 
@@ -202,7 +205,9 @@ def car_on_the_ground(added: float, angle: float = 1.2):
 def ground_force(plant, context) -> float:
     """Vertical force of the ground on the car, N."""
     results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
-    return sum(abs(results.point_pair_contact_info(i).contact_force()[2]) for i in range(results.num_point_pair_contacts()))
+    return sum(
+        abs(results.point_pair_contact_info(i).contact_force()[2]) for i in range(results.num_point_pair_contacts())
+    )
 
 
 def test_a_resting_car_feels_nothing() -> None:
@@ -250,7 +255,12 @@ def test_an_impulse_gives_the_analytic_response(added) -> None:
     from pydrake.multibody.tree import JacobianWrtVariable
 
     J = bare.CalcJacobianTranslationalVelocity(
-        bare_context, JacobianWrtVariable.kV, bare.GetBodyByName("base").body_frame(), push.p_BoBq_B, bare.world_frame(), bare.world_frame()
+        bare_context,
+        JacobianWrtVariable.kV,
+        bare.GetBodyByName("base").body_frame(),
+        push.p_BoBq_B,
+        bare.world_frame(),
+        bare.world_frame(),
     )
     expected = np.linalg.solve(total, J.T @ push.F_Bq_W.translational() * step)
     simulator = Simulator(diagram, context)
@@ -282,7 +292,9 @@ def rig(added: float):
     """The rig's swinging part (design section 4 and 6): bar, reflected rotor inertia and tail 1, on one joint."""
     builder = DiagramBuilder()
     plant = add_plant(builder)
-    tail = plant.AddRigidBody("cheetah_tail_1", SpatialInertia.ThinRodWithMass(0.0982, 0.390, [0.0, 0.0, 1.0]).Shift([0, 0, 0.433]))
+    tail = plant.AddRigidBody(
+        "cheetah_tail_1", SpatialInertia.ThinRodWithMass(0.0982, 0.390, [0.0, 0.0, 1.0]).Shift([0, 0, 0.433])
+    )
     bar = plant.AddRigidBody("bar", SpatialInertia.SolidSphereWithMass(0.313, 0.124))
     joint = plant.AddJoint(RevoluteJoint("swing", plant.world_frame(), tail.body_frame(), [1.0, 0.0, 0.0]))
     plant.WeldFrames(tail.body_frame(), bar.body_frame(), RigidTransform([0.0, 0.0, 0.100]))

@@ -135,7 +135,9 @@ def example() -> dict:
         "quasi_steady_limit_m_per_s": 10.0,
         "range": {"speed_m_per_s": [5.0, 10.0], "angle_rad": [0.0, 1.0]},
         "nodes": [
-            {"speed_m_per_s": v, "angle_rad": g, "cd": 1.0, "cl": 0.1, "status": "measured"} for g in (0.0, 1.0) for v in (5.0, 10.0)
+            {"speed_m_per_s": v, "angle_rad": g, "cd": 1.0, "cl": 0.1, "status": "measured"}
+            for g in (0.0, 1.0)
+            for v in (5.0, 10.0)
         ],
     }
 
@@ -176,7 +178,9 @@ def test_angles_in_degrees_warn_and_name_the_file() -> None:
 
 def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path) -> None:
     path = tmp_path / "mine.csv"
-    path.write_text("speed_m_per_s,angle_rad,cd,cl,source\n5,0,1,0,run 1\n9,0,2,0,run 1\n5,0.5,1,0.2,run 2\n9,0.5,2,0.2,run 2\n")
+    path.write_text(
+        "speed_m_per_s,angle_rad,cd,cl,source\n5,0,1,0,run 1\n9,0,2,0,run 1\n5,0.5,1,0.2,run 2\n9,0.5,2,0.2,run 2\n"
+    )
     coefficients = load_coefficients(path)
     assert coefficients.source == "run 1; run 2"
     assert coefficients.law().drag(7.0, 0.25) == pytest.approx(1.5)

@@ -31,9 +31,7 @@ def pendulum(builder, pivot_height=0.0, limits=None):
     """A tail that hangs from the pivot on a joint about -x: positive angles swing it towards -y, downstream."""
     plant = add_plant(builder)
     body = plant.AddRigidBody("tail", SpatialInertia.SolidSphereWithMass(0.1, 0.05))
-    pivot = plant.AddFrame(
-        FixedOffsetFrame("pivot", plant.world_frame(), RigidTransform([0.0, 0.0, pivot_height]))
-    )
+    pivot = plant.AddFrame(FixedOffsetFrame("pivot", plant.world_frame(), RigidTransform([0.0, 0.0, pivot_height])))
     joint = plant.AddJoint(RevoluteJoint("swing", pivot, body.body_frame(), [-1.0, 0.0, 0.0]))
     if limits:
         joint.set_position_limits([limits[0]], [limits[1]])
@@ -84,7 +82,11 @@ def test_the_wind_pushes_the_exposed_tail_downstream() -> None:
 
 
 def test_a_jet_that_no_reachable_angle_meets_is_refused() -> None:
-    for limits, depth, fails in (((-1.5, 1.5), 0.70, True), ((1.3, 1.6), EDGE_DEPTH, True), ((0.5, 1.6), EDGE_DEPTH, False)):
+    for limits, depth, fails in (
+        ((-1.5, 1.5), 0.70, True),
+        ((1.3, 1.6), EDGE_DEPTH, True),
+        ((0.5, 1.6), EDGE_DEPTH, False),
+    ):
         builder = DiagramBuilder()
         plant = pendulum(builder, limits=limits)
         jet = Jet.below_pivot((0, 0, 0), depth)
@@ -101,7 +103,15 @@ def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float)
     air = 0.0
     for layout, law in ((TAIL, PolarLaw(cd, cl, lift_blend=0.0)), (BAR, PolarLaw(2.0))):
         distances, areas = jet.exposed_sections(layout, (0.0, 0.0, 0.0), a)
-        moment = law.line_force((speed * math.sin(psi), -speed * math.cos(psi), 0.0), (0.0, 0.0, 0.0), a, (1.0, 0.0, 0.0), distances, areas, 1.225)
+        moment = law.line_force(
+            (speed * math.sin(psi), -speed * math.cos(psi), 0.0),
+            (0.0, 0.0, 0.0),
+            a,
+            (1.0, 0.0, 0.0),
+            distances,
+            areas,
+            1.225,
+        )
         air -= moment[3]  # downstream is a turn about -x
     return air - 9.81 * math.sin(angle) * (0.0982 * (0.270 + 0.163) + 0.313 * 0.100)
 

@@ -76,13 +76,19 @@ def test_a_half_cylinder_is_pushed_more_on_its_hollow_side() -> None:
     hollow, round_side = (law.section_force((0.0, v, 0.0), *arguments)[1] for v in (5.0, -5.0))
     assert hollow == pytest.approx(0.5 * 1.225 * 0.02 * 2.30 * 25.0)
     assert hollow / -round_side == pytest.approx(2.30 / 1.20)
-    even = TwoSidedLaw(2.0, 2.0).line_force((1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2], (0.1, 0.2), (0.01, 0.02), 1.2)
+    even = TwoSidedLaw(2.0, 2.0).line_force(
+        (1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2], (0.1, 0.2), (0.01, 0.02), 1.2
+    )
     assert even == pytest.approx(
         NormalForceLaw(2.0).line_force((1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2], (0.1, 0.2), (0.01, 0.02), 1.2)
     )
 
 
 def test_bad_sails_are_refused() -> None:
-    for change, message in (({"mass": -1.0}, "mass"), ({"inertia": 0.0}, "inertia"), ({"centre_of_pressure": 0.3}, "one width")):
+    for change, message in (
+        ({"mass": -1.0}, "mass"),
+        ({"inertia": 0.0}, "inertia"),
+        ({"centre_of_pressure": 0.3}, "one width"),
+    ):
         with pytest.raises(ModelError, match=message):
             FreeSail(**{**VANE, **change})

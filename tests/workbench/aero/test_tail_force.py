@@ -21,9 +21,7 @@ from workbench.errors import ModelError
 
 AXIS = (0.0, 0.6, 0.8)
 NORMAL = (0.0, 0.8, -0.6)
-LAYOUT = SectionLayout.strip(
-    start=0.1, length=0.7, width=0.15, p_BoRo_B=(0.1, -0.2, 0.3), axis_B=AXIS, normal_B=NORMAL
-)
+LAYOUT = SectionLayout.strip(start=0.1, length=0.7, width=0.15, p_BoRo_B=(0.1, -0.2, 0.3), axis_B=AXIS, normal_B=NORMAL)
 
 
 def wing_pose(layout: SectionLayout, i: int) -> RigidTransform:

@@ -64,7 +64,9 @@ def test_wind_and_motion_give_the_same_force() -> None:
         add_free_body(plant)
         plant.Finalize()
         layout = SectionLayout.robot_tail(start=0.1, length=0.5, width=0.2)
-        force = add_to_builder(builder, plant, "tail", layout, 2.0, wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0))))
+        force = add_to_builder(
+            builder, plant, "tail", layout, 2.0, wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0)))
+        )
         state = np.array([1.0] + [0.0] * 10 + [motion, 0.0])
         wrenches.append(port_value(force, plant_context(builder.Build(), plant, state), "wrench"))
     assert wrenches[0][1] == pytest.approx(0.5 * 1.225 * 0.1 * 2.0 * 25.0, rel=1e-12)
@@ -89,7 +91,9 @@ def test_a_driving_car_feels_head_wind() -> None:
 def test_the_tunnel_blows_downstream() -> None:
     """Towards -y, turned by psi about z (design section 4)."""
     jet = Jet.below_pivot((0, 0, 0), 0.265, psi=0.1)
-    np.testing.assert_allclose(WindModel.in_jet(jet, 10.0).mean, [10 * math.sin(0.1), -10 * math.cos(0.1), 0.0], rtol=1e-12)
+    np.testing.assert_allclose(
+        WindModel.in_jet(jet, 10.0).mean, [10 * math.sin(0.1), -10 * math.cos(0.1), 0.0], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,139 @@
+"""Pictures of a coefficient set: curves with percentile bands, what was measured, and the surface."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from workbench.aero.coefficient_files import CoefficientSet
+from workbench.aero.coefficients import PolynomialSurface
+from workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+
+_COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
+_LABELS = {"cd": "drag coefficient $C_D$", "cl": "lift coefficient $C_L$"}
+
+
+def plot_coefficients(coefficients: CoefficientSet) -> Figure:
+    """A figure of one set: $C_N$ over the speed, or $C_D$ and $C_L$ over the angle with their surfaces."""
+    if coefficients.law_kind == "polar":
+        figure = _plot_polar(coefficients)
+    else:
+        figure = _plot_speed(coefficients)
+    figure.suptitle(coefficients.name, fontsize=12, y=0.99)
+    figure.text(0.5, 0.92, _wrapped(coefficients.source), ha="center", va="center", fontsize=7, color="0.35")
+    return figure
+
+
+def _wrapped(text: str, width: int = 120) -> str:
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, width))
+
+
+def _plot_speed(coefficients: CoefficientSet) -> Figure:
+    figure = Figure(figsize=(7.5, 5.0))
+    axes = figure.subplots()
+    figure.subplots_adjust(top=0.87, bottom=0.11, left=0.09, right=0.97)
+    low, high = coefficients.speed_range
+    speed = np.linspace(0.0, 1.2 * high, 400)
+    law = coefficients.law()
+    if isinstance(law, TwoSidedLaw):
+        axes.plot(speed, np.full_like(speed, law.along_normal), label="hollow side to the wind")
+        axes.plot(speed, np.full_like(speed, law.against_normal), label="round side to the wind")
+    else:
+        assert isinstance(law, NormalForceLaw)
+        curve = law.coefficient
+        values = [curve(float(v)) for v in speed] if callable(curve) else np.full_like(speed, curve)
+        axes.plot(speed, values, color=_COLOURS[0], label="used by the law (edge value held outside)")
+    nodes = coefficients.nodes
+    if "cn" in nodes:
+        axes.plot(nodes.speed_m_per_s, nodes.cn, "o", color=_COLOURS[0], label="weighted average of the single fits")
+    if "cn_p10" in nodes:
+        axes.fill_between(
+            nodes.speed_m_per_s, nodes.cn_p10, nodes.cn_p90, color=_COLOURS[0], alpha=0.2, label="percentiles 10 to 90"
+        )
+    _mark_range(axes, low, high, coefficients.quasi_steady_limit)
+    axes.set(xlabel="relative speed [m/s]", ylabel="normal-force coefficient $C_N$", xlim=(0.0, 1.2 * high))
+    axes.set_ylim(bottom=0.0)
+    axes.legend(loc="lower center", fontsize=8)
+    return figure
+
+
+def _mark_range(axes: Axes, low: float, high: float, limit: float) -> None:
+    left, right = axes.get_xlim()
+    for start, end in ((left, low), (high, max(right, high))):
+        axes.axvspan(start, end, color="0.9", zorder=0)
+    axes.axvline(limit, color="0.4", linestyle=":", linewidth=1.0)
+    axes.text(
+        limit, 0.02, " quasi-steady limit", transform=axes.get_xaxis_transform(), rotation=90, fontsize=7, ha="right"
+    )
+    axes.text(0.01, 0.98, "grey: not measured", transform=axes.transAxes, fontsize=7, va="top", color="0.35")
+
+
+def _plot_polar(coefficients: CoefficientSet) -> Figure:
+    figure = Figure(figsize=(11.0, 8.0))
+    grid = figure.subplots(2, 2)
+    figure.subplots_adjust(top=0.88, bottom=0.08, left=0.07, right=0.97, hspace=0.28, wspace=0.2)
+    for column, name in enumerate(("cd", "cl")):
+        if not coefficients.nodes.empty:
+            _plot_curves(grid[0, column], coefficients, name)
+            surface = coefficients.fitted_surface(name)
+        else:
+            law = coefficients.law()
+            surface = getattr(law, "drag" if name == "cd" else "lift")
+        if isinstance(surface, PolynomialSurface):
+            _plot_surface(figure, grid[1, column], coefficients, surface, name)
+        else:
+            grid[1, column].text(
+                0.5, 0.5, f"{_LABELS[name]} = {surface}", ha="center", transform=grid[1, column].transAxes
+            )
+        if coefficients.nodes.empty:
+            grid[0, column].set_axis_off()
+    return figure
+
+
+def _plot_curves(axes: Axes, coefficients: CoefficientSet, name: str) -> None:
+    assert coefficients.angle_range is not None
+    table = coefficients.table(name)
+    highest = max(coefficients.nodes.angle_rad.max(), coefficients.angle_range[1])
+    angles = np.linspace(0.0, highest, 200)
+    for i, (speed, nodes) in enumerate(coefficients.nodes.groupby("speed_m_per_s")):
+        colour = _COLOURS[i % len(_COLOURS)]
+        axes.plot(np.degrees(angles), [table(float(speed), g) for g in angles], color=colour, label=f"{speed:g} m/s")
+        measured, seeds = nodes[nodes.status == "measured"], nodes[nodes.status == "seed"]
+        axes.plot(np.degrees(measured.angle_rad), measured[name], "o", color=colour)
+        axes.plot(np.degrees(seeds.angle_rad), seeds[name], "o", color=colour, fillstyle="none", alpha=0.6)
+        if f"{name}_p10" in measured:
+            axes.fill_between(
+                np.degrees(measured.angle_rad),
+                measured[f"{name}_p10"],
+                measured[f"{name}_p90"],
+                color=colour,
+                alpha=0.2,
+            )
+    edge = math.degrees(coefficients.angle_range[1])
+    axes.axvspan(edge, math.degrees(highest), color="0.93", zorder=0)
+    axes.set(xlabel=r"angle of attack $|\gamma|$ [deg]", ylabel=_LABELS[name])
+    axes.plot([], [], "ko", label="measured")
+    axes.plot([], [], "ko", fillstyle="none", label="seed of a fit, not measured")
+    axes.legend(fontsize=7, ncols=2, loc="upper right" if name == "cd" else "lower right")
+    axes.set_title("table: edge value held outside the measured range; band: percentiles 10 to 90", fontsize=8)
+
+
+def _plot_surface(
+    figure: Figure, axes: Axes, coefficients: CoefficientSet, surface: PolynomialSurface, name: str
+) -> None:
+    (v_low, v_high), (g_low, g_high) = surface.speed_range, surface.angle_range
+    speeds, angles = np.linspace(v_low, v_high, 80), np.linspace(g_low, g_high, 80)
+    values = np.array([[surface(v, g) for v in speeds] for g in angles])
+    filled = axes.contourf(speeds, np.degrees(angles), values, levels=20, cmap="viridis")
+    figure.colorbar(filled, ax=axes, label=_LABELS[name])
+    if not coefficients.nodes.empty:
+        nodes = coefficients.measured_nodes()
+        axes.plot(nodes.speed_m_per_s, np.degrees(nodes.angle_rad), "wo", markeredgecolor="k", clip_on=False)
+    p, q = surface.degree
+    axes.set(xlabel="relative speed [m/s]", ylabel=r"$|\gamma|$ [deg]")
+    axes.set_title(f"polynomial surface of degree {p} x {q} through the measured nodes", fontsize=8)
