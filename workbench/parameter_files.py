@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from workbench.errors import ScenarioError
 from workbench.quantity import explain, nearest, unit_of
+from workbench.unique_keys import UniqueKeyLoader
 
 PARAMETER_SCHEMA = "aerodima/parameters/1"
 
@@ -64,7 +65,7 @@ def load_parameter_file(path: Path, model: type[BaseModel]) -> dict[str, Paramet
     entries = {}
     for key, raw in data.items():
         if key not in model.model_fields:
-            raise ScenarioError(f"{path}: {key}: unknown key; {nearest(key, list(model.model_fields))}")
+            raise ScenarioError(f"{path}: {key}: unknown key; {nearest(str(key), list(model.model_fields))}")
         try:
             entries[key] = ParameterEntry.model_validate(raw)
         except ValidationError as error:
@@ -115,7 +116,7 @@ def resolve(
 def read_yaml(path: Path) -> dict[str, Any]:
     """Reads a YAML mapping. Raises `ScenarioError` for a missing file, bad syntax or another kind of content."""
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -83,10 +83,27 @@ class Scenario(BaseModel):
             )
         if self.manoeuvre.steer_angle > self.servo.limit + 1e-9:
             steer, limit = self.manoeuvre.steer_angle, self.servo.limit
-            raise ValueError(f"manoeuvre.steer_angle: {steer:g} rad; allowed: <= servo.limit {limit:g} rad")
+            raise ValueError(f"manoeuvre.steer_angle: {steer:.9g} rad; allowed: <= servo.limit {limit:.9g} rad")
         ramp, start = self.manoeuvre.speed_ramp, self.manoeuvre.turn_start
         if self.manoeuvre.kind == "turn" and ramp > start:
             raise ValueError(f"manoeuvre.speed_ramp: {ramp:g} s; allowed: <= turn_start {start:g} s")
+        return self
+
+    @model_validator(mode="after")
+    def _tail_rests_within_its_range(self) -> "Scenario":
+        rests = (("hold_angle", "roll_limit"), ("pitch_angle", "pitch_limit"))
+        for key, limit_key in rests if self.tail.mode != "none" else ():
+            angle, limit = abs(getattr(self.controller, key)), getattr(self.tail, limit_key)
+            if angle > limit + 1e-9:
+                raise ValueError(f"controller.{key}: {angle:.9g} rad; allowed: <= tail.{limit_key} {limit:.9g} rad")
+        return self
+
+    @model_validator(mode="after")
+    def _frictions_can_be_combined(self) -> "Scenario":
+        # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre friction.
+        cage, most = self.car.cage_friction, 2 * self.car.tyre_friction
+        if cage >= most:
+            raise ValueError(f"car.cage_friction: {cage:g}; allowed: < twice car.tyre_friction, {most:g}")
         return self
 
     def resolved(self) -> dict[str, Any]:

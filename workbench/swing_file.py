@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from workbench.atomic_write import write_atomically
 from workbench.errors import SwingFileError
 from workbench.swing_curve import SwingPoint, gains_at, hermite, swing_at
+from workbench.unique_keys import UniqueKeyLoader
 
 __all__ = [
     "Direction",
@@ -207,7 +208,7 @@ def read_swing(path: Path | str) -> SwingFile:
     """
     path = Path(path)
     try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=_UniqueKeyLoader)
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
     except FileNotFoundError:
         raise SwingFileError(f"{path}: no such swing file") from None
     except (OSError, UnicodeDecodeError) as cause:
@@ -256,17 +257,6 @@ def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any], tolerance: flo
         elif not math.isclose(float(value), made_for, rel_tol=tolerance, abs_tol=1e-12):
             lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
     return lines
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """Safe loader that refuses a key named twice, of which plain YAML silently takes the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value]
-        twice = sorted({key for key in keys if keys.count(key) > 1})
-        if twice:
-            raise yaml.constructor.ConstructorError(None, None, f"key named twice: {', '.join(twice)}", node.start_mark)
-        return super().construct_mapping(node, deep)
 
 
 def _line(item: Any) -> str:

@@ -94,6 +94,6 @@ def ground_partner_friction(car: CarParameters) -> float:
     """Friction that cage, board and tail must carry so that Drake combines it with the ground's to `cage_friction`.
 
     Drake combines mu = 2 mu1 mu2 / (mu1 + mu2); the ground carries the tyre friction, so that the tyres' own pair
-    gives exactly that.
+    gives exactly that. A scenario's cage friction is below twice its tyre friction.
     """
-    return car.cage_friction * car.tyre_friction / max(2 * car.tyre_friction - car.cage_friction, 1e-6)
+    return car.cage_friction * car.tyre_friction / (2 * car.tyre_friction - car.cage_friction)
