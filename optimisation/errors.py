@@ -1,0 +1,7 @@
+"""Errors of the fits that a user can cause and mend."""
+
+from workbench.errors import UserError
+
+
+class FitError(UserError, ValueError):
+    """A fit cannot be set up or solved: bounds exclude the seed, a residual is not finite, too little data."""

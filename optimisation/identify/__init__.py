@@ -1,0 +1,1 @@
+"""Identification: from logs and tables to coefficients with intervals."""

@@ -1,0 +1,166 @@
+"""How sure a fit is: covariance, 95 % intervals with the effective number of samples, and what the data do not show.
+
+To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so Cov x = J^+ S J^+' with
+S the covariance of e. The pseudo-inverse leaves out the directions that the data do not see; a parameter with a part in
+one of them has an infinite interval.
+
+Filtered signals repeat themselves: n samples with autocorrelation rho_k count as n / (1 + 2 sum rho_k) (design section
+11: intervals that ignore this held the truth in 23 % of the cases instead of 95 %).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from optimisation.least_squares import Solution
+
+CONFIDENCE = 0.95
+_RANK_TOLERANCE = 1e-7
+"""Singular values of the scaled Jacobian below this part of the largest count as zero."""
+_SHARE = 0.05
+"""A parameter whose squared share in an unseen direction exceeds the square of this is not determined."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Covariance of the error of the weighted residual, and how much data it was estimated from.
+
+    Attributes:
+        covariance: (m x m), or its diagonal (m).
+        degrees_of_freedom: of the variance estimate; infinite when it is known.
+        effective_samples: that the residual stands for.
+    """
+
+    covariance: np.ndarray
+    degrees_of_freedom: float = np.inf
+    effective_samples: float = np.nan
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Of the unknowns of one solution.
+
+    Attributes:
+        covariance: (p x p), in the units of the unknowns; infinite on the diagonal where not determined.
+        standard_deviation: (p); infinite where not determined.
+        lower, upper: ends of the 95 % intervals (p).
+        identifiable: (p) flags.
+        unseen: the directions that the data do not determine, in words; empty when there are none.
+        condition: of the scaled Jacobian.
+        effective_samples: see `Noise`.
+    """
+
+    covariance: np.ndarray
+    standard_deviation: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    identifiable: np.ndarray
+    unseen: tuple[str, ...]
+    condition: float
+    effective_samples: float
+
+
+def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
+    """Covariance and intervals at the solution, as if there were no bounds (active ones are named elsewhere)."""
+    parameters = solution.problem.parameters
+    scales = parameters.scales
+    U, s, Vt = np.linalg.svd(solution.jacobian * scales, full_matrices=False)
+    seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
+    if s[0] == 0.0:
+        seen[:] = False
+    inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T
+    S = noise.covariance
+    scaled = (inverse * S) @ inverse.T if S.ndim == 1 else inverse @ S @ inverse.T
+    hidden = _hidden_directions(Vt, seen)
+    identifiable = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
+    covariance = scaled * np.outer(scales, scales)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation[~identifiable] = np.inf
+    covariance[np.diag_indices_from(covariance)] = np.where(identifiable, np.diag(covariance), np.inf)
+    factor = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(noise.degrees_of_freedom, 1.0)))
+    return Uncertainty(
+        covariance=covariance,
+        standard_deviation=deviation,
+        lower=solution.x - factor * deviation,
+        upper=solution.x + factor * deviation,
+        identifiable=identifiable,
+        unseen=tuple(_in_words(direction, parameters.names) for direction in hidden),
+        condition=float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf,
+        effective_samples=noise.effective_samples,
+    )
+
+
+def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """A readable basis of the directions that are not seen (k x p): each has a parameter that the others lack."""
+    hidden = Vt[~seen].copy()
+    for row in range(len(hidden)):
+        rest = np.abs(hidden[row:])
+        i, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
+        hidden[[row, row + i]] = hidden[[row + i, row]]
+        hidden[row] /= hidden[row, j]
+        for other in range(len(hidden)):
+            if other != row:
+                hidden[other] -= hidden[other, j] * hidden[row]
+    norms = np.linalg.norm(hidden, axis=1, keepdims=True)
+    return hidden / np.where(norms > 0.0, norms, 1.0)
+
+
+def _in_words(direction: np.ndarray, names: tuple[str, ...]) -> str:
+    """A direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
+    order = np.argsort(-np.abs(direction))
+    parts = [(direction[i], names[i]) for i in order if abs(direction[i]) > _SHARE]
+    if len(parts) == 1:
+        return parts[0][1]
+    text = f"{parts[0][0]:.2f} {parts[0][1]}"
+    for share, name in parts[1:]:
+        text += f" {'+' if share > 0 else '-'} {abs(share):.2f} {name}"
+    return text
+
+
+def correlation_time(residual: np.ndarray) -> float:
+    """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
+
+    The autocorrelation is summed in pairs until a pair is no longer positive (initial positive sequence): longer sums
+    scatter too much in short logs. Of a steep filter, whose autocorrelation rings, this takes the first lobe only and
+    makes intervals about 8 % too wide.
+    """
+    x = np.asarray(residual, float) - np.mean(residual)
+    n = len(x)
+    power = float(x @ x)
+    if n < 4 or power <= 0.0:
+        return 1.0
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
+    pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
+    end = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else len(pairs)
+    return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
+
+
+def serial_noise(residual: np.ndarray, channels: list[slice], unknowns: int) -> Noise:
+    """Noise of time series, one per channel, from the residual itself: its variance, times its correlation time.
+
+    Args:
+        residual: weighted, of all channels (m).
+        channels: where each time series stands in it.
+        unknowns: number of the free parameters; they are paid for out of the effective samples.
+    """
+    variance = np.empty(len(residual))
+    effective = 0.0
+    for channel in channels:
+        part = residual[channel]
+        time = correlation_time(part)
+        effective += len(part) / time
+        variance[channel] = time * float(np.mean(np.square(part)))
+    freedom = max(effective - unknowns, 1.0)
+    return Noise(variance * effective / freedom, freedom, effective)
+
+
+def independent_noise(residual: np.ndarray, unknowns: int) -> Noise:
+    """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
+    freedom = max(len(residual) - unknowns, 1)
+    variance = float(residual @ residual) / freedom
+    return Noise(np.full(len(residual), variance), freedom, float(len(residual)))

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from optimisation.errors import FitError
+from optimisation.least_squares import Problem, Solver, solve, solve_algebraic, solve_rollout
+from optimisation.parameters import Parameter, Parameters
+
+METHODS = [solve_algebraic, solve_rollout]
+TIME = np.linspace(0.0, 3.0, 40)
+
+
+def decay(amplitude_size: float = 1.0, **bounds: float) -> Problem:
+    """y = a exp(-k t) + c with a ripple that no model explains; `a` may be of any size."""
+    y = amplitude_size * (2.0 * np.exp(-1.3 * TIME) + 0.5 + 0.05 * np.sin(17.0 * TIME))
+    parameters = Parameters.of(
+        [
+            Parameter("a", "N", amplitude_size, 0.0, bounds.get("a", 10.0 * amplitude_size)),
+            Parameter("k", "1/s", 0.5, 0.0, bounds.get("k", 5.0)),
+            Parameter("c", "N", 0.0, scale=amplitude_size),
+        ]
+    )
+    return Problem(parameters, lambda x: (x[0] * np.exp(-x[1] * TIME) + x[2] - y) / amplitude_size, name="decay")
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_agrees_with_scipy_whatever_the_units(method: Solver, size: float) -> None:
+    problem = decay(size)
+    scales = np.array([size, 1.0, size])
+    reference = least_squares(
+        lambda z: problem.residual(z * scales), problem.parameters.seed / scales, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    solution = solve(problem, method)
+    assert solution.best.success
+    # Both stop where a step changes about the ninth digit.
+    assert solution.x / scales == pytest.approx(reference.x, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_stops_on_a_bound_at_the_constrained_minimum(method: Solver) -> None:
+    problem = decay(k=1.0)
+    reference = least_squares(problem.residual, problem.parameters.seed, bounds=([0, 0, -np.inf], [10, 1.0, np.inf]))
+    solution = solve(problem, method)
+    assert problem.parameters.active(solution.x) == {"k": "upper"}
+    # scipy's interior method stays about 1e-8 short of the bound.
+    assert solution.x == pytest.approx(reference.x, abs=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_residual_that_is_not_finite_at_the_seed_names_the_unknowns(method: Solver) -> None:
+    problem = Problem(
+        Parameters.of([Parameter("mass", "kg", -0.1)]), lambda x: np.array([np.sqrt(x[0]) - 1.0]), name="pendulum"
+    )
+    with np.errstate(invalid="ignore"), pytest.raises(FitError, match=r"pendulum.*not finite.*mass = -0\.1 kg"):
+        solve(problem, method)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_other_seeds_are_tried_when_one_has_no_model(method: Solver) -> None:
+    def residual(x: np.ndarray) -> np.ndarray:
+        if x[0] < 0.0:
+            raise FitError(f"the mass matrix is indefinite at {x[0]} kg")
+        return np.array([x[0] - 2.0, 0.1 * x[0]])
+
+    parameters = Parameters.of([Parameter("mass", "kg", -0.1, -1.0, 10.0)])
+    solution = solve(Problem(parameters, residual), method, parameters.starts([{"mass": 1.0}]))
+    assert [attempt.success for attempt in solution.attempts] == [False, True]
+    assert "indefinite at -0.1" in solution.attempts[0].status
+    assert solution.x[0] == pytest.approx(2.0 / 1.01, rel=1e-8)
+
+
+def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step() -> None:
+    # From 0.2 the full Gauss-Newton step of log(x) - 3 goes to 1.1, from there to 4.2; beyond 25 there is no model.
+    def residual(x: np.ndarray) -> np.ndarray:
+        return np.array([np.log(x[0]) - 3.0, 0.0]) if x[0] < 25.0 else np.array([np.nan, 0.0])
+
+    solution = solve(Problem(Parameters.of([Parameter("x", "1", 0.2, 0.0, 100.0)]), residual), solve_rollout)
+    assert solution.x[0] == pytest.approx(np.exp(3.0), rel=1e-6)
+
+
+def test_of_several_minima_the_lowest_is_kept_and_all_are_listed() -> None:
+    parameters = Parameters.of([Parameter("x", "1", 3.0, -5.0, 5.0)])
+    # The cost is stationary where (x + 2) (2 x (x - 2) + 1/4) = 0: minima at 1 + sqrt(7/8) and, lower, at -2.
+    problem = Problem(parameters, lambda x: np.array([(x[0] ** 2 - 4.0), 0.5 * (x[0] + 2.0)]))
+    solution = solve(problem, solve_rollout, parameters.starts([{"x": -3.0}]))
+    assert len(solution.attempts) == 2
+    assert solution.attempts[0].x[0] == pytest.approx(1.0 + np.sqrt(0.875), abs=1e-6)
+    assert solution.x[0] == pytest.approx(-2.0, abs=1e-6)
+
+
+def test_jacobian_at_the_solution_is_that_of_the_formula() -> None:
+    solution = solve(decay(), solve_rollout)
+    a, k, _ = solution.x
+    exact = np.column_stack([np.exp(-k * TIME), -a * TIME * np.exp(-k * TIME), np.ones_like(TIME)])
+    # Central differences with a step of 5e-4 scales: error of order step^2.
+    assert np.allclose(solution.jacobian, exact, atol=1e-6)
+
+
+def test_batch_residuals_are_used_for_the_differences() -> None:
+    problem = decay()
+    rows: list[int] = []
+
+    def batch(vectors: np.ndarray) -> np.ndarray:
+        rows.append(len(vectors))
+        return np.array([problem.residual(x) for x in vectors])
+
+    solution = solve(Problem(problem.parameters, problem.residual, batch=batch), solve_rollout)
+    assert solution.x == pytest.approx(solve(problem, solve_rollout).x, rel=1e-9)
+    assert rows[-1] == 6  # both sides of three unknowns
