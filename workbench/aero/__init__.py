@@ -1,1 +1,1 @@
-"""Aerodynamics of tails: sections, laws, coefficients, wind, added mass and the free sail (see README.md beside this file)."""
+"""Aerodynamics of tails: sections, laws, coefficients, wind, added mass and the free sail; README.md has the law."""

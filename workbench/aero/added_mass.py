@@ -4,20 +4,21 @@ Each of n equal parts of the tail feels -m_added times its acceleration normal t
 parts is one body without weight: mass M = n m_added at the middle of the row, moment of inertia m_added sum (s_i - s)^2
 about the normals and none about the axis. What is left is to free it along the axis:
 
-- m_added > 0: the body slides on a frictionless prismatic joint along the axis, so that its inertia acts on the tail only
-  across the axis: eliminating the slide leaves exactly M_added = sum J_i^T m (1 - a a^T) J_i.
+- m_added > 0: the body slides on a frictionless prismatic joint along the axis, so that its inertia acts on the tail
+  only across the axis: eliminating the slide leaves exactly M_added = sum J_i^T m (1 - a a^T) J_i.
 - m_added < 0: a body of negative mass is welded to the tail, and a second one of mass |M|, which slides freely across
   the axis, puts the spanwise inertia back.
 
-The air holds the sliding bodies beside the tail: `SlideKeeper` pushes them from outside, along their slides only. No part
-of that push reaches the tail, so its small error shifts the place of the added mass (by spanwise acceleration / rate^2),
-never the force balance.
+The air holds the sliding bodies beside the tail: `SlideKeeper` pushes them from outside, along their slides only. No
+part of that push reaches the tail, so its small error shifts the place of the added mass (by spanwise acceleration /
+rate^2), never the force balance.
 
-The other method tried, a force computed from (M + M_added) vdot = tau without the contact forces, lifts a resting car; a
-welded body without a slide is exact in contact but has spanwise inertia too. README.md beside this file has the figures.
+The other method tried, a force computed from (M + M_added) vdot = tau without the contact forces, lifts a resting car;
+a welded body without a slide is exact in contact but has spanwise inertia too. README.md beside this file has the
+figures.
 
-Steady wind is assumed: the acceleration of the air itself is left out. The bodies sit in their own model instance, without
-gravity: leave that instance out of sums over the vehicle's mass.
+Steady wind is assumed: the acceleration of the air itself is left out. The bodies sit in their own model instance,
+without gravity: leave that instance out of sums over the vehicle's mass.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce_
@@ -36,17 +36,18 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce_, MultibodyPla
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     JacobianWrtVariable,
+    Joint,
     ModelInstanceIndex,
     PrismaticJoint,
     RigidBody,
     SpatialInertia,
     UnitInertia,
 )
-from pydrake.systems.framework import DiagramBuilder, InputPortIndex, LeafSystem_, System
-from pydrake.systems.scalar_conversion import TemplateSystem
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, System
 
 from workbench.aero.laws import dot
 from workbench.aero.sections import SectionLayout
+from workbench.aero.system_template import LeafSystem_, system_template
 from workbench.aero.tail_force import connect_spatial_forces
 from workbench.errors import ModelError
 
@@ -73,7 +74,7 @@ class AddedMass:
     layout: SectionLayout
     mass_per_part: float
     instance: ModelInstanceIndex
-    slides: tuple[tuple[PrismaticJoint, float], ...]
+    slides: tuple[tuple[Joint, float], ...]
 
     def add_to_builder(self, builder: DiagramBuilder, *, rate: float | None = None) -> System | None:
         """Checks that M + M_added is positive definite and adds the keeper of the slides, if there are any.
@@ -125,8 +126,8 @@ class AddedMass:
             largest = scipy.linalg.eigh(unit[np.ix_(keep, keep)], bare[np.ix_(keep, keep)], eigvals_only=True)[-1]
             if self.mass_per_part * largest <= -1.0 + 1e-9:
                 raise ModelError(
-                    f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' takes away more inertia than "
-                    f"there is (M + M_added is not positive definite); it must be above {-1.0 / largest:.4g} kg"
+                    f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' takes more inertia "
+                    f"away than there is (M + M_added is not positive definite); it must be above {-1.0 / largest:.4g} kg"
                 )
 
     def _own_velocities(self) -> list[int]:
@@ -138,7 +139,7 @@ def added_mass_matrix(
 ) -> np.ndarray:
     """M_added = sum_i m J_i^T (1 - a a^T) J_i with the translational Jacobians of the part centres (nv x nv)."""
     world = plant.world_frame()
-    a_W = plant.EvalBodyPoseInWorld(context, body).rotation().multiply(np.asarray(layout.axis_B))
+    a_W = plant.EvalBodyPoseInWorld(context, body).rotation().matrix() @ np.asarray(layout.axis_B)
     across = np.eye(3) - np.outer(a_W, a_W)
     total = np.zeros((plant.num_velocities(), plant.num_velocities()))
     for p_BoSi_B in layout.p_BoSi_B:
@@ -192,25 +193,25 @@ def add_added_mass(
     row = plant.AddRigidBody(name, instance, inertia)
     if mass_per_part < 0.0 or not spanwise_free:
         plant.WeldFrames(middle, row.body_frame())
-        slides = _free_across(plant, instance, middle, -mass, name) if mass < 0.0 and spanwise_free else ()
+        slides: tuple[tuple[Joint, float], ...] = (
+            _free_across(plant, instance, middle, -mass, name) if mass < 0.0 and spanwise_free else ()
+        )
     else:
-        joint = plant.AddJoint(PrismaticJoint(f"{name}_slide", middle, row.body_frame(), [0.0, 0.0, 1.0]))
+        joint = plant.AddJoint(PrismaticJoint(f"{name}_slide", middle, row.body_frame(), np.eye(3)[2]))
         slides = ((joint, mass),)
     return AddedMass(plant, body, layout, mass_per_part, instance, slides)
 
 
 def _free_across(
     plant: MultibodyPlant, instance: ModelInstanceIndex, middle: Any, mass: float, name: str
-) -> tuple[tuple[PrismaticJoint, float], ...]:
+) -> tuple[tuple[Joint, float], ...]:
     """A point of positive mass that slides across the axis: it adds inertia along the axis only."""
     carrier = plant.AddRigidBody(f"{name}_carrier", instance, SpatialInertia.Zero())
     point = plant.AddRigidBody(
         f"{name}_spanwise", instance, SpatialInertia(mass, np.zeros(3), UnitInertia(0.0, 0.0, 0.0))
     )
-    first = plant.AddJoint(PrismaticJoint(f"{name}_slide_x", middle, carrier.body_frame(), [1.0, 0.0, 0.0]))
-    second = plant.AddJoint(
-        PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), [0.0, 1.0, 0.0])
-    )
+    first = plant.AddJoint(PrismaticJoint(f"{name}_slide_x", middle, carrier.body_frame(), np.eye(3)[0]))
+    second = plant.AddJoint(PrismaticJoint(f"{name}_slide_y", carrier.body_frame(), point.body_frame(), np.eye(3)[1]))
     return ((first, mass), (second, mass))
 
 
@@ -221,16 +222,16 @@ def _middle_pose(layout: SectionLayout) -> RigidTransform:
     return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), middle)
 
 
-@TemplateSystem.define("SlideKeeper_", T_list=[float, AutoDiffXd])
-def SlideKeeper_(T):  # noqa: N802 (Drake's name for a template)
+@system_template("SlideKeeper_")
+def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `SlideKeeper`."""
 
-    class Impl(LeafSystem_[T]):
+    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
         """Holds the weightless bodies of the added mass beside their tail: the air's side of the spanwise balance.
 
-        Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot - rate^2 x) e on the sliding
-        body, with A_bias the velocity-dependent acceleration of the tail's point under it. The slides are frictionless,
-        so nothing of it acts on the tail.
+        Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot - rate^2 x) e on the
+        sliding body, with A_bias the velocity-dependent acceleration of the tail's point under it. The slides are
+        frictionless, so nothing of it acts on the tail.
 
         Input ports:
             plant_state: multibody state [q; v].

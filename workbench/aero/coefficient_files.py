@@ -1,4 +1,4 @@
-"""Coefficient sets on disk: YAML or CSV files with source, range and measured or seed nodes (`models/coefficients/`)."""
+"""Coefficient sets on disk: YAML or CSV files with source, range, measured and seed nodes (`models/coefficients/`)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +209,7 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
         raise ModelError(f"{where}: the file must hold keys and values")
     if content.get("schema") != SCHEMA:
         raise ModelError(f"{where}: schema is {content.get('schema')!r}, but this version reads {SCHEMA!r}")
-    law, kind = content.get("law"), content.get("kind")
+    law, kind = str(content.get("law")), str(content.get("kind"))
     if (law, kind) not in _KEYS:
         allowed = ", ".join(f"{a}/{b}" for a, b in _KEYS)
         raise ModelError(f"{where}: law/kind is {law}/{kind} (allowed: {allowed})")
@@ -220,7 +221,7 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
     for key in _KEYS[law, kind] - {"nodes"}:
         _require_numbers(content[key], f"{where}: {key}")
     nodes = _nodes(content, law, where) if "nodes" in _KEYS[law, kind] else pd.DataFrame()
-    _warn_of_degrees([*(angle_range or ()), *(nodes["angle_rad"] if "angle_rad" in nodes else ())], where)
+    _warn_of_degrees([*(angle_range or ()), *nodes.get("angle_rad", ())], where)
     limit = _require_numbers(content["quasi_steady_limit_m_per_s"], f"{where}: quasi_steady_limit_m_per_s")
     if not str(content["source"]).strip():
         raise ModelError(f"{where}: source is empty; name the table, data sheet or run that the numbers come from")
@@ -235,7 +236,8 @@ def _require_keys(content: Any, wanted: set[str], where: str) -> None:
     unknown, missing = set(content) - wanted, wanted - set(content)
     if unknown or missing:
         raise ModelError(
-            f"{where}: unknown keys [{', '.join(sorted(map(str, unknown)))}], missing keys [{', '.join(sorted(missing))}]"
+            f"{where}: unknown keys [{', '.join(sorted(map(str, unknown)))}], "
+            f"missing keys [{', '.join(sorted(missing))}]"
         )
 
 
@@ -288,11 +290,11 @@ def _nodes(content: Mapping[str, Any], law: str, where: str) -> pd.DataFrame:
 def _require_order(nodes: pd.DataFrame, where: str) -> None:
     """Nodes ascend by angle and then by speed, and the grid of the measured nodes has no empty column."""
     keys = list(zip(nodes.angle_rad, nodes.speed_m_per_s, strict=True))
-    for i, (left, right) in enumerate(zip(keys[:-1], keys[1:], strict=True)):
+    for i, (left, right) in enumerate(pairwise(keys)):
         if right <= left:
             raise ModelError(
-                f"{where}: nodes must increase by angle, then speed, but nodes[{i + 1}] (angle {right[0]}, speed {right[1]}) "
-                f"follows (angle {left[0]}, speed {left[1]})"
+                f"{where}: nodes must increase by angle, then speed, but nodes[{i + 1}] (angle {right[0]}, "
+                f"speed {right[1]}) follows (angle {left[0]}, speed {left[1]})"
             )
     grid = {(g, v) for g in set(nodes.angle_rad) for v in set(nodes.speed_m_per_s)}
     holes = sorted(grid - set(keys))

@@ -100,9 +100,10 @@ def _plot_curves(axes: Axes, coefficients: CoefficientSet, name: str) -> None:
     table = coefficients.table(name)
     highest = max(coefficients.nodes.angle_rad.max(), coefficients.angle_range[1])
     angles = np.linspace(0.0, highest, 200)
-    for i, (speed, nodes) in enumerate(coefficients.nodes.groupby("speed_m_per_s")):
+    for i, speed in enumerate(sorted(set(coefficients.nodes.speed_m_per_s))):
+        nodes = coefficients.nodes[coefficients.nodes.speed_m_per_s == speed]
         colour = _COLOURS[i % len(_COLOURS)]
-        axes.plot(np.degrees(angles), [table(float(speed), g) for g in angles], color=colour, label=f"{speed:g} m/s")
+        axes.plot(np.degrees(angles), [table(speed, g) for g in angles], color=colour, label=f"{speed:g} m/s")
         measured, seeds = nodes[nodes.status == "measured"], nodes[nodes.status == "seed"]
         axes.plot(np.degrees(measured.angle_rad), measured[name], "o", color=colour)
         axes.plot(np.degrees(seeds.angle_rad), seeds[name], "o", color=colour, fillstyle="none", alpha=0.6)

@@ -1,7 +1,7 @@
 """Aerodynamic coefficients as functions: over the relative speed, or over speed and angle of attack.
 
-All take floats or AutoDiffXd, are continuous, and hold their edge value outside their range; `covers` tells where they were
-measured. Speeds in m/s, angles |gamma| in rad, coefficients without unit.
+All take floats or AutoDiffXd, are continuous, and hold their edge value outside their range; `covers` tells where they
+were measured. Speeds in m/s, angles |gamma| in rad, coefficients without unit.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,7 +25,7 @@ def require_increasing(name: str, values: Sequence[float], where: str) -> None:
             raise ModelError(f"{where}: {name}[{i}] is {value}, but it must be a finite number from 0")
     if len(values) < 2:
         raise ModelError(f"{where}: {name} has {len(values)} points, but a table needs at least 2")
-    for i, (left, right) in enumerate(zip(values[:-1], values[1:], strict=True)):
+    for i, (left, right) in enumerate(pairwise(values)):
         if right <= left:
             raise ModelError(f"{where}: {name} must increase strictly, but {name}[{i + 1}] = {right} follows {left}")
 
@@ -125,7 +126,8 @@ class RegularTable:
         rows = {len(row) for row in self.values}
         if len(self.values) != len(self.speeds) or rows != {len(self.angles)}:
             raise ModelError(
-                f"{self.where}: the table must have {len(self.speeds)} rows (speeds) of {len(self.angles)} values (angles)"
+                f"{self.where}: the table must have {len(self.speeds)} rows (speeds) "
+                f"of {len(self.angles)} values (angles)"
             )
         require_finite("values", np.asarray(self.values, float), self.where)
 
@@ -138,7 +140,7 @@ class RegularTable:
         return at_low + (high[j] + (high[j + 1] - high[j]) * y - at_low) * x
 
     def covers(self, speed: float, angle: float) -> bool:
-        """Whether the point lies in a cell with measured corners; a point on a grid line needs only the nodes of that line."""
+        """Whether the point lies in a cell with measured corners; on a grid line only the nodes of that line count."""
         if not (self.speeds[0] <= speed <= self.speeds[-1] and self.angles[0] <= angle <= self.angles[-1]):
             return False
         if not self.measured:
@@ -208,7 +210,7 @@ class PolynomialSurface:
 
 
 def fit_surface(
-    speeds: Sequence[float], angles: Sequence[float], values: Sequence[float], highest: tuple[int, int] = (2, 5)
+    speeds: np.ndarray, angles: np.ndarray, values: np.ndarray, highest: tuple[int, int] = (2, 5)
 ) -> PolynomialSurface:
     """Least-squares surface of the highest degree that the nodes determine, up to 2 x 5 (thesis Fig. 4.21).
 

@@ -72,7 +72,7 @@ class Jet:
         return start, end
 
     def exposed_sections(self, layout: SectionLayout, p_WRo: Any, a: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Centres (m from the root) and areas (m2) of the equal parts of the exposed length; zero areas without exposure."""
+        """Centres (m from the root) and areas (m2) of equal parts of the exposed length; areas 0 without exposure."""
         number = layout.number
         if layout.start == layout.end:
             inside = self.exposed_interval(layout, p_WRo, a) is not None
@@ -86,8 +86,8 @@ class Jet:
     def require_reachable(self, plant: Any, body: Any, layout: SectionLayout) -> None:
         """Refuses a layout that the jet meets at no reachable angle.
 
-        Every joint with one position is swept over its limits (a full turn where it has none), the others at their default
-        positions, moved into their limits.
+        Every joint with one position is swept over its limits (a full turn where it has none), the others at their
+        default positions, moved into their limits.
 
         Raises:
             ModelError: no position of any joint brings a section into the jet.
@@ -117,6 +117,6 @@ class Jet:
                 if exposed():
                     return
         raise ModelError(
-            f"jet: body '{body.name()}' meets the jet at no reachable angle: its sections end {layout.end:.3f} m from their "
-            f"root and the edge is at height {self.p_WE[2]:.3f} m; lower the edge depth or lengthen the body"
+            f"jet: body '{body.name()}' meets the jet at no reachable angle: its sections end {layout.end:.3f} m from "
+            f"their root and the edge is at height {self.p_WE[2]:.3f} m; lower the edge depth or lengthen the body"
         )

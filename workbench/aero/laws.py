@@ -1,8 +1,8 @@
 """The two force laws of a section (design section 5), for floats and for AutoDiffXd alike.
 
 Both work on a line of sections: section i at distance s_i along the axis a sees the relative velocity
-v_i = v_air - v_section = u + s_i k, with u that of the root and k = -(omega x a). Hence k is perpendicular to a, and the
-spanwise part v_i . a is the same for all sections. Vectors are sequences of three scalars in the world frame.
+v_i = v_air - v_section = u + s_i k, with u that of the root and k = -(omega x a). Hence k is perpendicular to a, and
+the spanwise part v_i . a is the same for all sections. Vectors are sequences of three scalars in the world frame.
 """
 
 from __future__ import annotations
@@ -19,14 +19,9 @@ from workbench.errors import ModelError
 Scalar = Any  # float or AutoDiffXd
 Vector = Sequence[Any]
 
-# Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and gradient are zero there.
+# Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and gradient are zero
+# there.
 STILL = 1e-60
-
-
-class SpeedCoefficient(Protocol):
-    """A coefficient over the relative speed |v_rel| (m/s), dimensionless."""
-
-    def __call__(self, speed: Scalar) -> Scalar: ...
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
@@ -90,7 +85,7 @@ def float_of(value: Scalar) -> float:
 
 @dataclass(frozen=True)
 class NormalForceLaw:
-    """F = 1/2 rho A C_N(|v|) |v_p| v_n n: v_p is the velocity without its spanwise part, v_n its part along the sail normal n.
+    """F = 1/2 rho A C_N(|v|) |v_p| v_n n, with v_p the velocity without its spanwise part, v_n its part along n.
 
     With C_N = 2 this is the robot-tail model of the thesis (eq. 6.8) and equals Drake's `Wing`.
 

@@ -1,7 +1,7 @@
 """Derives the embedded coefficient sets from the published tables; `models/coefficients/` holds what it writes.
 
-Weights follow thesis eqs. 4.29-4.31: w_i proportional to 1 / resnorm_i. `python -m workbench.aero.published_coefficients`
-writes the files again; a test keeps files and tables equal.
+Weights follow thesis eqs. 4.29-4.31: w_i proportional to 1 / resnorm_i.
+`python -m workbench.aero.published_coefficients` writes the files again; a test keeps files and tables equal.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from workbench.resources import model_path, models_dir
 
 SCHEMA = "aerodima/coefficients/1"
 CHEETAH_LIMIT = 10.0
-"""Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s (thesis section 4.9)."""
+"""Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s (section 4.9)."""
 ROBOT_LIMIT = 15.0
 """Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
 _BAND = (10.0, 90.0)
@@ -37,7 +37,7 @@ def _rounded(value: float, digits: int = 4) -> float:
 
 
 def robot_tail_rows() -> pd.DataFrame:
-    """The 160 distinct published coefficients of the robot tail: Table 11.3 repeats 11.6 and is left out (ERRATA E24)."""
+    """The 160 distinct coefficients of the robot tail: Table 11.3 repeats 11.6 and is left out (ERRATA E24)."""
     rows = pd.read_csv(model_path("published/robot_tail_drag.csv"))
     return rows[rows.source_table != "Table 11.3"]
 
@@ -51,7 +51,7 @@ def robot_tail_sets() -> dict[str, dict[str, Any]]:
         low, high = np.percentile(group.cd, _BAND)
         nodes.append(
             {
-                "speed_m_per_s": float(speed),
+                "speed_m_per_s": float(str(speed)),
                 "cn": _rounded(weighted(group.cd.to_numpy(), group.resnorm.to_numpy())),
                 "cn_p10": _rounded(low),
                 "cn_p90": _rounded(high),
@@ -82,7 +82,7 @@ def robot_tail_sets() -> dict[str, dict[str, Any]]:
         "robot_tail_weighted_average": {
             **common,
             "name": "robot tail, weighted average per relative speed",
-            "source": f"resnorm-weighted (eqs. 4.29-4.31) over {source}; band: percentiles 10 and 90 of the single fits",
+            "source": f"resnorm-weighted (eqs. 4.29-4.31) over {source}; band: percentiles 10 and 90 of the fits",
             "kind": "speed_table",
             "range": {"speed_m_per_s": speeds},
             "nodes": nodes,
@@ -91,7 +91,7 @@ def robot_tail_sets() -> dict[str, dict[str, Any]]:
 
 
 def cheetah_nodes(tail: int, axis: str) -> list[dict[str, Any]]:
-    """The 18 nodes of one cheetah tail: measured ones from the static fits, the others only seeds (ERRATA E1, E3, E4, F).
+    """The 18 nodes of one cheetah tail: measured ones from the static fits, the others seeds (ERRATA E1, E3, E4, F).
 
     Args:
         tail: 1, 2 or 3.
@@ -152,8 +152,8 @@ def cheetah_sets() -> dict[str, dict[str, Any]]:
                 "law": "polar",
                 "quasi_steady_limit_m_per_s": CHEETAH_LIMIT,
                 "name": f"cheetah tail {tail}, {axis} axis",
-                "source": "thesis Tables 4.11, 10.6-10.18, resnorm-weighted without bold outliers and copied rows (ERRATA E1, E4);"
-                " area = length x major width for both axes (ERRATA E2); seeds from Tables 4.9, 4.10, 10.1-10.5",
+                "source": "thesis Tables 4.11, 10.6-10.18, resnorm-weighted without bold outliers and copied rows"
+                " (ERRATA E1, E4); area = length x major width for both axes (ERRATA E2); seeds from Tables 4.9, 4.10, 10.1-10.5",
                 "kind": "table",
                 "range": {
                     "speed_m_per_s": [
@@ -175,8 +175,9 @@ def shape_sets() -> dict[str, dict[str, Any]]:
             "law": "two_sided",
             "quasi_steady_limit_m_per_s": ROBOT_LIMIT,
             "name": "half cylinder, by side",
-            "source": "thesis Table 2.1, 2D rows 2 and 9: 1.20 and 2.30 are the values that the drag literature gives for a half"
-            " tube with its round and its hollow side to the flow; the table's shape names are images (assumed match)",
+            "source": "thesis Table 2.1, 2D rows 2 and 9: 1.20 and 2.30 are the values that the drag literature"
+            " gives for a half tube with its round and its hollow side to the flow; the table's shape names are images"
+            " (assumed match)",
             "kind": "constant",
             "range": {"speed_m_per_s": [0.0, ROBOT_LIMIT]},
             "cn_round_side": 1.20,

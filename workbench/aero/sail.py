@@ -1,16 +1,17 @@
 """The sail that turns freely about the tail's own axis (design section 5, "Passive sail").
 
-In the sail frame S the z axis is the tail axis (root to tip) and the chord lies along x at zero angle; the wind that comes
-from +x blows along -x. The centre of pressure sits `centre_of_pressure` behind the axis, at x = -centre_of_pressure. Behind
-(positive) the sail turns into the wind like a vane; ahead (negative), as on the first sail of the thesis, it turns away.
+In the sail frame S the z axis is the tail axis (root to tip) and the chord lies along x at zero angle; the wind that
+comes from +x blows along -x. The centre of pressure sits `centre_of_pressure` behind the axis, at
+x = -centre_of_pressure. Behind (positive) the sail turns into the wind like a vane; ahead (negative), as on the first
+sail of the thesis, it turns away.
 
 The moment about the sail axis is not a law of its own: the force acts at the centre of pressure, and its rigid-body
 velocity includes the sail's own rate, which gives the damping c = 1/2 rho A C_N |v| e^2. For small angles in a wind U
 
     omega_n^2 = 1/2 rho A C_N U^2 e / I,    zeta = c / (2 I omega_n) (bearing damping comes on top).
 
-The centre of pressure is fixed: a real plate's moves from a quarter of the chord behind its leading edge (edge-on) to the
-middle (broadside), which this model leaves out.
+The centre of pressure is fixed: a real plate's moves from a quarter of the chord behind its leading edge (edge-on) to
+the middle (broadside), which this model leaves out.
 """
 
 from __future__ import annotations
@@ -112,8 +113,9 @@ class FreeSail:
         shape = UnitInertia(along + radius / 2, along + radius / 2, radius)
         body = plant.AddRigidBody(name, SpatialInertia(self.mass, middle, shape.ShiftFromCenterOfMass(middle)))
         mount = plant.AddFrame(FixedOffsetFrame(f"{name}_mount", tail.body_frame(), X_TS or RigidTransform()))
-        joint = RevoluteJoint(f"{name}_joint", mount, body.body_frame(), [0.0, 0.0, 1.0], self.bearing_damping)
-        return body, plant.AddJoint(joint)
+        joint = RevoluteJoint(f"{name}_joint", mount, body.body_frame(), np.eye(3)[2], self.bearing_damping)
+        added: RevoluteJoint = plant.AddJoint(joint)  # type: ignore[assignment]  # the stubs say Joint
+        return body, added
 
     def add_to_builder(
         self,

@@ -98,7 +98,7 @@ class SectionLayout:
         axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
         normal_B: tuple[float, float, float] = (1.0, 0.0, 0.0),
     ) -> SectionLayout:
-        """A flat strip of equal sections: a cheetah tail, a bar, or the robot's sail (default axes: tail up, sail facing x).
+        """A flat strip of equal sections: a cheetah tail, a bar, the robot's sail. By default it points up, facing x.
 
         Args:
             start: distance of the strip's near end from the root along the axis, m.

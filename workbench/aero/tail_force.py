@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce_
 from pydrake.multibody.plant import (
@@ -17,33 +16,35 @@ from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import (
     DiagramBuilder,
     InputPortIndex,
-    LeafSystem_,
     OutputPort,
     System,
 )
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from workbench.aero.jet import Jet
 from workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, float_of, length
 from workbench.aero.sections import Air, SectionLayout
+from workbench.aero.system_template import LeafSystem_, system_template
 from workbench.errors import ModelError
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0
 
 
-@TemplateSystem.define("TailForce_", T_list=[float, AutoDiffXd])
-def TailForce_(T):  # noqa: N802 (Drake's name for a template)
+@system_template("TailForce_")
+def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `TailForce`."""
 
-    class Impl(LeafSystem_[T]):
+    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
         """Aerodynamic wrench on a body made of sections on a straight line.
 
-        Law: `NormalForceLaw` or `PolarLaw`, design section 5; quasi-steady. Smooth in the velocity, also at zero airspeed.
-        Every section has the rigid-body velocity of its centre, omega x r included, so a driving car makes its own
-        apparent wind. Body pose and velocity come from the plant's state through a context of our own: the two
-        list ports of the plant cost 22-29 us per step on a car of 25 bodies (every element becomes a Python
-        object), the state port with forward kinematics 10 us.
+        The law is a `NormalForceLaw`, `TwoSidedLaw` or `PolarLaw` (design section 5), quasi-steady and smooth in the
+        velocity, also at zero airspeed. Every section has the rigid-body velocity of its centre, omega x r included,
+        so a driving car makes its own apparent wind.
+
+        Body pose and velocity come from the plant's state through a context of our own: the two list ports of the
+        plant cost 22-29 us per step on a car of 25 bodies, because every element becomes a Python object; the state
+        port with forward kinematics costs 10 us. The geometry is therefore that of the plant at Finalize: frames moved
+        in a context later are not seen. A system evaluates one context at a time; give each thread its own diagram.
 
         Input ports:
             plant_state: multibody state [q; v] of the plant.
@@ -150,7 +151,7 @@ def TailForce_(T):  # noqa: N802 (Drake's name for a template)
             return X_WB, (a_x, a_y, a_z), n, (-v_x, -v_y, -v_z), k
 
         def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
-            """Distances and areas of the sections; with a jet those of the exposed part, areas zero without exposure."""
+            """Distances and areas of the sections; with a jet those of the exposed part, areas 0 without exposure."""
             if self._jet is None:
                 return self._layout.distances, self._layout.areas
             return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
@@ -216,7 +217,7 @@ def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
 
 
 def resolve_body(plant: Any, body: Any) -> Any:
-    """The plant's body that is meant by a body or a name; ModelError when the plant has no such body, or is not finalised."""
+    """The body that a body or a name means; ModelError when the plant has no such body, or is not finalised."""
     if not plant.is_finalized():
         raise ModelError("tail force: the plant is not finalised; call plant.Finalize() first")
     if isinstance(body, str):
@@ -244,7 +245,8 @@ def add_to_builder(
 ) -> System:
     """Adds a `TailForce` for one body and wires it: the plant's state in, its force out, and the wind when given.
 
-    Several aerodynamic bodies, and other systems that apply spatial forces, may share a plant: see `connect_spatial_forces`.
+    Several aerodynamic bodies, and other systems that apply spatial forces, may share a plant: see
+    `connect_spatial_forces`.
 
     Args:
         builder: that owns the plant.
@@ -258,11 +260,11 @@ def add_to_builder(
     """
     if plant not in builder.GetSystems():
         raise ModelError(f"tail force: plant '{plant.get_name()}' is not in this builder; add it first")
-    body = resolve_body(plant, body)
+    carrier = resolve_body(plant, body)
     if jet is not None:
-        jet.require_reachable(plant, body, layout)
-    force = TailForce(plant, body, layout, law, air=air, jet=jet, quasi_steady_limit=quasi_steady_limit)
-    system = builder.AddNamedSystem(name or f"tail_force_{body.name()}", force)
+        jet.require_reachable(plant, carrier, layout)
+    force = TailForce(plant, carrier, layout, law, air=air, jet=jet, quasi_steady_limit=quasi_steady_limit)
+    system = builder.AddNamedSystem(name or f"tail_force_{carrier.name()}", force)
     builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
     if wind is not None:
         builder.Connect(wind, system.GetInputPort("wind_velocity"))

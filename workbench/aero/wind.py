@@ -1,4 +1,4 @@
-"""The motion of the air: constant wind, gusts, turbulence with a seed, the tunnel's jet, and what a driving car feels."""
+"""The motion of the air: constant wind, gusts, seeded turbulence, the tunnel's jet, and what a driving car feels."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.math import sin
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import DiagramBuilder, LeafSystem_, OutputPort, System
-from pydrake.systems.scalar_conversion import TemplateSystem
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from workbench.aero.jet import Jet
+from workbench.aero.system_template import LeafSystem_, system_template
 from workbench.aero.tail_force import resolve_body
 from workbench.errors import ModelError
 
@@ -76,11 +75,11 @@ class WindModel:
         return [keep * p + spread * std * x for p, std, x in zip(previous, self.turbulence, noise, strict=True)]
 
 
-@TemplateSystem.define("WindSource_", T_list=[float, AutoDiffXd])
-def WindSource_(T):  # noqa: N802 (Drake's name for a template)
+@system_template("WindSource_")
+def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `WindSource`."""
 
-    class Impl(LeafSystem_[T]):
+    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
         """The wind of a `WindModel`.
 
         Output ports:
@@ -121,11 +120,11 @@ def WindSource_(T):  # noqa: N802 (Drake's name for a template)
 WindSource = WindSource_[float]
 
 
-@TemplateSystem.define("ApparentWind_", T_list=[float, AutoDiffXd])
-def ApparentWind_(T):  # noqa: N802 (Drake's name for a template)
+@system_template("ApparentWind_")
+def ApparentWind_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `ApparentWind`."""
 
-    class Impl(LeafSystem_[T]):
+    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
         """What a sensor on a moving body feels: v_air - v_point, in body axes. `TailForce` needs no such system.
 
         Input ports:

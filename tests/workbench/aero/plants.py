@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint, RigidBody, SpatialInertia
+from pydrake.multibody.tree import RigidBody, SpatialInertia
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 
@@ -20,19 +20,6 @@ def add_plant(builder: DiagramBuilder, time_step: float = 0.0, gravity: bool = T
 def add_free_body(plant: MultibodyPlant, name: str = "tail", mass: float = 0.5) -> RigidBody:
     """A free brick of 0.1 x 0.2 x 0.6 m with its centre of mass at the body origin."""
     return plant.AddRigidBody(name, SpatialInertia.SolidBoxWithMass(mass, 0.1, 0.2, 0.6))
-
-
-def add_rod(plant: MultibodyPlant, name: str, length: float, mass: float, parent: RigidBody | None = None) -> RigidBody:
-    """A thin rod along +z of its body frame from the origin, on a revolute joint about +x (angle 0 = along the parent's z)."""
-    body = plant.AddRigidBody(
-        name, SpatialInertia.ThinRodWithMass(mass, [0.0, 0.0, 1.0]).Shift([0.0, 0.0, -length / 2])
-    )
-    inertia = SpatialInertia.ThinRodWithMass(mass, length, [0.0, 0.0, 1.0]).Shift([0.0, 0.0, -length / 2])
-    assert np.isclose(inertia.get_mass(), mass)
-    plant.AddJoint(
-        RevoluteJoint(f"{name}_joint", (parent or plant.world_body()).body_frame(), body.body_frame(), [1, 0, 0])
-    )
-    return body
 
 
 def random_state(plant: MultibodyPlant, rng: np.random.Generator, speed: float = 8.0) -> np.ndarray:

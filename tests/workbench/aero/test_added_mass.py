@@ -6,17 +6,21 @@ import math
 
 import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.geometry import Box, ProximityProperties, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     CoulombFriction,
     DiscreteContactApproximation,
+    ExternallyAppliedSpatialForce,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, RigidBody, SpatialInertia
+from pydrake.multibody.tree import FixedOffsetFrame, JacobianWrtVariable, RevoluteJoint, RigidBody, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantValueSource
 
 from tests.workbench.aero.plants import add_plant
 from workbench.aero.added_mass import add_added_mass, added_mass_matrix
@@ -83,7 +87,10 @@ def test_a_pendulum_has_the_analytic_period(ratio, spanwise_free) -> None:
 
 @pytest.mark.parametrize("ratio", [0.1, 10.0])
 def test_in_a_discrete_plant_the_period_converges_with_the_step(ratio) -> None:
-    """The discrete plant is symplectic Euler, of second order in the period: error (w h)^2 / 24, halved step a quarter."""
+    """The discrete plant is symplectic Euler, of second order in the period: error (w h)^2 / 24.
+
+    Half the step then leaves a quarter of the error.
+    """
     added = ratio * MASS / LAYOUT.number
     exact = 2 * math.pi / analytic_frequency(added)
     errors = []
@@ -130,7 +137,7 @@ def random_tail_state(plant, rng) -> np.ndarray:
 
 @pytest.mark.parametrize("added", [0.02, 0.2, -0.003])
 def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added) -> None:
-    """(M + M_added) vdot = tau(q, v) - sum J_i^T m (1 - a a^T) Jdot_i v, with M and M_added of a plant without added mass."""
+    """(M + M_added) vdot = tau(q, v) - sum J_i^T m (1 - a a^T) Jdot_i v, on a plant without added mass."""
     builder = DiagramBuilder()
     plant = add_plant(builder)
     _, mass = two_joint_tail(plant, added)
@@ -160,7 +167,6 @@ def test_a_two_joint_tail_accelerates_by_the_mass_matrix_of_the_jacobians(added)
 
 def transport_of_parts(plant, context, body, added) -> np.ndarray:
     """sum J_i^T m (1 - a a^T) Jdot_i v."""
-    from pydrake.multibody.tree import JacobianWrtVariable
 
     world, total = plant.world_frame(), np.zeros(plant.num_velocities())
     a = plant.EvalBodyPoseInWorld(context, body).rotation().multiply(np.array(LAYOUT.axis_B))
@@ -223,15 +229,11 @@ def test_a_resting_car_feels_nothing() -> None:
 @pytest.mark.parametrize("added", [0.2, -0.003])
 def test_an_impulse_gives_the_analytic_response(added) -> None:
     """A floating vehicle without gravity, at rest: one step of force F on the base gives (M + M_added)^-1 J^T F h."""
-    from pydrake.multibody.math import SpatialForce
-    from pydrake.multibody.plant import ExternallyAppliedSpatialForce
-    from pydrake.systems.primitives import ConstantValueSource
-    from pydrake.common.value import Value
 
     step = 2e-3
     builder = DiagramBuilder()
     plant = add_plant(builder, time_step=step, gravity=False)
-    tail, mass = two_joint_tail(plant, added)
+    _, mass = two_joint_tail(plant, added)
     plant.Finalize()
     base = plant.GetBodyByName("base")
     push = ExternallyAppliedSpatialForce()
@@ -252,7 +254,6 @@ def test_an_impulse_gives_the_analytic_response(added) -> None:
     bare_context = bare.CreateDefaultContext()
     bare.SetPositions(bare_context, state[: bare.num_positions()])
     total = bare.CalcMassMatrix(bare_context) + added_mass_matrix(bare, bare_context, bare_tail, LAYOUT, added)
-    from pydrake.multibody.tree import JacobianWrtVariable
 
     J = bare.CalcJacobianTranslationalVelocity(
         bare_context,

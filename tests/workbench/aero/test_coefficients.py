@@ -64,7 +64,7 @@ def test_unsorted_tables_holes_and_nan_are_refused(make, message) -> None:
 
 
 def test_a_surface_takes_the_highest_degree_that_its_nodes_determine() -> None:
-    """Eighteen nodes give the 2 x 5 of the thesis; three speeds by two angles give 2 x 1; eight of nine nodes give six terms."""
+    """Eighteen nodes give the thesis' 2 x 5; three speeds by two angles 2 x 1; eight of nine nodes six terms."""
 
     def truth(v, g):
         return 1.0 + 0.02 * v - 0.4 * g
@@ -109,7 +109,7 @@ def test_the_robot_tail_models_agree_with_the_errata() -> None:
 
 
 def test_the_cheetah_sets_say_which_nodes_are_measured() -> None:
-    """ERRATA F: 18 nodes, 9 with seeds only, 30 degrees for tail 1 only, and 30 degrees / 30 m/s is unpublished (E1)."""
+    """ERRATA F: 9 of 18 nodes are seeds, 30 degrees is there for tail 1 only, and without 30 m/s (E1)."""
     one = load_coefficients("cheetah_tail_1_major")
     assert len(one.nodes) == 18
     assert len(one.measured_nodes()) == 8

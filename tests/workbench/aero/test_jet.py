@@ -117,8 +117,10 @@ def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float)
 
 
 def test_the_published_holding_currents_of_tail_1_are_predicted() -> None:
-    """Medians 0.4, 0.6 and 1.7 % with kt N = 0.346 N m/A (design section 5: 0.3, 0.7, 1.6 %); lift to the tip or a cosine in the area
-    miss by tens of percent (ERRATA E39, E40)."""
+    """Medians 0.4, 0.6 and 1.7 % with kt N = 0.346 N m/A (design section 5: 0.3, 0.7, 1.6 %).
+
+    Lift to the tip misses by tens of percent (ERRATA E39).
+    """
     fits = pd.read_csv(model_path("published/static_fits.csv"))
     fits = fits[(fits["tail"] == 1) & (fits["axis"] == "major") & fits.derived_repeats_wind_speed_m_per_s.isna()]
     for angle_deg, bound in ((0, 0.005), (15, 0.009), (30, 0.020)):

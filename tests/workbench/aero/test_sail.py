@@ -46,7 +46,7 @@ def swing(sail: FreeSail, angle: float, duration: float, time_step: float = 0.0)
 
 @pytest.mark.parametrize("time_step", [0.0, 2e-3])
 def test_behind_the_axis_the_sail_is_a_weather_vane(time_step) -> None:
-    """It swings with the small-angle frequency (1 % here, 15 % allowed: damping lowers it by zeta^2/2 = 0.3 %) and settles."""
+    """It swings with the small-angle frequency to 2 % (damping lowers it by zeta^2/2 = 0.3 %) and settles."""
     sail = FreeSail(**VANE)
     times, angles = swing(sail, 0.1, 6.0, time_step)
     crossings = times[1:][(angles[:-1] < 0.0) & (angles[1:] >= 0.0)]
@@ -57,7 +57,7 @@ def test_behind_the_axis_the_sail_is_a_weather_vane(time_step) -> None:
 
 
 def test_ahead_of_the_axis_it_turns_away_and_ends_downwind() -> None:
-    """The first sail of the thesis: it leaves the wind and comes to rest half a turn round, centre of pressure downwind."""
+    """The first sail of the thesis: it leaves the wind and rests half a turn round, centre of pressure downwind."""
     sail = FreeSail(**{**VANE, "centre_of_pressure": -0.03, "bearing_damping": 2e-3})
     _, angles = swing(sail, 0.02, 10.0)
     assert np.abs(angles).max() > math.pi / 2

@@ -37,7 +37,7 @@ def test_a_gust_is_a_sine_about_the_mean() -> None:
 
 
 def test_turbulence_has_the_given_spread_and_memory() -> None:
-    """500 time constants: the spread is known to about 1/sqrt(500) = 4.5 %, the correlation to as much; bounds are three times that."""
+    """500 time constants: spread and memory are known to 1/sqrt(500) = 4.5 %; bounds allow three times that."""
     model = WindModel(turbulence=(1.0, 2.0, 0.0), time_constant=0.1, seed=3)
     rows = history(model, 50.0)
     assert np.std(rows[:, 0]) == pytest.approx(1.0, rel=0.15)
@@ -75,8 +75,10 @@ def test_wind_and_motion_give_the_same_force() -> None:
 
 
 def test_a_driving_car_feels_head_wind() -> None:
-    """Turned to the left by 90 degrees and driving at 4 m/s along +y in a side wind of 3 m/s along +x: in body axes the wind
-    comes from the front at 4 m/s and from the left (+y) at 3 m/s, so it blows towards -y."""
+    """Turned left by 90 degrees, driving at 4 m/s along +y, in a wind of 3 m/s along +x, which is the car's -y.
+
+    In body axes the air comes from the front at 4 m/s and blows towards the right (-y) at 3 m/s.
+    """
     builder = DiagramBuilder()
     plant = add_plant(builder)
     add_free_body(plant, "car")
