@@ -12,6 +12,8 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STATUS_SOURCES = ("tail_pitch", "tail_roll", "sail", "imu", "speed", "operator")
 GROUND_CONTACTS = ("cage", "board", "tail")
 PLANT_POSITION_PREFIX = "plant_position_"
+RIG_KINDS = ("static", "swing", "bar_swing", "robot_swing")
+"""Kinds of rig log: tail held by the motor, tail let go, bar let go without a tail, tail of the robot swung."""
 TIME = "time_s"
 _AXES = ("x", "y", "z")
 
@@ -143,14 +145,31 @@ def car_run_columns(position_names: Sequence[str] = ()) -> list[Column]:
     return [*sensor_columns(), *truth_columns(), *plant_position_columns(position_names)]
 
 
+def rig_columns() -> list[Column]:
+    """The columns of a rig log (design section 11). Frames and signs are those of the rig (design section 4).
+
+    The angle is 0 with the tail hanging and positive downstream; force and torque are those of the support on the
+    rig, at the sensor's measuring point, W axes.
+    """
+    return [
+        Column(TIME, "s", "time since the start of the log"),
+        Column("angle_rad", "rad", "tail angle, 0 hanging, positive downstream"),
+        Column("angular_velocity_rad_per_s", "rad/s", "rate of the tail angle"),
+        Column("current_a", "A", "motor current, positive pushes the tail upstream"),
+        *_vector("force", "n", "N", "force of the support on the rig, W axes"),
+        *_vector("torque", "n_m", "N m", "torque of the support on the rig about the sensor's point, W axes"),
+    ]
+
+
 def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str]:
     """Names that a log of this kind must have and has not.
 
     A `car_run` has every sensor column; if it has one truth column it has all of them, apart from those of the tail
-    when the car has none. Other kinds need their time. Further columns are welcome.
+    when the car has none. A rig log needs time and angle: what its force sensor did not give, a fit goes without. Other
+    kinds need their time. Further columns are welcome.
     """
     present = set(names)
-    required = [TIME]
+    required = [TIME, "angle_rad"] if kind in RIG_KINDS else [TIME]
     if kind == "car_run":
         required = [column.name for column in sensor_columns()]
         if any("_truth_" in name for name in present):
