@@ -140,7 +140,7 @@ class EnvironmentParameters(QuantityModel):
     """Gravity and air."""
 
     gravity: float = quantity("m/s2", "gravitational acceleration", ge=0, le=30)
-    air_density: float = quantity("kg/m3", "air density", ge=0, le=10)
+    air_density: float = quantity("kg/m3", "air density", gt=0, le=10)
     air_viscosity: float = quantity("kg/(m s)", "dynamic viscosity of the air", gt=0, le=1e-3)
 
 

@@ -12,24 +12,23 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain, Multiplexer
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
 
-from workbench.actuators.ak70 import TailMotors
 from workbench.actuators.drive import Drive, shaft_gain
-from workbench.actuators.friction import JointFriction, smooth_friction
 from workbench.actuators.servo import SteeringServo
+from workbench.actuators.tail_drive import add_tail_drive
 from workbench.aero.sections import Air, SectionLayout
 from workbench.aero.tail_force import add_to_builder as add_tail_force
 from workbench.errors import UserError
 from workbench.plants.car import CarPlant, add_car_plant
 from workbench.plants.car_model import axle_statics
-from workbench.plants.tail import arm_inertia
 from workbench.ports import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
 from workbench.scenario import Scenario
 from workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder
 from workbench.sensors.gps import GpsSpeed
 from workbench.sensors.imu import Imu
 from workbench.truth import CarTruth
+from workbench.wiring import select
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without tail arm."""
@@ -128,7 +127,7 @@ class _SimulatedCar:
         drive = self._builder.AddNamedSystem(
             "drive", Drive(scenario.drive, shaft_gain(scenario.drive, scenario.car), radius)
         )
-        speed = self._select("shaft_speed", self._plant.get_state_output_port(), [rate])
+        speed = select(self._builder, "shaft_speed", self._plant.get_state_output_port(), [rate])
         self._builder.Connect(speed, drive.GetInputPort("shaft_speed"))
         actuators = [
             self._plant.get_joint_actuator(index).joint().name()
@@ -163,29 +162,7 @@ class _SimulatedCar:
 
     def _add_tail(self, arm: ModelInstanceIndex) -> _TailPorts:
         builder, scenario, plant = self._builder, self._scenario, self._plant
-        joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
-        positions = [joint.position_start() for joint in joints]
-        rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
-        joint_state = self._select("tail_joint_state", plant.get_state_output_port(), positions + rates)
-        inertia = arm_inertia(scenario.tail, scenario.tail_motor, scenario.car)
-        motors = builder.AddNamedSystem(
-            "tail_torques", TailMotors(scenario.tail_motor, inertia, scenario.simulation.step)
-        )
-        friction = scenario.friction
-        law = smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain)
-        losses = builder.AddNamedSystem("tail_friction", JointFriction(law, len(joints)))
-        total = builder.AddNamedSystem("tail_actuation", Adder(2, len(joints)))
-        for index, system in enumerate((motors, losses)):
-            builder.Connect(joint_state, system.GetInputPort("joint_state"))
-            builder.Connect(system.get_output_port(), total.get_input_port(index))
-        builder.Connect(losses.get_output_port(), motors.GetInputPort("friction"))
-        builder.Connect(total.get_output_port(), plant.get_actuation_input_port(arm))
-        builder.Connect(plant.get_net_actuation_output_port(arm), motors.GetInputPort("joint_torque"))
-        rates_in_v = [joint.velocity_start() for joint in joints]
-        acceleration = self._select(
-            "tail_joint_acceleration", plant.GetOutputPort("generalized_acceleration"), rates_in_v
-        )
-        builder.Connect(acceleration, motors.GetInputPort("joint_acceleration"))
+        motors = add_tail_drive(builder, plant, arm, scenario)
         for name in ("tail_pitch_command", "tail_roll_command"):
             builder.ExportInput(motors.GetInputPort(name), name)
         self._tail_force = add_tail_force(
@@ -271,14 +248,6 @@ class _SimulatedCar:
 
     def _constant(self, name: str, value: list[float] | np.ndarray) -> OutputPort:
         return self._builder.AddNamedSystem(name, ConstantVectorSource(np.array(value, dtype=float))).get_output_port()
-
-    def _select(self, name: str, source: OutputPort, indices: list[int]) -> OutputPort:
-        """A vector port with these elements of another one."""
-        matrix = np.zeros((len(indices), source.size()))
-        matrix[np.arange(len(indices)), indices] = 1.0
-        system = self._builder.AddNamedSystem(name, MatrixGain(matrix))
-        self._builder.Connect(source, system.get_input_port())
-        return system.get_output_port()
 
     def _through(self, name: str, matrix: np.ndarray, source: OutputPort, sink: InputPort) -> None:
         system = self._builder.AddNamedSystem(name, MatrixGain(matrix))
