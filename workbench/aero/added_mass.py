@@ -127,7 +127,8 @@ class AddedMass:
             if self.mass_per_part * largest <= -1.0 + 1e-9:
                 raise ModelError(
                     f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' takes more inertia "
-                    f"away than there is (M + M_added is not positive definite); it must be above {-1.0 / largest:.4g} kg"
+                    "away than there is (M + M_added is not positive definite); "
+                    f"it must be above {-1.0 / largest:.4g} kg"
                 )
 
     def _own_velocities(self) -> list[int]:

@@ -21,6 +21,10 @@ CHEETAH_LIMIT = 10.0
 """Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s (section 4.9)."""
 ROBOT_LIMIT = 15.0
 """Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
+CHEETAH_SOURCE = (
+    "thesis Tables 4.11, 10.6-10.18, resnorm-weighted without bold outliers and copied rows (ERRATA E1, E4); "
+    "area = length x major width for both axes (ERRATA E2); seeds from Tables 4.9, 4.10, 10.1-10.5"
+)
 _BAND = (10.0, 90.0)
 _SPEEDS = (10.0, 20.0, 30.0)
 _ANGLES_DEG = (0, 15, 30, 45, 60, 75)
@@ -152,8 +156,7 @@ def cheetah_sets() -> dict[str, dict[str, Any]]:
                 "law": "polar",
                 "quasi_steady_limit_m_per_s": CHEETAH_LIMIT,
                 "name": f"cheetah tail {tail}, {axis} axis",
-                "source": "thesis Tables 4.11, 10.6-10.18, resnorm-weighted without bold outliers and copied rows"
-                " (ERRATA E1, E4); area = length x major width for both axes (ERRATA E2); seeds from Tables 4.9, 4.10, 10.1-10.5",
+                "source": CHEETAH_SOURCE,
                 "kind": "table",
                 "range": {
                     "speed_m_per_s": [

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from workbench.errors import ModelError
+from workbench.resources import model_path
 
 
 @dataclass(frozen=True)
@@ -158,3 +160,28 @@ class SectionLayout:
     ) -> SectionLayout:
         """One section at a given distance: the robot-tail model of the thesis (eq. 6.8, L_cor)."""
         return cls(p_BoRo_B, axis_B, normal_B, (distance,), (area,), chord, distance, distance)
+
+
+def cheetah_tail_layout(tail: int, *, start: float, number: int = 5) -> SectionLayout:
+    """A cheetah tail of the thesis, hanging along -z of its body: length x major width for both axes (ERRATA E2).
+
+    Args:
+        tail: 1, 2 or 3 (Table 4.2).
+        start: distance of the tail's root from the body origin, m; 0.270 from the pivot on the rig.
+        number: of sections.
+
+    Raises:
+        ModelError: there is no such tail.
+    """
+    with model_path("published/tail_properties.csv").open(encoding="utf-8") as file:
+        rows = {int(row["tail"]): row for row in csv.DictReader(file)}
+    if tail not in rows:
+        raise ModelError(f"cheetah tail {tail} does not exist (tails: {', '.join(map(str, rows))})")
+    return SectionLayout.strip(
+        start=start,
+        length=float(rows[tail]["length_m"]),
+        width=float(rows[tail]["major_axis_m"]),
+        number=number,
+        axis_B=(0.0, 0.0, -1.0),
+        normal_B=(0.0, 1.0, 0.0),
+    )
