@@ -146,18 +146,18 @@ def car_run_columns(position_names: Sequence[str] = ()) -> list[Column]:
 
 
 def rig_columns() -> list[Column]:
-    """The columns of a rig log (design section 11). Frames and signs are those of the rig (design section 4).
+    """The table of a wind-tunnel log. W has its origin at the force sensor's point, z up, x along the motor axis.
 
-    The angle is 0 with the tail hanging and positive downstream; force and torque are those of the support on the
-    rig, at the sensor's measuring point, W axes.
+    The wind blows towards -y. The forces are readings: add the offsets of Table 4.4 (`offsets_to_add` in the metadata)
+    for the wrench of the support on the rig.
     """
     return [
         Column(TIME, "s", "time since the start of the log"),
-        Column("angle_rad", "rad", "tail angle, 0 hanging, positive downstream"),
-        Column("angular_velocity_rad_per_s", "rad/s", "rate of the tail angle"),
+        Column("angle_rad", "rad", "angle of the tail, 0 hanging, positive swung downstream"),
+        Column("angular_velocity_rad_per_s", "rad/s", "rate of that angle"),
         Column("current_a", "A", "motor current, positive pushes the tail upstream"),
-        *_vector("force", "n", "N", "force of the support on the rig, W axes"),
-        *_vector("torque", "n_m", "N m", "torque of the support on the rig about the sensor's point, W axes"),
+        *_vector("force", "n", "N", "force reading, W axes"),
+        *_vector("torque", "n_m", "N m", "torque reading at W, W axes"),
     ]
 
 
