@@ -17,8 +17,9 @@ The other method tried, a force computed from (M + M_added) vdot = tau without t
 a welded body without a slide is exact in contact but has spanwise inertia too. README.md beside this file has the
 figures.
 
-Steady wind is assumed: the acceleration of the air itself is left out. The bodies sit in their own model instance,
-without gravity: leave that instance out of sums over the vehicle's mass.
+Welded bodies (`spanwise_free=False`) still pull along the axis when the tail turns: on a rig whose pivot lies on the
+axis the motion is right, the reaction force along the axis is not. The bodies sit in their own model instance, without
+gravity: leave that instance out of sums over the vehicle's mass.
 """
 
 from __future__ import annotations
@@ -29,12 +30,11 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialForce_
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce_, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
+    Frame,
     JacobianWrtVariable,
     Joint,
     ModelInstanceIndex,
@@ -43,11 +43,10 @@ from pydrake.multibody.tree import (
     SpatialInertia,
     UnitInertia,
 )
-from pydrake.systems.framework import DiagramBuilder, InputPortIndex, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from workbench.aero.laws import dot
 from workbench.aero.sections import SectionLayout
-from workbench.aero.system_template import LeafSystem_, system_template
+from workbench.aero.slide_keeper import SlideKeeper
 from workbench.aero.tail_force import connect_spatial_forces
 from workbench.errors import ModelError
 
@@ -66,6 +65,7 @@ class AddedMass:
         layout: the parts, over the whole tail.
         mass_per_part: m_added, kg.
         instance: model instance of the weightless bodies.
+        middle: frame at the middle of the parts, z along the tail axis.
         slides: per slide the joint and the mass that it frees, kg.
     """
 
@@ -74,13 +74,17 @@ class AddedMass:
     layout: SectionLayout
     mass_per_part: float
     instance: ModelInstanceIndex
+    middle: Frame
     slides: tuple[tuple[Joint, float], ...]
 
-    def add_to_builder(self, builder: DiagramBuilder, *, rate: float | None = None) -> System | None:
-        """Checks that M + M_added is positive definite and adds the keeper of the slides, if there are any.
+    def add_to_builder(
+        self, builder: DiagramBuilder, *, wind_acceleration: OutputPort | None = None, rate: float | None = None
+    ) -> System | None:
+        """Checks that M + M_added is positive definite and adds the `SlideKeeper`, if there is anything for it to do.
 
         Args:
             builder: that owns the finalised plant.
+            wind_acceleration: of the air in W (3), m/s2; steady wind without it.
             rate: of the keeper, rad/s; default 0.2 / time step, or 100 in a continuous plant.
 
         Raises:
@@ -89,14 +93,18 @@ class AddedMass:
         if not self.plant.is_finalized():
             raise ModelError("added mass: the plant is not finalised; call plant.Finalize() first")
         self.require_positive_definite()
-        if not self.slides:
+        if not self.slides and wind_acceleration is None:
             return None
         step = self.plant.time_step()
         rate = rate or (_RATE_TIMES_STEP / step if step > 0.0 else _CONTINUOUS_RATE)
+        mass = self.layout.number * self.mass_per_part
         keeper = builder.AddNamedSystem(
-            f"added_mass_keeper_{self.body.name()}", SlideKeeper(self.plant, list(self.slides), rate)
+            f"added_mass_keeper_{self.body.name()}",
+            SlideKeeper(self.plant, self.middle, mass, list(self.slides), rate),
         )
         builder.Connect(self.plant.get_state_output_port(), keeper.GetInputPort("plant_state"))
+        if wind_acceleration is not None:
+            builder.Connect(wind_acceleration, keeper.GetInputPort("wind_acceleration"))
         connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
         return keeper
 
@@ -183,9 +191,9 @@ def add_added_mass(
     name = f"added_mass_{body.name()}"
     instance = plant.AddModelInstance(name)
     plant.set_gravity_enabled(instance, False)
-    if mass_per_part == 0.0:
-        return AddedMass(plant, body, layout, mass_per_part, instance, ())
     middle = plant.AddFrame(FixedOffsetFrame(f"{name}_middle", body.body_frame(), _middle_pose(layout), instance))
+    if mass_per_part == 0.0:
+        return AddedMass(plant, body, layout, mass_per_part, instance, middle, ())
     s = np.asarray(layout.distances)
     mass, moment = layout.number * mass_per_part, mass_per_part * float(np.sum((s - s.mean()) ** 2))
     inertia = SpatialInertia(
@@ -200,7 +208,7 @@ def add_added_mass(
     else:
         joint = plant.AddJoint(PrismaticJoint(f"{name}_slide", middle, row.body_frame(), np.eye(3)[2]))
         slides = ((joint, mass),)
-    return AddedMass(plant, body, layout, mass_per_part, instance, slides)
+    return AddedMass(plant, body, layout, mass_per_part, instance, middle, slides)
 
 
 def _free_across(
@@ -221,80 +229,3 @@ def _middle_pose(layout: SectionLayout) -> RigidTransform:
     z, x = np.asarray(layout.axis_B), np.asarray(layout.normal_B)
     middle = np.asarray(layout.p_BoRo_B) + float(np.mean(layout.distances)) * z
     return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), middle)
-
-
-@system_template("SlideKeeper_")
-def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
-    """Template over the scalar type; see `SlideKeeper`."""
-
-    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
-        """Holds the weightless bodies of the added mass beside their tail: the air's side of the spanwise balance.
-
-        Per slide with coordinate x, mass m and direction e: F = m (e . A_bias - 2 rate xdot - rate^2 x) e on the
-        sliding body, with A_bias the velocity-dependent acceleration of the tail's point under it. The slides are
-        frictionless, so nothing of it acts on the tail.
-
-        Input ports:
-            plant_state: multibody state [q; v].
-        Output ports:
-            spatial_forces: list[ExternallyAppliedSpatialForce], one per slide.
-
-        Args:
-            plant: finalised plant.
-            slides: pairs of prismatic joint and mass, kg.
-            rate: natural frequency of the critically damped hold, rad/s.
-        """
-
-        def _construct(self, plant: Any, slides: list[tuple[Any, float]], rate: float, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._slides, self._rate = plant, slides, rate
-            self._kinematics = plant.CreateDefaultContext()
-            nq = plant.num_positions()
-            self._rows = [
-                (
-                    joint.translation_axis().tolist().index(1.0),
-                    joint.position_start(),
-                    nq + joint.velocity_start(),
-                    mass,
-                )
-                for joint, mass in slides
-            ]
-            self._middle, self._world = slides[0][0].frame_on_parent(), plant.world_frame()
-            self._force = ExternallyAppliedSpatialForce_[T]()
-            self._force.body_index = slides[-1][0].child_body().index()
-            self._force.p_BoBq_B = [0.0, 0.0, 0.0]
-            self._origin = np.zeros(3)
-            self._SpatialForce = SpatialForce_[T]
-            self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-            self.DeclareAbstractOutputPort(
-                "spatial_forces",
-                lambda: Value[list[ExternallyAppliedSpatialForce_[T]]](),
-                self._calc,
-                {self.input_port_ticket(InputPortIndex(0))},
-            )
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            plant = other._plant.ToScalarType[T]()
-            slides = [(plant.get_joint(joint.index()), mass) for joint, mass in other._slides]
-            Impl._construct(self, plant, slides, other._rate, converter)
-
-        def _calc(self, context: Any, output: Any) -> None:
-            plant, kinematics, rate = self._plant, self._kinematics, self._rate
-            state = self._state.Eval(context)
-            plant.SetPositionsAndVelocities(kinematics, state)
-            bias = plant.CalcBiasTranslationalAcceleration(
-                kinematics, JacobianWrtVariable.kV, self._middle, self._origin, self._world, self._world
-            )[:, 0].tolist()
-            R_WM = self._middle.CalcRotationMatrixInWorld(kinematics).matrix().tolist()
-            total = [0.0, 0.0, 0.0]
-            for axis, position, velocity, mass in self._rows:
-                e = [row[axis] for row in R_WM]
-                size = mass * (dot(e, bias) - 2.0 * rate * state[velocity] - rate * rate * state[position])
-                total = [t + size * x for t, x in zip(total, e, strict=True)]
-            self._force.F_Bq_W = self._SpatialForce(np.array((0.0, 0.0, 0.0, *total)))
-            output.set_value([self._force])
-
-    return Impl
-
-
-SlideKeeper = SlideKeeper_[float]

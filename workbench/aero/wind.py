@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.math import sin
+from pydrake.math import cos, sin
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
@@ -84,6 +84,7 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         Output ports:
             wind_velocity (3): v_WA of the air in W, m/s.
+            wind_acceleration (3): of mean and gust, m/s2; turbulence is held between updates and has none.
         """
 
         def _construct(self, model: WindModel, converter: Any = None) -> None:
@@ -94,9 +95,15 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 self.DeclareDiscreteState(model.turbulence_step(0, None))
                 self.DeclarePeriodicDiscreteUpdateEvent(model.update_period, model.update_period, self._update)
             self.DeclareVectorOutputPort("wind_velocity", 3, self._calc)
+            self.DeclareVectorOutputPort("wind_acceleration", 3, self._calc_acceleration)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             Impl._construct(self, other._model, converter)
+
+        def _calc_acceleration(self, context: Any, output: Any) -> None:
+            omega = 2.0 * math.pi * self._model.gust_frequency
+            wave = omega * cos(omega * context.get_time() + self._model.gust_phase)
+            output.SetFromVector([gust * wave for gust in self._model.gust])
 
         def _update(self, context: Any, state: Any) -> None:
             time = context.get_time()

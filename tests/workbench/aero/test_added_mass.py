@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.common.value import Value
 from pydrake.geometry import Box, ProximityProperties, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
@@ -24,7 +25,11 @@ from pydrake.systems.primitives import ConstantValueSource
 
 from tests.workbench.aero.plants import add_plant
 from workbench.aero.added_mass import add_added_mass, added_mass_matrix
+from workbench.aero.jet import Jet
+from workbench.aero.polar_law import PolarLaw
 from workbench.aero.sections import SectionLayout
+from workbench.aero.tail_force import add_to_builder
+from workbench.aero.wind import WindModel, WindSource
 from workbench.errors import ModelError
 
 LENGTH, MASS, GRAVITY = 0.4, 0.1, 9.81
@@ -360,3 +365,55 @@ def test_the_rejected_methods_fail_where_the_slide_does_not() -> None:
         for joint, freed in mass.slides:
             spanwise -= matrix[5, joint.velocity_start()] ** 2 / freed
         assert spanwise == pytest.approx(inertia, abs=1e-12)
+
+
+@pytest.mark.parametrize("spanwise_free", [True, False])
+def test_only_the_acceleration_relative_to_the_air_counts(spanwise_free) -> None:
+    """A free rod in air that starts to move: across the rod it is carried along by M / (m + M), along it not at all."""
+    added, gust = 0.03, np.array([0.4, 0.0, 0.7])
+    builder = DiagramBuilder()
+    plant = add_plant(builder, gravity=False)
+    thick = SpatialInertia.SolidCylinderWithMassAboutEnd(MASS, 0.01, LENGTH, [0.0, 0.0, 1.0])
+    tail = plant.AddRigidBody("tail", thick)
+    mass = add_added_mass(plant, tail, LAYOUT, added, spanwise_free=spanwise_free)
+    plant.Finalize()
+    wind = builder.AddSystem(WindSource(WindModel(gust=tuple(gust), gust_frequency=1.0)))
+    mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    vdot = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[plant.num_positions() :]
+    # The rod's centre of mass is the middle of the parts, so it does not turn.
+    np.testing.assert_allclose(vdot[:3], 0.0, atol=1e-9)
+    carried = 5 * added / (5 * added + MASS) * 2 * math.pi * gust[0]
+    np.testing.assert_allclose(vdot[3:6], [carried, 0.0, 0.0], rtol=1e-9, atol=1e-9)
+
+
+def test_gradients_pass_through_added_mass_jet_and_gusts() -> None:
+    """The whole diagram converts: accelerations by the state, against central differences."""
+    builder = DiagramBuilder()
+    plant = add_plant(builder)
+    tail, mass = two_joint_tail(plant, 0.02)
+    plant.Finalize()
+    wind = builder.AddNamedSystem(
+        "wind", WindSource(WindModel(mean=(1.0, -4.0, 0.5), gust=(0.0, 1.0, 0.0), turbulence=(0.3, 0.3, 0.0)))
+    )
+    mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
+    jet = Jet((0.0, 0.0, 0.2))
+    add_to_builder(builder, plant, tail, LAYOUT, PolarLaw(1.2, 0.3), wind=wind.GetOutputPort("wind_velocity"), jet=jet)
+    diagram = builder.Build()
+    state = random_tail_state(plant, np.random.default_rng(10))
+    nq = plant.num_positions()
+
+    def vdot(at):
+        context = diagram.CreateDefaultContext()
+        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), at)
+        return plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[nq:]
+
+    converted = diagram.ToAutoDiffXd()
+    twin, context = converted.GetSubsystemByName("plant"), converted.CreateDefaultContext()
+    twin.SetPositionsAndVelocities(twin.GetMyMutableContextFromRoot(context), InitializeAutoDiff(state))
+    values = twin.EvalTimeDerivatives(twin.GetMyContextFromRoot(context)).CopyToVector()[nq:]
+    exact = np.array([value.derivatives() for value in values])
+    step = 1e-6 * np.eye(len(state))
+    numeric = np.column_stack([(vdot(state + h) - vdot(state - h)) / 2e-6 for h in step])
+    np.testing.assert_allclose(exact, numeric, atol=1e-6 * np.abs(numeric).max())

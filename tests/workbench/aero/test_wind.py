@@ -24,7 +24,7 @@ def history(model: WindModel, duration: float, step: float = 0.01) -> np.ndarray
     rows = []
     for i in range(int(duration / step)):
         simulator.AdvanceTo((i + 0.5) * step)
-        rows.append(source.get_output_port().Eval(simulator.get_context()))
+        rows.append(source.GetOutputPort("wind_velocity").Eval(simulator.get_context()))
     return np.array(rows)
 
 
@@ -33,7 +33,12 @@ def test_a_gust_is_a_sine_about_the_mean() -> None:
     context = source.CreateDefaultContext()
     for time, expected in ((0.0, 2.0), (0.5, 5.0), (1.0, 2.0), (1.5, -1.0)):
         context.SetTime(time)
-        np.testing.assert_allclose(source.get_output_port().Eval(context), [1.0, expected, 0.0], atol=1e-12)
+        np.testing.assert_allclose(
+            source.GetOutputPort("wind_velocity").Eval(context), [1.0, expected, 0.0], atol=1e-12
+        )
+    context.SetTime(0.0)
+    acceleration = source.GetOutputPort("wind_acceleration").Eval(context)
+    np.testing.assert_allclose(acceleration, [0.0, 3.0 * math.pi, 0.0], atol=1e-12)
 
 
 def test_turbulence_has_the_given_spread_and_memory() -> None:
