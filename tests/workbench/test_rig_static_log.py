@@ -1,0 +1,111 @@
+"""Static logs: schema, truth, and the model of the sensor's errors (design section 11)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from workbench.errors import LogError, UserError
+from workbench.logs.schema import read_run_log, signals_equal, write_run_log
+from workbench.rig_logs import RIG_COLUMN_NAMES, simulate_static_log
+from workbench.rig_scenario import load_rig_scenario
+
+STATIC = load_rig_scenario("static")
+ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8
+OFFSETS = np.array([-0.064, -0.019, 15.695, -0.011, -0.538, 0.013])  # Table 4.4, tail 1
+
+
+def readings(log):
+    return np.column_stack((log.vector("force", "n"), log.vector("torque", "n_m")))
+
+
+def test_columns_and_metadata_are_those_of_the_contract(tmp_path: Path) -> None:
+    log = simulate_static_log(STATIC.varied(experiment={"angle": math.radians(15.0)}))
+    path = write_run_log(log, tmp_path / "hold.parquet")
+    back = read_run_log(path)
+    assert tuple(back.table.columns) == RIG_COLUMN_NAMES
+    assert (
+        *("time_s", "angle_rad", "angular_velocity_rad_per_s", "current_a"),
+        *("force_x_n", "force_y_n", "force_z_n", "torque_x_n_m", "torque_y_n_m", "torque_z_n_m"),
+    ) == RIG_COLUMN_NAMES
+    assert back.kind == "static"
+    assert (back.extra["tail"], back.extra["axis"], back.extra["wind_speed_m_per_s"]) == ("1", "major", 10.0)
+    assert back.scenario["experiment"]["angle"] == pytest.approx(math.radians(15.0))
+    assert len(back.table) == 20001
+    assert back.time[-1] == 20.0
+    assert back.signal("angle_rad")[0] == pytest.approx(math.radians(15.0), abs=0.6e-4)  # half a count
+    assert np.mean(back.signal("current_a")) == pytest.approx(back.extra["true_current_a"], abs=5e-4)
+
+
+def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
+    scenario = STATIC.varied(force_sensor={"drift_fraction": 0.0})
+    log = simulate_static_log(scenario)
+    mean = readings(log).mean(axis=0)
+    wrench = mean + OFFSETS - np.array(log.extra["bias"])
+    # White noise of 1 % of the accuracy, averaged over 20001 samples: five standard errors.
+    np.testing.assert_allclose(wrench, log.extra["true_wrench"], atol=float(np.max(5 * 0.01 * ACCURACIES / 141.0)))
+    np.testing.assert_allclose(readings(log).std(axis=0), 0.01 * ACCURACIES, rtol=0.03)
+
+
+def test_bias_has_the_published_accuracy_over_many_logs() -> None:
+    """200 seeds: a standard deviation is known to 1 / sqrt(400) = 5 %, so 15 % is three of that."""
+    short = STATIC.varied(experiment={"duration": 0.01})
+    biases = np.array([simulate_static_log(short.varied(seed=seed)).extra["bias"] for seed in range(200)])
+    np.testing.assert_allclose(biases.std(axis=0) / ACCURACIES, 1.0, atol=0.15)
+    np.testing.assert_allclose(biases.mean(axis=0) / ACCURACIES, 0.0, atol=0.22)
+    correlation = np.corrcoef(biases.T) - np.eye(6)
+    assert np.max(np.abs(correlation)) < 0.25
+
+
+def test_drift_is_a_line_from_the_start_of_the_log() -> None:
+    settings = {"noise_fraction": 0.0, "drift_fraction": 1e-3}
+    log = simulate_static_log(STATIC.varied(force_sensor=settings))
+    values = readings(log)
+    np.testing.assert_allclose(values[0] + OFFSETS - log.extra["bias"], log.extra["true_wrench"], atol=1e-12)
+    slopes = (values[-1] - values[0]) / 20.0
+    np.testing.assert_allclose(values[10000] - values[0], 10.0 * slopes, atol=1e-9)
+    assert np.all(np.abs(slopes) < 4e-3 * ACCURACIES)
+    assert np.all(slopes != 0.0)
+
+
+def test_equal_seeds_give_equal_logs_and_other_seeds_other_errors() -> None:
+    first, again, other = (simulate_static_log(STATIC.varied(seed=seed)) for seed in (5, 5, 6))
+    assert signals_equal(first, again)
+    assert not np.allclose(readings(first)[0], readings(other)[0])
+
+
+def test_a_slower_sensor_holds_its_samples() -> None:
+    log = simulate_static_log(STATIC.varied(force_sensor={"rate": 250.0}, experiment={"duration": 0.1}))
+    force = log.signal("force_x_n")
+    assert np.all(force[0:4] == force[0])
+    assert force[4] != force[3]
+
+
+def test_readings_stop_at_the_range() -> None:
+    log = simulate_static_log(STATIC.varied(force_sensor={"torque_range": 0.05}, experiment={"duration": 0.01}))
+    assert np.max(np.abs(log.vector("torque", "n_m"))) == pytest.approx(0.05)
+
+
+def test_exposure_is_told() -> None:
+    assert simulate_static_log(STATIC).extra["exposed"]
+    high = STATIC.varied(experiment={"angle": math.radians(75.0)})
+    assert not simulate_static_log(high).extra["exposed"]
+
+
+def test_holding_beyond_the_current_limit_is_refused() -> None:
+    with pytest.raises(UserError, match="A; allowed: within"):
+        simulate_static_log(STATIC.varied(experiment={"wind_speed": 40.0}))
+
+
+def test_a_rig_log_needs_its_angle_but_may_lack_an_axis(tmp_path: Path) -> None:
+    log = simulate_static_log(STATIC.varied(experiment={"duration": 0.01}))
+    without_axis = log.table.drop(columns="force_x_n")
+    write_run_log(type(log)(without_axis, log.scenario, log.seed, kind="static"), tmp_path / "a.parquet")
+    with pytest.raises(LogError, match="angle_rad"):
+        write_run_log(
+            type(log)(log.table.drop(columns="angle_rad"), log.scenario, log.seed, kind="static"),
+            tmp_path / "b.parquet",
+        )

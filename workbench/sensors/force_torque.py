@@ -1,0 +1,120 @@
+"""The six-axis force sensor under the rig: what it reads when a wrench acts on it.
+
+Reading = wrench - offset + bias + drift t + noise, clipped at the range. The offset is what the sensor was zeroed at
+(Table 4.4): add it to a reading. Table 4.8 is an accuracy, so it makes a bias per log; the noise of a sample is a
+hundredth of it (design section 11). Bias and drift are drawn once per log from its seed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+
+from workbench.rig_parameters import ForceSensorParameters
+from workbench.sensors.noise import CounterNoise
+from workbench.sensors.sampled import SampledSensor
+
+AXES = 6
+"""F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """The errors of one log.
+
+    Attributes:
+        bias: constant part (6), N and N m.
+        drift: change per second (6), N/s and N m/s.
+        noise: standard deviation of a sample (6), N and N m.
+    """
+
+    bias: np.ndarray
+    drift: np.ndarray
+    noise: np.ndarray
+
+
+def sensor_errors(settings: ForceSensorParameters, seed: int) -> SensorErrors:
+    """The errors that a seed gives a log."""
+    accuracy = np.array(settings.accuracies)
+    return SensorErrors(
+        bias=accuracy * CounterNoise(seed, "force_sensor_bias", AXES).constant(),
+        drift=accuracy * settings.drift_fraction * CounterNoise(seed, "force_sensor_drift", AXES).constant(),
+        noise=accuracy * settings.noise_fraction,
+    )
+
+
+def sensor_readings(
+    wrench: np.ndarray, count: int, settings: ForceSensorParameters, offsets: Sequence[float], seed: int
+) -> np.ndarray:
+    """The first `count` samples of a log at once (count, 6); the same numbers as `ForceTorqueSensor` gives one by one.
+
+    Args:
+        wrench: of the support on the rig at W (6), or one per sample (count, 6).
+        count: samples, taken at k / rate.
+        settings: of the sensor.
+        offsets: that it was zeroed at (6), N and N m.
+        seed: of the log.
+    """
+    errors = sensor_errors(settings, seed)
+    time = np.arange(count)[:, None] / settings.rate
+    noise = CounterNoise(seed, "force_sensor", AXES).first(count)
+    readings = wrench - np.asarray(offsets) + errors.bias + errors.drift * time + errors.noise * noise
+    limits = np.array(settings.ranges)
+    return np.clip(readings, -limits, limits)
+
+
+class ForceTorqueSensor(SampledSensor):
+    """The force sensor as a system.
+
+    Input ports:
+        wrench (6): of the support on the rig at W, W axes; from `workbench.plants.rig`.
+    Output ports:
+        reading (6): force N, torque N m.
+        sample_time (1), age (1): s, see `SampledSensor`.
+
+    Args:
+        settings: of the sensor.
+        offsets: that it was zeroed at (6), N and N m.
+        seed: of the log.
+        step: of the integrator, s; None where nothing steps.
+
+    Raises:
+        UserError: the rate is above 1/step.
+    """
+
+    def __init__(
+        self, settings: ForceSensorParameters, offsets: Sequence[float], seed: int, step: float | None = None
+    ) -> None:
+        super().__init__(name="force_sensor", outputs={"reading": AXES}, rate=settings.rate, delay=0.0, step=step)
+        self._wrench = self.DeclareVectorInputPort("wrench", AXES)
+        self._offsets = np.asarray(offsets, dtype=float)
+        self._errors = sensor_errors(settings, seed)
+        self._limits = np.array(settings.ranges)
+        self._noise = CounterNoise(seed, "force_sensor", AXES)
+
+    @classmethod
+    def add_to_builder(
+        cls,
+        builder: DiagramBuilder,
+        settings: ForceSensorParameters,
+        *,
+        wrench: OutputPort,
+        offsets: Sequence[float],
+        seed: int,
+        step: float | None = None,
+    ) -> "ForceTorqueSensor":
+        """Adds the sensor and connects it to the wrench of a rig."""
+        sensor = cls(settings, offsets, seed, step)
+        builder.AddSystem(sensor)
+        builder.Connect(wrench, sensor.GetInputPort("wrench"))
+        return sensor
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """One sample (6,)."""
+        wrench: Any = self._wrench.Eval(context)
+        errors = self._errors
+        drift = errors.drift * (index / self.rate)
+        reading = wrench - self._offsets + errors.bias + drift + errors.noise * self._noise.at(index)
+        return np.clip(reading, -self._limits, self._limits)
