@@ -22,8 +22,8 @@ from workbench.aero.sections import SectionLayout
 from workbench.aero.tail_force import add_to_builder
 
 _STEP = 2e-3
-_STEPS = 1000
-_REPEATS = 7
+_STEPS = 200
+_REPEATS = 40
 _LAYOUT = SectionLayout.robot_tail(start=0.1, length=0.5, width=0.2)
 _VEHICLE, _RIG = 25, 6
 
@@ -69,7 +69,7 @@ def _five_wings(builder: DiagramBuilder, plant: MultibodyPlant, tail: RigidBody)
 
 
 def _step_times(*diagrams: Diagram) -> list[float]:
-    """Process time per simulated step, us: the best of several runs, the diagrams in turns."""
+    """Process time per simulated step, us: best of many short runs in turns, because other load comes in bursts."""
     best = [np.inf] * len(diagrams)
     for _ in range(_REPEATS):
         for i, diagram in enumerate(diagrams):

@@ -133,8 +133,15 @@ class RegularTable:
 
     def __call__(self, speed: Scalar, angle: Scalar) -> Scalar:
         """The coefficient at a speed and an angle of attack."""
-        i, x = _cell(self.speeds, speed)
-        j, y = _cell(self.angles, angle)
+        return self.at(self.cell(speed, angle))
+
+    def cell(self, speed: Scalar, angle: Scalar) -> tuple[int, Scalar, int, Scalar]:
+        """Row and fraction, column and fraction of a point; tables on one grid share it."""
+        return *_cell(self.speeds, speed), *_cell(self.angles, angle)
+
+    def at(self, cell: tuple[int, Scalar, int, Scalar]) -> Scalar:
+        """The coefficient at a point given by its cell."""
+        i, x, j, y = cell
         low, high = self.values[i], self.values[i + 1]
         at_low = low[j] + (low[j + 1] - low[j]) * y
         return at_low + (high[j] + (high[j + 1] - high[j]) * y - at_low) * x
@@ -158,7 +165,7 @@ def _cell(grid: tuple[float, ...], value: Scalar) -> tuple[int, Scalar]:
     last = len(grid) - 2
     if value >= grid[-1]:
         return last, 1.0
-    i = bisect_right(grid, float_of(value)) - 1
+    i = bisect_right(grid, value if isinstance(value, float) else float_of(value)) - 1
     return i, (value - grid[i]) / (grid[i + 1] - grid[i])
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 from pydrake.math import arctan2
 
+from workbench.aero.coefficients import RegularTable
 from workbench.aero.laws import STILL, Scalar, Vector, dot
 from workbench.errors import ModelError
 
@@ -47,6 +50,14 @@ class PolarLaw:
                 "polar law: lift_blend must lie in 0 .. 0.785 rad and lift_end in 0 .. 0.785 rad (above 0)"
             )
 
+    @cached_property
+    def _one_grid(self) -> bool:
+        """Whether both coefficients are tables over the same nodes, so that one search serves both."""
+        drag, lift = self.drag, self.lift
+        if not (isinstance(drag, RegularTable) and isinstance(lift, RegularTable)):
+            return False
+        return drag.speeds == lift.speeds and drag.angles == lift.angles
+
     def _fade(self, spanwise: Scalar, across: Scalar, speed: Scalar) -> Scalar:
         """Factor on C_L: sign of gamma, smooth at 0, and zero at 90 degrees."""
         x = across / (speed * math.sin(self.lift_end))
@@ -67,15 +78,20 @@ class PolarLaw:
             return 0.0, 0.0
         speed = squared**0.5
         if across_squared <= STILL:
-            drag = self.drag(speed, math.pi / 2) if callable(self.drag) else self.drag
-            return scale * speed * drag, 0.0
+            along = self.drag(speed, math.pi / 2) if callable(self.drag) else self.drag
+            return scale * speed * along, 0.0
         across = across_squared**0.5
-        drag, lift = self.drag, self.lift
+        drag: Any = self.drag
+        lift: Any = self.lift
         if callable(drag) or callable(lift):
             size = spanwise if spanwise >= 0.0 else -spanwise
             gamma = math.atan2(size, across) if isinstance(size, float) else arctan2(size, across)
-            drag = drag(speed, gamma) if callable(drag) else drag
-            lift = lift(speed, gamma) if callable(lift) else lift
+            if self._one_grid:
+                cell = drag.cell(speed, gamma)
+                drag, lift = drag.at(cell), lift.at(cell)
+            else:
+                drag = drag(speed, gamma) if callable(drag) else drag
+                lift = lift(speed, gamma) if callable(lift) else lift
         lift = lift * self._fade(spanwise, across, speed) / across
         return scale * speed * (drag + lift * spanwise), -scale * lift * squared * speed
 
