@@ -1,0 +1,236 @@
+"""The car as a plant: mass, fall, rest, contact, differential."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+
+from tests.workbench.stands import CarStand, edited
+from workbench.errors import ModelError
+from workbench.plants.car import parse_model
+from workbench.plants.car_model import WHEELS, car_sdf
+from workbench.scenario import load_scenario, scenario_from_dict
+
+G = 9.81
+LEFT = [wheel for wheel in WHEELS if wheel.endswith("left")]
+RIGHT = [wheel for wheel in WHEELS if wheel.endswith("right")]
+ANCHOR_MASS = 0.001
+"""Massive link by which the tail's SDF stands on its own."""
+
+
+def stand(tail="none", direction="left", **sections) -> CarStand:
+    overrides = {"tail": {"mode": tail}, "manoeuvre": {"direction": direction}}
+    for section, values in sections.items():
+        overrides[section] = overrides.get(section, {}) | values
+    return CarStand(scenario_from_dict(overrides))
+
+
+@pytest.mark.parametrize("car", [{}, {"mass": 7.5, "com_height": 0.2, "com_x": 0.15}])
+def test_car_has_the_mass_and_centre_of_mass_of_the_scenario(car):
+    at_rest = stand(car=car)
+    expected = at_rest.scenario.car
+    assert at_rest.plant.CalcTotalMass(at_rest.plant_context) == pytest.approx(expected.mass, rel=1e-8)
+    # The SDF carries nine digits.
+    np.testing.assert_allclose(at_rest.com(), [expected.com_x, 0.0, expected.com_height], atol=1e-8)
+
+
+def test_tail_arm_comes_on_top_of_the_car():
+    at_rest = stand("held")
+    tail, car = at_rest.scenario.tail, at_rest.scenario.car
+    arm = tail.mass + tail.hub_mass + ANCHOR_MASS
+    assert at_rest.plant.CalcTotalMass(at_rest.plant_context, [at_rest.tail]) == pytest.approx(arm, rel=1e-8)
+    # For a left turn the arm lies to the left (+y): rod from the joint to the tip, sail at its end.
+    rod, sail = tail.mass * (1 - tail.sail_mass_fraction), tail.mass * tail.sail_mass_fraction
+    lever = rod * tail.length / 2 + sail * (tail.length - tail.sail_length / 2)
+    first_moment = np.array([arm * tail.mount_x, lever, arm * tail.mount_height])
+    expected = (car.mass * np.array([car.com_x, 0.0, car.com_height]) + first_moment) / (car.mass + arm)
+    np.testing.assert_allclose(at_rest.com(), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["turn_none", "turn_swing"])
+def test_every_inertia_is_physical(name):
+    at_rest = CarStand(load_scenario(name))
+    for index in range(1, at_rest.plant.num_bodies()):
+        body = at_rest.plant.get_body(BodyIndex(index))
+        assert body.get_mass(at_rest.plant_context) > 0.0, body.name()
+        assert body.CalcSpatialInertiaInBodyFrame(at_rest.plant_context).IsPhysicallyValid(), body.name()
+
+
+@pytest.mark.parametrize("tail", ["none", "swing"])
+def test_lifted_car_falls_freely(tail):
+    # No air force; inner springs, servo and joint stops push in pairs, so the centre of mass knows gravity only.
+    still_air = {"mode": tail, "normal_force_coefficient": 0.0}
+    falling = CarStand(scenario_from_dict({"tail": still_air}))
+    falling.place(RigidTransform([0.0, 0.0, 2.0]))
+    start, time, step = falling.com(), 0.3, falling.scenario.simulation.step
+    falling.advance(time)
+    # Solver tolerance: 1e-6 of a velocity of 3 m/s.
+    np.testing.assert_allclose(falling.com_velocity(), [0.0, 0.0, -G * time], atol=3e-6)
+    # Symplectic Euler falls half a step ahead of the parabola, exactly.
+    np.testing.assert_allclose(falling.com() - start, [0.0, 0.0, -0.5 * G * time * (time + step)], atol=1e-6)
+    assert not falling.contacts()
+
+
+def test_gravity_of_the_scenario_acts():
+    falling = stand(environment={"gravity": 1.62})
+    falling.place(RigidTransform([0.0, 0.0, 2.0]))
+    falling.advance(0.1)
+    np.testing.assert_allclose(falling.com_velocity(), [0.0, 0.0, -0.162], atol=1e-6)
+
+
+@pytest.mark.parametrize("car", [{}, {"mass": 7.5}, {"com_x": 0.16, "com_height": 0.18}])
+def test_car_rests_at_nominal_ride_height_on_its_tyres(car):
+    resting = stand(car=car)
+    resting.advance(0.5)
+    numbers = resting.scenario.car
+    forces = resting.wheel_forces()
+    for wheel in WHEELS:
+        front = wheel.startswith("front")
+        share = numbers.com_x / numbers.wheelbase if front else 1 - numbers.com_x / numbers.wheelbase
+        load = numbers.mass * G * share / 2
+        # Contact is solved to 1e-6; the ground's own stiffness of 1e10 N/m adds 1.5e-6 to the tyres' compliance.
+        np.testing.assert_allclose(forces[wheel], [0.0, 0.0, load], rtol=1e-5, atol=1e-5)
+        tyre = numbers.tyre_stiffness_front if front else numbers.tyre_stiffness_rear
+        centre = resting.plant.GetBodyByName(f"{wheel}_wheel").EvalPoseInWorld(resting.plant_context).translation()
+        assert numbers.tyre_radius - centre[2] == pytest.approx(load / tyre, rel=1e-4)
+        assert abs(resting.suspension(wheel)) < 1e-8
+    assert np.abs(resting.plant.GetVelocities(resting.plant_context)).max() < 1e-7
+
+
+def test_springs_and_tyres_give_way_by_their_rates():
+    # The same car with 1 kg in its chassis that its springs were not preloaded for.
+    resting = stand()
+    chassis, numbers = resting.chassis, resting.scenario.car
+    resting.advance(0.3)
+    before = {wheel: force[2] for wheel, force in resting.wheel_forces().items()}
+    chassis.SetMass(resting.plant_context, chassis.get_mass(resting.plant_context) + 1.0)
+    resting.advance(1.3)
+    after = {wheel: force[2] for wheel, force in resting.wheel_forces().items()}
+    assert sum(after.values()) - sum(before.values()) == pytest.approx(1.0 * G, rel=1e-4)
+    for wheel in WHEELS:
+        front = wheel.startswith("front")
+        more = after[wheel] - before[wheel]
+        assert more > 1.0
+        spring = numbers.suspension_stiffness_front if front else numbers.suspension_stiffness_rear
+        # The springs stand off the vertical by a pitch of milliradians: its cosine is 1 to 1e-5.
+        assert resting.suspension(wheel) == pytest.approx(more / spring, rel=1e-3)
+        tyre = numbers.tyre_stiffness_front if front else numbers.tyre_stiffness_rear
+        height = resting.plant.GetBodyByName(f"{wheel}_wheel").EvalPoseInWorld(resting.plant_context).translation()[2]
+        assert numbers.tyre_radius - height == pytest.approx(after[wheel] / tyre, rel=1e-3)
+
+
+@pytest.mark.parametrize(("direction", "heavy", "light"), [("left", LEFT, RIGHT), ("right", RIGHT, LEFT)])
+def test_tail_at_rest_loads_the_side_it_lies_on(direction, heavy, light):
+    resting = stand("held", direction)
+    resting.advance(1.0)
+    forces = {wheel: force[2] for wheel, force in resting.wheel_forces().items()}
+    total = sum(forces.values())
+    assert total == pytest.approx(resting.plant.CalcTotalMass(resting.plant_context) * G, rel=1e-5)
+    more = sum(forces[wheel] for wheel in heavy) - sum(forces[wheel] for wheel in light)
+    assert more > 5.0
+    # Moments about the world's x axis: the wheels carry the weight where the centre of mass is.
+    side = 1.0 if direction == "left" else -1.0
+    moment = sum(forces[wheel] * point[1] for wheel, point in resting.wheel_contacts().items())
+    assert moment == pytest.approx(total * resting.com()[1], rel=1e-4)
+    assert side * resting.com()[1] > 0.012
+    roll = RollPitchYaw(resting.chassis.EvalPoseInWorld(resting.plant_context).rotation()).roll_angle()
+    assert side * roll < -1e-3
+
+
+def test_tailless_car_rests_symmetrically():
+    resting = stand()
+    resting.advance(0.5)
+    forces = resting.wheel_forces()
+    for axle in ("front", "rear"):
+        assert forces[f"{axle}_left"][2] == pytest.approx(forces[f"{axle}_right"][2], rel=1e-9)
+
+
+def test_sliding_tyres_give_the_friction_of_the_scenario():
+    sliding = stand(car={"tyre_friction": 0.3, "com_height": 0.15})
+    sliding.place(RigidTransform(), (0.0, 1.5, 0.0))
+    sliding.advance(0.2)
+    assert len(sliding.contacts()) == 4
+    for contact in sliding.contacts():
+        assert sliding.shape_of(contact) == "tyre"
+    for wheel, force in sliding.wheel_forces().items():
+        # Sideways sliding to the left: friction to the right. The solver is exact to about 1e-4 of the normal force.
+        assert force[1] == pytest.approx(-0.3 * force[2], rel=1e-3), wheel
+        assert force[2] > 1.0
+
+
+@pytest.mark.parametrize("tail", ["none", "held"])
+def test_cage_slides_with_its_own_friction(tail):
+    sliding = stand(tail, car={"tyre_friction": 0.7, "cage_friction": 0.3})
+    sliding.place(RigidTransform(RollPitchYaw(math.pi, 0.0, 0.0), [0.0, 0.0, 0.3299]), (1.5, 0.0, 0.0))
+    sliding.advance(0.25)
+    contacts = sliding.contacts()
+    assert len(contacts) >= 3
+    for contact in contacts:
+        # `kLagged` bounds friction by the normal force of the step before, which no longer changes here.
+        force = contact.contact_force()
+        assert contact.slip_speed() > 0.2
+        assert np.linalg.norm(force[:2]) == pytest.approx(0.3 * abs(force[2]), rel=0.02), sliding.shape_of(contact)
+        assert sliding.shape_of(contact).split("_")[0] in ("cage", "board", "tail")
+    assert sliding.com_velocity()[0] == pytest.approx(1.5 - 0.3 * G * 0.25, rel=0.05)
+
+
+def test_nothing_but_the_ground_touches_the_car():
+    resting = stand("held")
+    resting.advance(0.1)
+    assert len(resting.contacts()) == 4
+
+
+def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
+    for run in standard_runs.values():
+        spins = {
+            name: run.signal(f"plant_velocity_car_{name}_w")
+            for name in ("rear_left_spin", "rear_right_spin", "drive_shaft_spin")
+        }
+        mean = (spins["rear_left_spin"] + spins["rear_right_spin"]) / 2
+        # A hard constraint, solved to 0.01 rad/s of 50 in the worst steps (full torque from rest, a wheel that lands).
+        np.testing.assert_allclose(spins["drive_shaft_spin"], mean, atol=0.03)
+
+
+def test_outer_rear_wheel_turns_faster_through_a_turn(standard_runs):
+    run = standard_runs["held"]
+    left, right = (run.signal(f"plant_velocity_car_rear_{side}_spin_w") for side in ("left", "right"))
+    turning = (run.time > 2.2) & (run.time < 2.5)
+    # All wheels stay on the ground. Left turn: r track / radius = 1.4 * 0.28 / 0.067 = 6 rad/s faster on the right.
+    assert np.all((right - left)[turning] > 3.0)
+
+
+def test_car_lighter_than_its_parts_is_refused():
+    with pytest.raises(ModelError, match=r"car\.mass: 2 kg; allowed: more than its parts, 2\.\d+ kg"):
+        car_sdf(scenario_from_dict({"car": {"mass": 2.0}}))
+
+
+def test_centre_of_mass_that_the_chassis_cannot_give_is_refused():
+    with pytest.raises(ModelError, match=r"car\.com_height: 0\.05 m"):
+        car_sdf(scenario_from_dict({"car": {"com_height": 0.05}}))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('type="prismatic"', 'type="telescopic"'),
+        ("<parent>chassis</parent>", "<parent>chasis</parent>"),
+        ("<mass>", "<mass>-"),
+        ('name="rear_left_spin" a=', 'name="rear_left_spun" a='),
+    ],
+)
+def test_broken_model_is_refused_by_file(tmp_path, old, new):
+    broken = edited(car_sdf(scenario_from_dict({})), old, new, tmp_path / "broken.sdf")
+    with pytest.raises(ModelError, match=r"broken\.sdf: does not load in Drake"):
+        parse_model(MultibodyPlant(0.002), broken)
+
+
+def test_warning_of_the_parser_is_an_error(tmp_path):
+    broken = edited(
+        car_sdf(scenario_from_dict({})), '<joint name="gearbox_mount" type="fixed">',
+        '<joint name="gearbox_mount" type="fixed"><springiness>3</springiness>', tmp_path / "warns.sdf",
+    )  # fmt: skip
+    with pytest.raises(ModelError, match=r"warns\.sdf: does not load in Drake.*springiness"):
+        parse_model(MultibodyPlant(0.002), broken)

@@ -1,0 +1,86 @@
+"""A simulated station on its own, with constant inputs: what happens when nobody drives."""
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+
+from workbench.plants.car_model import WHEELS
+from workbench.plants.sdf_model import SdfModel
+from workbench.ports import STATION_INPUTS
+from workbench.scenario import Scenario
+from workbench.station import make_car_station, simulated_car
+from workbench.truth import CONTACT_TRUTH
+
+
+class CarStand:
+    """The station of a scenario with every input fixed, zero unless given."""
+
+    def __init__(self, scenario: Scenario, **inputs: list[float]):
+        self.scenario = scenario
+        self.station = make_car_station(scenario)
+        self.simulator = Simulator(self.station)
+        self.context = self.simulator.get_mutable_context()
+        for name, fields in STATION_INPUTS.items():
+            self.station.GetInputPort(name).FixValue(self.context, inputs.get(name, [0.0] * fields.size))
+        car = simulated_car(self.station)
+        self.plant, self.car, self.tail = car.plant, car.car, car.tail
+        self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
+        self.chassis = self.plant.GetBodyByName("chassis")
+
+    def place(self, X_WB: RigidTransform, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        """Puts the car somewhere, with its wheels still and every part moving at one velocity (m/s, W)."""
+        q, v = (get(self.plant_context).copy() for get in (self.plant.GetPositions, self.plant.GetVelocities))
+        start = self.chassis.floating_positions_start()
+        q[start : start + 7] = [*X_WB.rotation().ToQuaternion().wxyz(), *X_WB.translation()]
+        start = self.chassis.floating_velocities_start_in_v()
+        v[start : start + 6] = [0.0, 0.0, 0.0, *velocity]
+        self.plant.SetPositions(self.plant_context, q)
+        self.plant.SetVelocities(self.plant_context, v)
+
+    def advance(self, time: float) -> None:
+        self.simulator.AdvanceTo(time)
+
+    def output(self, port: str) -> np.ndarray:
+        return self.station.GetOutputPort(port).Eval(self.context)
+
+    def com(self) -> np.ndarray:
+        return self.plant.CalcCenterOfMassPositionInWorld(self.plant_context)
+
+    def com_velocity(self) -> np.ndarray:
+        return self.plant.CalcCenterOfMassTranslationalVelocityInWorld(self.plant_context)
+
+    def suspension(self, wheel: str) -> float:
+        """Compression of a suspension from nominal ride height, m."""
+        return self.plant.GetJointByName(f"{wheel}_suspension").get_translation(self.plant_context)
+
+    def wheel_forces(self) -> dict[str, np.ndarray]:
+        """Force of the ground on each wheel in W, N."""
+        contact = dict(zip(CONTACT_TRUTH.fields, self.output("contact_truth"), strict=True))
+        return {wheel: np.array([contact[f"wheel_force_{wheel}_{axis}_truth_n"] for axis in "xyz"]) for wheel in WHEELS}
+
+    def wheel_contacts(self) -> dict[str, np.ndarray]:
+        """Contact point of each wheel in W, m."""
+        contact = dict(zip(CONTACT_TRUTH.fields, self.output("contact_truth"), strict=True))
+        return {
+            wheel: np.array([contact[f"wheel_contact_{wheel}_{axis}_truth_m"] for axis in "xyz"]) for wheel in WHEELS
+        }
+
+    def contacts(self) -> list:
+        """Point contacts of the last step."""
+        results = self.plant.get_contact_results_output_port().Eval(self.plant_context)
+        return [results.point_pair_contact_info(index) for index in range(results.num_point_pair_contacts())]
+
+    def shape_of(self, contact) -> str:
+        """Name of the car's collision shape in a contact, such as `tyre` or `cage_0`."""
+        inspector = simulated_car(self.station).scene_graph.model_inspector()
+        pair = contact.point_pair()
+        names = [inspector.GetName(geometry).split("::")[-1] for geometry in (pair.id_A, pair.id_B)]
+        return next(name for name in names if name != "ground")
+
+
+def edited(model: SdfModel, old: str, new: str, path) -> SdfModel:
+    """A model file with one piece of text replaced."""
+    text = model.text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return SdfModel(path)
