@@ -19,3 +19,7 @@ class LogError(UserError, ValueError):
 
 class SwingFileError(UserError, ValueError):
     """A swing file is malformed or was made for another car."""
+
+
+class HardwareError(UserError):
+    """A device, a bus, a frame or a wiring of the real car is not as it must be."""

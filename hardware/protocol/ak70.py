@@ -1,0 +1,198 @@
+"""MIT mode of the AK70-10: commands, special frames and replies as bytes (design section 14; manual V1.0.8).
+
+A command has the motor's id as standard CAN id and 8 bytes, most significant bit first:
+position 16 bits, velocity 12, kp 12, kd 12, torque 12. A reply names its motor in the first byte: id 8, position 16,
+velocity 12, torque 12 and, in the long form, temperature 8 and fault 8; its CAN id may be the motor's or 0.
+
+`make_*` builds a frame and touches nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hardware.protocol.ak70_profiles import FirmwareProfile
+from hardware.protocol.can_frame import CanFrame, FrameError
+
+LEAST_ID, MOST_ID = 1, 0x3F
+"""Motor ids that are allowed. 0 may be the CAN id of every reply. A reply begins with the id and a command with the
+upper byte of its position, under the same CAN id: with ids up to 0x3F an echoed command looks like a reply only below
+half of the position range, where `hardware.motor` never commands, and 0xFF begins the special frames."""
+
+_POSITION_STEPS = (1 << 16) - 1
+_STEPS = (1 << 12) - 1
+_RESERVED = b"\xff" * 7
+_ENTER, _EXIT, _ZERO = b"\xfc", b"\xfd", b"\xfe"
+_SHORT_REPLY, _LONG_REPLY = 6, 8
+
+
+@dataclass(frozen=True, slots=True)
+class MitCommand:
+    """What the motor's own loop is asked for: torque = kp (position - q) + kd (velocity - qd) + torque.
+
+    Attributes:
+        position: rad. velocity: rad/s. kp: N m/rad. kd: N m s/rad. torque: N m.
+    """
+
+    position: float
+    velocity: float
+    kp: float
+    kd: float
+    torque: float
+
+
+NEUTRAL = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
+"""Zero gains and zero torque: the motor answers with its state and does (next to) nothing. The middle of an even number
+of steps does not exist, so the torque on the wire is half a step, 0.006 N m."""
+
+
+@dataclass(frozen=True, slots=True)
+class MitReply:
+    """State of one motor.
+
+    Attributes:
+        motor_id: from the first byte.
+        position: rad, wrapped to the profile's range. velocity: rad/s. torque: N m.
+        temperature: degrees Celsius; None in the 6-byte form.
+        fault: fault byte, 0 none; None in the 6-byte form.
+    """
+
+    motor_id: int
+    position: float
+    velocity: float
+    torque: float
+    temperature: float | None = None
+    fault: int | None = None
+
+
+def make_enter(motor_id: int) -> CanFrame:
+    """The frame that switches MIT mode on. The motor may jump to its last command: send `NEUTRAL` next."""
+    return _special(motor_id, _ENTER)
+
+
+def make_exit(motor_id: int) -> CanFrame:
+    """The frame that switches the motor off."""
+    return _special(motor_id, _EXIT)
+
+
+def make_zero(motor_id: int) -> CanFrame:
+    """The frame that makes the present position the zero, silently. Nothing in this project sends it on its own."""
+    return _special(motor_id, _ZERO)
+
+
+def make_neutral(motor_id: int, profile: FirmwareProfile) -> CanFrame:
+    """A command with zero gains and zero torque, to read the state."""
+    return make_command(motor_id, NEUTRAL, profile)
+
+
+def make_command(motor_id: int, command: MitCommand, profile: FirmwareProfile) -> CanFrame:
+    """The frame of a command, every field rounded to the nearest step.
+
+    Raises:
+        FrameError: id not allowed; a value is NaN, infinite or beyond the profile's range; or the frame would begin
+            with the seven FF of the special frames.
+    """
+    check_motor_id(motor_id)
+    position = _encode("position", command.position, -profile.position, profile.position, _POSITION_STEPS, "rad")
+    velocity = _encode("velocity", command.velocity, -profile.speed, profile.speed, _STEPS, "rad/s")
+    kp = _encode("kp", command.kp, 0.0, profile.kp, _STEPS, "N m/rad")
+    kd = _encode("kd", command.kd, 0.0, profile.kd, _STEPS, "N m s/rad")
+    torque = _encode("torque", command.torque, -profile.torque, profile.torque, _STEPS, "N m")
+    data = (position << 48 | velocity << 36 | kp << 24 | kd << 12 | torque).to_bytes(8, "big")
+    if data.startswith(_RESERVED):
+        raise FrameError(f"command {command}: at full scale it is the special frame {data.hex().upper()}")
+    return CanFrame(motor_id, data)
+
+
+def decode_command(data: bytes, profile: FirmwareProfile) -> MitCommand:
+    """The command in 8 bytes, as the motor reads it. Raises `FrameError` for another length or a special frame."""
+    if len(data) != 8 or data.startswith(_RESERVED):
+        raise FrameError(f"{data.hex().upper()!r} is not a command of 8 bytes")
+    bits = int.from_bytes(data, "big")
+    return MitCommand(
+        _decode(bits >> 48, -profile.position, profile.position, _POSITION_STEPS),
+        _decode(bits >> 36 & _STEPS, -profile.speed, profile.speed, _STEPS),
+        _decode(bits >> 24 & _STEPS, 0.0, profile.kp, _STEPS),
+        _decode(bits >> 12 & _STEPS, 0.0, profile.kd, _STEPS),
+        _decode(bits & _STEPS, -profile.torque, profile.torque, _STEPS),
+    )
+
+
+def make_reply(reply: MitReply, profile: FirmwareProfile, arbitration_id: int = 0) -> CanFrame:
+    """The frame that a motor would answer with; for emulators. Without a fault byte it is the 6-byte form.
+
+    Raises:
+        FrameError: a value is NaN or beyond the range of its field.
+    """
+    check_motor_id(reply.motor_id)
+    position = _encode("position", reply.position, -profile.position, profile.position, _POSITION_STEPS, "rad")
+    velocity = _encode("velocity", reply.velocity, -profile.speed, profile.speed, _STEPS, "rad/s")
+    torque = _encode("torque", reply.torque, -profile.torque, profile.torque, _STEPS, "N m")
+    data = (reply.motor_id << 40 | position << 24 | velocity << 12 | torque).to_bytes(6, "big")
+    if reply.fault is not None:
+        warm = (0.0 if reply.temperature is None else reply.temperature) + profile.temperature_offset
+        data += bytes([_encode("temperature", warm, 0.0, 255.0, 255, "degrees above the offset"), reply.fault])
+    return CanFrame(arbitration_id, data)
+
+
+def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
+    """The state in a reply.
+
+    Raises:
+        FrameError: an extended id (V3 firmware or servo mode), a length that the profile does not have, a motor id that
+            is not allowed, or a CAN id that is neither 0 nor the motor's.
+    """
+    if frame.extended:
+        raise FrameError(
+            f"{frame}: extended id: the motor has V3 firmware or is in servo mode; MIT mode with standard ids is needed"
+        )
+    data = frame.data
+    if len(data) not in profile.reply_lengths:
+        lengths = " or ".join(map(str, profile.reply_lengths))
+        raise FrameError(f"{frame}: reply of {len(data)} bytes; {profile.name} sends {lengths}")
+    motor_id = data[0]
+    if not LEAST_ID <= motor_id <= MOST_ID or frame.arbitration_id not in (0, motor_id):
+        raise FrameError(f"{frame}: no reply: it names motor {motor_id} under the CAN id {frame.arbitration_id}")
+    bits = int.from_bytes(data[1:_SHORT_REPLY], "big")
+    position = _decode(bits >> 24, -profile.position, profile.position, _POSITION_STEPS)
+    velocity = _decode(bits >> 12 & _STEPS, -profile.speed, profile.speed, _STEPS)
+    torque = _decode(bits & _STEPS, -profile.torque, profile.torque, _STEPS)
+    if len(data) == _SHORT_REPLY:
+        return MitReply(motor_id, position, velocity, torque)
+    return MitReply(motor_id, position, velocity, torque, data[6] - profile.temperature_offset, data[7])
+
+
+def unwrap(previous: float, reading: float, profile: FirmwareProfile) -> float:
+    """The turn count put back: the angle (rad) nearest to `previous` that reads as `reading`.
+
+    Valid while the motor turns less than the profile's range, half of the wrap, between two replies.
+    """
+    span = 2.0 * profile.position
+    return reading + span * round((previous - reading) / span)
+
+
+def is_special(data: bytes) -> bool:
+    """Whether these are the bytes of an enter, exit or zero frame."""
+    return len(data) == _LONG_REPLY and data.startswith(_RESERVED) and data[7:] in (_ENTER, _EXIT, _ZERO)
+
+
+def check_motor_id(motor_id: int) -> None:
+    """Raises `FrameError` for an id that a motor of this project cannot have."""
+    if isinstance(motor_id, bool) or not isinstance(motor_id, int) or not LEAST_ID <= motor_id <= MOST_ID:
+        raise FrameError(f"motor id {motor_id!r}: allowed is {LEAST_ID} to {MOST_ID}")
+
+
+def _special(motor_id: int, last: bytes) -> CanFrame:
+    check_motor_id(motor_id)
+    return CanFrame(motor_id, _RESERVED + last)
+
+
+def _encode(name: str, value: float, low: float, high: float, steps: int, unit: str) -> int:
+    if not low <= value <= high:  # also catches NaN
+        raise FrameError(f"{name} {value!r}: allowed is {low:g} to {high:g} {unit}")
+    return math.floor((value - low) * steps / (high - low) + 0.5)
+
+
+def _decode(step: int, low: float, high: float, steps: int) -> float:
+    return low + step * (high - low) / steps

@@ -1,0 +1,41 @@
+"""A classic CAN data frame as plain data, so that protocol and motor do not depend on a CAN library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from workbench.errors import HardwareError
+
+STANDARD_IDS = 1 << 11
+EXTENDED_IDS = 1 << 29
+MOST_BYTES = 8
+
+
+class FrameError(HardwareError, ValueError):
+    """Bytes that are not a valid frame of the protocol, or values that no frame can carry."""
+
+
+@dataclass(frozen=True, slots=True)
+class CanFrame:
+    """One data frame.
+
+    Attributes:
+        arbitration_id: 11 bits, or 29 with `extended`.
+        data: at most 8 bytes.
+        extended: 29-bit identifier.
+    """
+
+    arbitration_id: int
+    data: bytes
+    extended: bool = False
+
+    def __post_init__(self) -> None:
+        ids = EXTENDED_IDS if self.extended else STANDARD_IDS
+        if not 0 <= self.arbitration_id < ids:
+            raise FrameError(f"CAN id {self.arbitration_id:#x}: allowed is 0 to {ids - 1:#x}")
+        if len(self.data) > MOST_BYTES:
+            raise FrameError(f"CAN frame of {len(self.data)} bytes: allowed are at most {MOST_BYTES}")
+
+    def __str__(self) -> str:
+        digits = 8 if self.extended else 3
+        return f"{self.arbitration_id:0{digits}X}#{self.data.hex().upper()}"

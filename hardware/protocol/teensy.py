@@ -1,0 +1,292 @@
+"""Strings between the computer and the Teensy (thesis 5.4.5), in the published form and in one that can be checked.
+
+Command: `CAN MSG 1 ; CAN MSG 2 ; SERVO CMD ; THROTTLE CMD |`, each CAN message `ID ; STATE ; POS ; VEL ; KP ; KD ;
+TOR |` standing in it as printed, so that a command has three `|`.
+Reply: `ID 1 ; POS 1 ; VEL 1 ; CUR 1 ; ID 2 ; POS 2 ; VEL 2 ; CUR 2 ; ENC POS |`.
+
+The published strings carry no checksum, no time, no fault and no sign that a motor has fallen silent. The `CHECKED`
+form adds before the last `|` of a string `;*HH`, a CRC-8 over everything since the start of the string, and to the
+reply, per motor, a counter of CAN replies, temperature and fault, then the Teensy's clock and its status.
+
+Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a current; it is the torque field of the
+motor's frame), pulses in us, sail angle in degrees, clock in ms.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum, IntEnum
+
+from hardware.protocol.ak70 import MitCommand, check_motor_id
+from hardware.protocol.can_frame import FrameError
+
+END = b"|"
+SERVO_PULSES = (950, 1500, 2050)
+"""Least, idle and most pulse of the steering servo, us (thesis 5.4.5)."""
+THROTTLE_PULSES = (1100, 1500, 1900)
+"""Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
+
+
+class StringForm(Enum):
+    """Which form of the strings both ends speak."""
+
+    PUBLISHED = "published"
+    CHECKED = "checked"
+
+
+class MotorRequest(IntEnum):
+    """The field STATE: what the Teensy sends to the motor. The thesis does not print its values."""
+
+    EXIT = 0
+    ENTER = 1
+    COMMAND = 2
+
+
+class TeensyStatus(IntEnum):
+    """Status of the checked reply."""
+
+    RUNNING = 0
+    WATCHDOG_ACTED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class MotorOrder:
+    """One CAN message of the command string."""
+
+    motor_id: int
+    request: MotorRequest
+    command: MitCommand
+
+
+@dataclass(frozen=True, slots=True)
+class TeensyCommand:
+    """Two motors and two pulses. servo, throttle: us."""
+
+    motors: tuple[MotorOrder, MotorOrder]
+    servo: int = SERVO_PULSES[1]
+    throttle: int = THROTTLE_PULSES[1]
+
+
+@dataclass(frozen=True, slots=True)
+class MotorReport:
+    """State of one motor as the Teensy passes it on.
+
+    Attributes:
+        position: rad. velocity: rad/s. torque: N m.
+        replies: CAN replies counted modulo 256. temperature: degrees Celsius. fault: fault byte. All None in the
+            published form.
+    """
+
+    motor_id: int
+    position: float
+    velocity: float
+    torque: float
+    replies: int | None = None
+    temperature: int | None = None
+    fault: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TeensyReply:
+    """Both motors and the sail.
+
+    Attributes:
+        sail: degrees, 0 to 360.
+        clock: ms since the Teensy started. status: of its watchdog. None in the published form.
+    """
+
+    motors: tuple[MotorReport, MotorReport]
+    sail: float
+    clock: int | None = None
+    status: TeensyStatus | None = None
+
+
+def make_command(command: TeensyCommand, form: StringForm) -> bytes:
+    """The command string, with its last `|`.
+
+    Raises:
+        FrameError: NaN or infinity, a motor id that is not allowed or used twice, or a pulse out of range.
+    """
+    _check_ids(command.motors[0].motor_id, command.motors[1].motor_id)
+    _check_pulse("servo", command.servo, SERVO_PULSES)
+    _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
+    text = "|;".join(_write_order(order) for order in command.motors) + f"|;{command.servo};{command.throttle}"
+    return _close(text, form)
+
+
+def make_reply(reply: TeensyReply, form: StringForm) -> bytes:
+    """The reply string, with its `|`; for emulators and to compare with the firmware. Raises `FrameError` as above."""
+    _check_ids(reply.motors[0].motor_id, reply.motors[1].motor_id)
+    fields = [_write_report(report) for report in reply.motors] + [_number("sail", reply.sail, 3)]
+    if form is StringForm.CHECKED:
+        for report in reply.motors:
+            fields += [str(report.replies), str(report.temperature), str(report.fault)]
+        fields += [str(reply.clock), str(int(reply.status or 0))]
+    return _close(";".join(fields), form)
+
+
+def decode_command(text: bytes, form: StringForm) -> TeensyCommand:
+    """The command in one whole string. Raises `FrameError` for anything else."""
+    first, second, pulses = _three_parts(_open(text, form), text)
+    motors = (_read_order(first), _read_order(second))
+    _check_ids(motors[0].motor_id, motors[1].motor_id)
+    if len(pulses) != 2:
+        raise FrameError(f"Teensy command {text!r}: {len(pulses)} pulses; allowed are servo and throttle")
+    servo, throttle = (_read_integer("pulse", field, 0, 9999) for field in pulses)
+    _check_pulse("servo", servo, SERVO_PULSES)
+    _check_pulse("throttle", throttle, THROTTLE_PULSES)
+    return TeensyCommand(motors, servo, throttle)
+
+
+def decode_reply(text: bytes, form: StringForm) -> TeensyReply:
+    """The reply in one whole string. Raises `FrameError` for anything else."""
+    fields = _fields(_open(text, form))
+    expected = 9 if form is StringForm.PUBLISHED else 17
+    if len(fields) != expected:
+        raise FrameError(f"Teensy reply {text!r}: {len(fields)} fields; the {form.value} form has {expected}")
+    extra = [fields[9:12], fields[12:15]] if form is StringForm.CHECKED else [[], []]
+    motors = (_read_report(fields[0:4], extra[0]), _read_report(fields[4:8], extra[1]))
+    _check_ids(motors[0].motor_id, motors[1].motor_id)
+    sail = _read_number("sail", fields[8], 0.0, 360.0)
+    if form is StringForm.PUBLISHED:
+        return TeensyReply(motors, sail)
+    status = _read_integer("status", fields[16], 0, max(TeensyStatus))
+    return TeensyReply(motors, sail, _read_integer("clock", fields[15], 0, 2**32 - 1), TeensyStatus(status))
+
+
+def crc8(data: bytes) -> int:
+    """CRC-8, polynomial x^8 + x^2 + x + 1, from 0: finds every burst of errors up to 8 bits long."""
+    value = 0
+    for byte in data:
+        value = _CRC_TABLE[value ^ byte]
+    return value
+
+
+def _crc_of(byte: int) -> int:
+    for _ in range(8):
+        byte = (byte << 1 ^ 0x07) & 0xFF if byte & 0x80 else byte << 1
+    return byte
+
+
+_CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
+
+_MOST_DIGITS = 12
+_RANGES = {"position": 100.0, "velocity": 200.0, "kp": 500.0, "kd": 5.0, "torque": 200.0}
+"""Widest values that any firmware profile can carry; the profile's own range is checked where it is known."""
+
+
+def _write_order(order: MotorOrder) -> str:
+    command = order.command
+    return ";".join(
+        (
+            str(order.motor_id),
+            str(int(MotorRequest(order.request))),
+            _number("position", command.position, 5),
+            _number("velocity", command.velocity, 4),
+            _number("kp", command.kp, 4),
+            _number("kd", command.kd, 5),
+            _number("torque", command.torque, 4),
+        )
+    )
+
+
+def _write_report(report: MotorReport) -> str:
+    state = (("position", report.position, 5), ("velocity", report.velocity, 4), ("torque", report.torque, 4))
+    return ";".join([str(report.motor_id), *(_number(name, value, digits) for name, value, digits in state)])
+
+
+def _close(text: str, form: StringForm) -> bytes:
+    data = text.encode("ascii")
+    if form is StringForm.CHECKED:
+        data += f";*{crc8(data):02X}".encode("ascii")
+    return data + END
+
+
+def _open(text: bytes, form: StringForm) -> bytes:
+    """The string without its end and, in the checked form, without its checksum, which must be right."""
+    if not text.endswith(END):
+        raise FrameError(f"Teensy string {text!r}: does not end with '|'")
+    body = text[:-1].strip(b" \r\n")
+    if form is StringForm.PUBLISHED:
+        return body
+    content, separator, check = body.rpartition(b";*")
+    if not separator or len(check) != 2 or f"{crc8(content):02X}".encode() != check:
+        raise FrameError(f"Teensy string {text!r}: checksum is wrong or missing")
+    return content
+
+
+def _fields(body: bytes) -> list[str]:
+    try:
+        return [field.strip(" ") for field in body.decode("ascii").split(";")]
+    except UnicodeDecodeError:
+        raise FrameError(f"Teensy string {body!r}: holds bytes that are not ASCII") from None
+
+
+def _three_parts(body: bytes, text: bytes) -> tuple[list[str], list[str], list[str]]:
+    parts = [_fields(part) for part in body.split(END)]
+    if len(parts) != 3 or parts[1][0] or parts[2][0]:
+        raise FrameError(f"Teensy command {text!r}: must be two CAN messages and the pulses")
+    return parts[0], parts[1][1:], parts[2][1:]
+
+
+def _read_order(fields: list[str]) -> MotorOrder:
+    if len(fields) != 7:
+        raise FrameError(f"CAN message {';'.join(fields)!r}: {len(fields)} fields; allowed are 7")
+    request = MotorRequest(_read_integer("state", fields[1], 0, max(MotorRequest)))
+    values = [
+        _read_number(name, field, 0.0 if name in ("kp", "kd") else -limit, limit)
+        for (name, limit), field in zip(_RANGES.items(), fields[2:], strict=True)
+    ]
+    return MotorOrder(_read_integer("id", fields[0], 0, 255), request, MitCommand(*values))
+
+
+def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
+    position, velocity, torque = (
+        _read_number(name, field, -_RANGES[name], _RANGES[name])
+        for name, field in zip(("position", "velocity", "torque"), fields[1:], strict=True)
+    )
+    state = MotorReport(_read_integer("id", fields[0], 0, 255), position, velocity, torque)
+    if not extra:
+        return state
+    ranges = (("replies", 0, 255), ("temperature", -40, 255), ("fault", 0, 255))
+    replies, temperature, fault = (
+        _read_integer(name, field, low, high) for (name, low, high), field in zip(ranges, extra, strict=True)
+    )
+    return replace(state, replies=replies, temperature=temperature, fault=fault)
+
+
+def _read_number(name: str, field: str, low: float, high: float) -> float:
+    digits = field[1:] if field[:1] in ("-", "+") else field
+    whole, _, decimals = digits.partition(".")
+    if not whole.isdigit() or not (decimals == "" or decimals.isdigit()) or len(field) > _MOST_DIGITS:
+        raise FrameError(f"Teensy {name} {field!r}: is not a decimal number")
+    value = float(field)
+    if not low <= value <= high:
+        raise FrameError(f"Teensy {name} {field}: allowed is {low:g} to {high:g}")
+    return value
+
+
+def _read_integer(name: str, field: str, low: int, high: int) -> int:
+    digits = field[1:] if field[:1] == "-" else field
+    if not digits.isdigit() or len(field) > _MOST_DIGITS or not low <= int(field) <= high:
+        raise FrameError(f"Teensy {name} {field!r}: allowed is a whole number from {low} to {high}")
+    return int(field)
+
+
+def _number(name: str, value: float, digits: int) -> str:
+    if not math.isfinite(value):
+        raise FrameError(f"Teensy {name} {value!r}: must be finite")
+    return f"{value:.{digits}f}"
+
+
+def _check_ids(first: int, second: int) -> None:
+    check_motor_id(first)
+    check_motor_id(second)
+    if first == second:
+        raise FrameError(f"both motors have the id {first}: each needs its own")
+
+
+def _check_pulse(name: str, pulse: int, pulses: tuple[int, int, int]) -> None:
+    if isinstance(pulse, bool) or not isinstance(pulse, int) or not pulses[0] <= pulse <= pulses[2]:
+        raise FrameError(f"{name} pulse {pulse!r} us: allowed is {pulses[0]} to {pulses[2]}")
