@@ -1,0 +1,146 @@
+"""SDF files as text with numbers: what is set is what Drake parses, and the files on disk carry the parameters."""
+
+import pytest
+
+from workbench.errors import ModelError
+from workbench.model_check import nominal_models, sdf_differences
+from workbench.plants.sdf_model import Inertial, SdfModel
+
+ROD = """<?xml version="1.0"?>
+<sdf version="1.9" xmlns:drake="http://drake.mit.edu">
+  <model name="rod">
+    <!-- A rod on a hinge. -->
+    <link name="rod">
+      <pose>0.1 0.2 0.3 0 0 1.5</pose>
+      <inertial>
+        <pose>0 0 0 0 0 0</pose>
+        <mass>1</mass>
+        <inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>
+      </inertial>
+      <collision name="tip">
+        <pose>0 0 0 0 0 0</pose>
+        <geometry><sphere><radius>0.1</radius></sphere></geometry>
+        <drake:proximity_properties>
+          <drake:point_contact_stiffness>1</drake:point_contact_stiffness>
+          <drake:hunt_crossley_dissipation>1</drake:hunt_crossley_dissipation>
+          <drake:mu_static>1</drake:mu_static>
+          <drake:mu_dynamic>1</drake:mu_dynamic>
+        </drake:proximity_properties>
+      </collision>
+    </link>
+    <joint name="hinge" type="revolute">
+      <drake:rotor_inertia>0</drake:rotor_inertia>
+      <drake:gear_ratio>1</drake:gear_ratio>
+      <drake:controller_gains p="1" d="1"/>
+      <parent>world</parent>
+      <child>rod</child>
+      <axis>
+        <xyz>0 1 0</xyz>
+        <limit><lower>-1</lower><upper>1</upper><effort>1</effort></limit>
+        <dynamics><damping>0</damping></dynamics>
+      </axis>
+    </joint>
+  </model>
+</sdf>
+"""
+LINK = "/model[rod]/link[rod]"
+JOINT = "/model[rod]/joint[hinge]"
+
+
+@pytest.fixture
+def rod(tmp_path):
+    (tmp_path / "rod.sdf").write_text(ROD)
+    return SdfModel(tmp_path / "rod.sdf")
+
+
+@pytest.mark.parametrize("model", nominal_models(), ids=lambda model: model.path.name)
+def test_file_on_disk_carries_the_numbers_of_the_parameters(model):
+    assert sdf_differences(model) == []
+
+
+def test_difference_between_file_and_parameters_is_found():
+    car = nominal_models()[0]
+    inertial = car.inertial("chassis")
+    car.set_inertial("chassis", Inertial(inertial.mass * 1.001, inertial.com, inertial.moments))
+    (problem,) = sdf_differences(car)
+    assert problem.startswith("/model[car]/link[chassis]/inertial/mass: ")
+
+
+def test_numbers_that_are_set_are_the_numbers_of_the_document(rod):
+    rod.set_inertial("rod", Inertial(2.5, (0.1, -0.2, 0.3), (0.4, 0.5, 0.6)))
+    rod.set_contact("rod", "tip", 2e4, 3.0, 0.7)
+    rod.set_shape("rod", "tip", (1, 2, 3), radius="0.25")
+    rod.set_joint("hinge", lower=-0.5, upper=0.75, effort=9, damping=0.1)
+    rod.set_rotor("hinge", 4.14e-5, 10)
+    rod.set_controller_gains("hinge", 200, 2)
+    numbers = rod.numbers()
+    assert numbers[f"{LINK}/inertial/mass"] == [2.5]
+    assert numbers[f"{LINK}/inertial/pose"] == [0.1, -0.2, 0.3, 0, 0, 0]
+    assert [numbers[f"{LINK}/inertial/inertia/{tag}"] for tag in ("ixx", "iyy", "izz")] == [[0.4], [0.5], [0.6]]
+    contact = f"{LINK}/collision[tip]/proximity_properties"
+    assert numbers[f"{contact}/point_contact_stiffness"] == [2e4]
+    assert numbers[f"{contact}/hunt_crossley_dissipation"] == [3.0]
+    assert numbers[f"{contact}/mu_static"] == numbers[f"{contact}/mu_dynamic"] == [0.7]
+    assert numbers[f"{LINK}/collision[tip]/pose"] == [1, 2, 3, 0, 0, 0]
+    assert numbers[f"{LINK}/collision[tip]/geometry/sphere/radius"] == [0.25]
+    assert numbers[f"{JOINT}/axis/limit/lower"] == [-0.5]
+    assert numbers[f"{JOINT}/axis/limit/upper"] == [0.75]
+    assert numbers[f"{JOINT}/axis/limit/effort"] == [9]
+    assert numbers[f"{JOINT}/axis/dynamics/damping"] == [0.1]
+    assert numbers[f"{JOINT}/rotor_inertia"] == [4.14e-5]
+    assert numbers[f"{JOINT}/gear_ratio"] == [10]
+    assert numbers[f"{JOINT}/controller_gains"] == [200, 2]
+
+
+def test_inertial_reads_back_what_was_set(rod):
+    inertial = Inertial(2.5, (0.1, -0.2, 0.3), (0.4, 0.5, 0.6))
+    rod.set_inertial("rod", inertial)
+    assert rod.inertial("rod") == inertial
+
+
+def test_position_moves_a_link_and_leaves_its_orientation(rod):
+    rod.set_link_position("rod", (4, 5, 6))
+    assert rod.numbers()[f"{LINK}/pose"] == [4, 5, 6, 0, 0, 1.5]
+
+
+def test_document_that_is_written_reads_the_same_and_keeps_its_comments(rod, tmp_path):
+    rod.set_rotor("hinge", 4.14e-5, 10)
+    (tmp_path / "again.sdf").write_text(rod.text())
+    assert SdfModel(tmp_path / "again.sdf").numbers() == rod.numbers()
+    assert "<!-- A rod on a hinge. -->" in rod.text()
+
+
+def test_fixed_joint_has_no_axis(rod):
+    rod.fix_joint("hinge")
+    assert 'type="fixed"' in rod.text()
+    assert "<axis>" not in rod.text()
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda m: m.inertial("rud"), r"no link 'rud'; it has rod"),
+        (lambda m: m.set_joint("hinj", effort=1), r"no joint 'hinj'; it has hinge"),
+        (lambda m: m.set_joint("hinge", spring_stiffness=1), r"<dynamics .*has no <spring_stiffness>"),
+        (lambda m: m.set_shape("rod", "top", radius="1"), r"link 'rod' has no shape 'top'"),
+        (lambda m: m.set_shape("rod", "tip", length="1"), r"shape 'tip' of link 'rod' has no <length>"),
+    ],
+)
+def test_place_that_does_not_exist_is_named(rod, edit, message):
+    with pytest.raises(ModelError, match=r"rod\.sdf: " + message):
+        edit(rod)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [("<sdf><model>", "cannot be read as SDF"), ("", "cannot be read as SDF"), ("<sdf/>", "holds no <model>")],
+)
+def test_file_that_is_no_model_is_named(tmp_path, content, message):
+    (tmp_path / "bad.sdf").write_text(content)
+    with pytest.raises(ModelError, match=r"bad\.sdf: " + message):
+        SdfModel(tmp_path / "bad.sdf")
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(ModelError, match=r"none\.sdf: no such file"):
+        SdfModel(tmp_path / "none.sdf")

@@ -1,0 +1,174 @@
+"""The tail arm: signs of its joints, its inertia, and its answer to a step against the closed form."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from workbench.actuators.tail_drive import add_tail_drive
+from workbench.plants.car import parse_model
+from workbench.plants.tail import arm_inertia, ground_partner_friction, tail_sdf
+from workbench.scenario import scenario_from_dict
+
+FRICTIONLESS = {"friction": {"coulomb": 0.0, "viscous": 0.0}}
+
+
+class ArmOnTheBench:
+    """The arm with its motors, welded to the world, without gravity."""
+
+    def __init__(self, step=0.002, commands=None, angles=(0.0, 0.0), gravity=0.0, **overrides):
+        self.scenario = scenario_from_dict({"simulation": {"step": step, "log_rate": 100.0}} | overrides)
+        builder = DiagramBuilder()
+        plant, _ = AddMultibodyPlantSceneGraph(builder, step)
+        plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -gravity])
+        model = tail_sdf(self.scenario.tail, self.scenario.tail_motor, self.scenario.car)
+        model.fix_joint("tail_sail_turn")
+        arm = parse_model(plant, model)
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("tail_anchor"))
+        plant.Finalize()
+        motors = add_tail_drive(builder, plant, arm, self.scenario)
+        for name in ("tail_pitch_command", "tail_roll_command"):
+            builder.ExportInput(motors.GetInputPort(name), name)
+        diagram = builder.Build()
+        self.simulator = Simulator(diagram)
+        self.plant, self.context = plant, plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+        for name in ("tail_pitch_command", "tail_roll_command"):
+            value = (commands or {}).get(name, [0.0] * 5)
+            diagram.GetInputPort(name).FixValue(self.simulator.get_mutable_context(), value)
+        for joint, angle in zip(("tail_pitch", "tail_roll"), angles, strict=True):
+            plant.GetJointByName(joint).set_angle(self.context, angle)
+
+    def angle(self, joint: str) -> float:
+        return self.plant.GetJointByName(joint).get_angle(self.context)
+
+    def tip(self) -> np.ndarray:
+        pose = self.plant.GetBodyByName("tail_rod").EvalPoseInWorld(self.context)
+        return pose.multiply(np.array([0.0, 0.0, self.scenario.tail.length]))
+
+    def history(self, joint: str, times: np.ndarray) -> np.ndarray:
+        angles = []
+        for time in times:
+            self.simulator.AdvanceTo(time)
+            angles.append(self.angle(joint))
+        return np.array(angles)
+
+
+def second_order(time, start, target, inertia, kp, kd):
+    """Closed form of I q'' = kp (target - q) - kd q' from rest at `start`."""
+    roots = np.roots([inertia, kd, kp]).astype(complex)
+    a, b = roots
+    return target + (start - target) * np.real((a * np.exp(b * time) - b * np.exp(a * time)) / (a - b))
+
+
+def roll_inertia(tail, motor):
+    """About the roll axis, from the geometry: uniform rod, plate at its end, reflected rotor."""
+    sail = tail.mass * tail.sail_mass_fraction
+    rod = tail.mass - sail
+    middle = tail.length - tail.sail_length / 2
+    return (
+        rod * tail.length**2 / 3
+        + sail * (middle**2 + tail.sail_length**2 / 12)
+        + motor.rotor_inertia * motor.gear_ratio**2
+    )
+
+
+def test_positive_roll_swings_to_the_right_and_positive_pitch_forward():
+    length = 0.9
+    np.testing.assert_allclose(ArmOnTheBench().tip(), [0.0, 0.0, length], atol=1e-12)
+    np.testing.assert_allclose(ArmOnTheBench(angles=(0.0, math.pi / 2)).tip(), [0.0, -length, 0.0], atol=1e-12)
+    np.testing.assert_allclose(ArmOnTheBench(angles=(math.pi / 2, 0.0)).tip(), [length, 0.0, 0.0], atol=1e-12)
+
+
+def test_arm_has_the_mass_and_centre_of_mass_of_its_parts():
+    bench = ArmOnTheBench()
+    tail = bench.scenario.tail
+    rod = bench.plant.GetBodyByName("tail_rod").get_mass(bench.context)
+    sail = bench.plant.GetBodyByName("tail_sail").get_mass(bench.context)
+    assert rod + sail == pytest.approx(tail.mass)
+    assert sail == pytest.approx(tail.mass * tail.sail_mass_fraction)
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.6, -math.pi / 2])
+def test_inertia_that_the_motors_count_with_is_that_of_the_plant(roll):
+    bench = ArmOnTheBench(angles=(0.3, roll))
+    motor = bench.scenario.tail_motor
+    rotor = motor.rotor_inertia * motor.gear_ratio**2
+    arm = arm_inertia(bench.scenario.tail, motor, bench.scenario.car)
+    plant_matrix = bench.plant.CalcMassMatrix(bench.context)
+    np.testing.assert_allclose(np.array(arm.about_joints(roll)) + rotor, np.diag(plant_matrix), rtol=1e-6)
+    assert arm.roll + rotor == pytest.approx(roll_inertia(bench.scenario.tail, motor), rel=1e-7)
+
+
+@pytest.mark.parametrize(("kp", "kd"), [(17.0, 5.0), (5.0, 2.0), (17.0, 1.0)])
+def test_step_of_the_roll_command_follows_the_closed_form(kp, kd):
+    start, target = -0.5, 0.4
+    times = np.arange(0.05, 1.01, 0.05)
+    commands = {"tail_roll_command": [target, 0.0, kp, kd, 0.0], "tail_pitch_command": [0.0, 0.0, 50.0, 5.0, 0.0]}
+    errors = []
+    for step in (0.002, 0.001):
+        bench = ArmOnTheBench(step, commands, (0.0, start), **FRICTIONLESS)
+        inertia = roll_inertia(bench.scenario.tail, bench.scenario.tail_motor)
+        expected = second_order(times, start, target, inertia, kp, kd)
+        errors.append(np.abs(bench.history("tail_roll", times) - expected).max())
+    # First order in the step: 2 ms late on a fastest rate of 8 rad/s, and half of that at half the step.
+    assert errors[0] < 0.016
+    assert errors[1] < 0.6 * errors[0]
+
+
+@pytest.mark.parametrize("roll", [0.0, -math.pi / 2])
+def test_step_of_the_pitch_command_follows_the_closed_form(roll):
+    # Lying sideways the pitch joint is 19 times lighter: the gains of the hold damp it within a step, not beyond.
+    kp, kd, target = 17.0, 5.0, 0.2
+    times = np.arange(0.02, 1.01, 0.02)
+    commands = {"tail_pitch_command": [target, 0.0, kp, kd, 0.0], "tail_roll_command": [roll, 0.0, 50.0, 5.0, 0.0]}
+    bench = ArmOnTheBench(0.002, commands, (0.0, roll), **FRICTIONLESS)
+    rotor = bench.scenario.tail_motor.rotor_inertia * bench.scenario.tail_motor.gear_ratio**2
+    inertia = (
+        arm_inertia(bench.scenario.tail, bench.scenario.tail_motor, bench.scenario.car).about_joints(roll)[0] + rotor
+    )
+    expected = second_order(times, 0.0, target, inertia, kp, kd)
+    # First order in the step of 2 ms, on a rate of at most 0.5 rad/s.
+    np.testing.assert_allclose(bench.history("tail_pitch", times), expected, atol=0.002)
+
+
+def test_swing_reaches_the_commanded_rate_less_what_friction_takes():
+    speed, kd = 8.0, 3.0
+    commands = {"tail_roll_command": [0.0, speed, 0.0, kd, 0.0], "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0]}
+    bench = ArmOnTheBench(0.002, commands, (0.0, -1.5))
+    bench.simulator.AdvanceTo(0.3)
+    rate = bench.plant.GetJointByName("tail_roll").get_angular_rate(bench.context)
+    friction = bench.scenario.friction
+    # kd (8 - w) = Cf + Vf w; the start, with a time constant of 26 ms, has died out to 1e-5.
+    assert rate == pytest.approx((kd * speed - friction.coulomb) / (kd + friction.viscous), rel=1e-4)
+
+
+def test_held_tail_sags_by_its_weight_over_the_gain():
+    kp, angle = 17.0, 0.5
+    commands = {"tail_roll_command": [angle, 0.0, kp, 5.0, 0.0], "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0]}
+    bench = ArmOnTheBench(0.002, commands, (0.0, angle), gravity=9.81, **FRICTIONLESS)
+    bench.simulator.AdvanceTo(3.0)
+    tail = bench.scenario.tail
+    first_moment = tail.mass * (
+        (1 - tail.sail_mass_fraction) * tail.length / 2 + tail.sail_mass_fraction * (tail.length - tail.sail_length / 2)
+    )
+    reached = bench.angle("tail_roll")
+    # A tail to the right of upright falls further to the right; at rest the motor carries its moment, exactly.
+    assert reached > angle
+    assert kp * (reached - angle) == pytest.approx(9.81 * first_moment * math.sin(reached), rel=1e-4)
+
+
+def test_motor_cannot_pass_the_stop_of_the_joint():
+    commands = {"tail_roll_command": [3.0, 0.0, 50.0, 2.0, 0.0], "tail_pitch_command": [0.0, 0.0, 17.0, 5.0, 0.0]}
+    bench = ArmOnTheBench(0.002, commands, (0.0, 1.0))
+    bench.simulator.AdvanceTo(1.0)
+    # The stop is a stiff spring: it gives way by less than a hundredth of a radian under the peak torque.
+    assert bench.angle("tail_roll") == pytest.approx(math.pi / 2, abs=0.01)
+
+
+def test_friction_of_the_pair_is_that_of_the_scenario():
+    car = scenario_from_dict({"car": {"tyre_friction": 0.7, "cage_friction": 0.3}}).car
+    partner = ground_partner_friction(car)
+    assert 2 * partner * 0.7 / (partner + 0.7) == pytest.approx(0.3)
