@@ -211,3 +211,33 @@ def test_zero_exposure_is_normal_and_no_exposure_at_all_an_error() -> None:
     np.testing.assert_allclose(rig.reaction(high, 1.0, 0.2).wrench, calm.reaction(high, 1.0, 0.2).wrench, atol=1e-12)
     with pytest.raises(ModelError, match="meets the jet at no reachable angle"):
         Rig(STATIC.varied(tunnel={"jet_edge_depth": 0.9}))
+
+
+def test_added_mass_acts_across_the_tail_only() -> None:
+    """Five parts at s_i: (J + m sum s^2) angle'' = tau; the support carries their normal inertia alone."""
+    mass = 0.02
+    rig = Rig(without_air().varied(aero={"added_mass": mass}))
+    distances = 0.270 + 0.39 * (np.arange(5) + 0.5) / 5
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-15, 15), rng.uniform(-6, 6)
+        bare, _ = by_hand(1, angle, rate, torque)
+        inertia = ROTOR + BAR_INERTIA + BAR_MASS * 0.01 + 0.0982 * 0.39**2 / 12 + 0.0982 * 0.433**2
+        acceleration = bare * inertia / (inertia + mass * np.sum(distances**2))
+        reaction = rig.reaction(angle, rate, torque)
+        assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9)
+        # The same acceleration without added mass, plus m times the normal acceleration of each part.
+        _, wrench = by_hand(1, angle, rate, torque + (acceleration - bare) * inertia)
+        down = np.array([0.0, -math.sin(angle), -math.cos(angle)])
+        normal = np.array([0.0, -math.cos(angle), math.sin(angle)])
+        for s in distances:
+            force = mass * s * acceleration * normal
+            wrench = wrench + np.concatenate((force, np.cross(PIVOT + s * down, force)))
+        np.testing.assert_allclose(reaction.wrench, wrench, rtol=1e-9, atol=1e-9)
+
+
+def test_added_mass_that_takes_all_inertia_away_is_refused_by_name() -> None:
+    """The published -0.033 kg of tail 1; its rig stays positive definite down to J / sum(s^2)."""
+    with pytest.raises(ModelError, match=r"-0.033 kg per part on body 'tail'"):
+        Rig(STATIC.varied(aero={"added_mass": -0.033}))
+    assert Rig(STATIC.varied(aero={"added_mass": -0.0167})).reaction(0.2, 1.0, 0.0).acceleration != 0.0
