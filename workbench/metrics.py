@@ -84,8 +84,8 @@ class RunMetrics:
         peak_roll_rad: largest roll outwards from the turn on, rad.
         two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without wheel loads.
         heading_change_rad: heading at the end less heading at the start of the turn, into the turn, rad.
-        tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m.
-        tail_energy_j: positive work of the tail motors from the turn on, J.
+        tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when not logged.
+        tail_energy_j: positive work of the tail motors from the turn on, J; None when not logged.
         min_wheel_load_n: smallest vertical force on any wheel from the turn on, N; None without wheel loads.
     """
 
@@ -97,8 +97,8 @@ class RunMetrics:
     peak_roll_rad: float
     two_wheel_time_s: float | None
     heading_change_rad: float
-    tail_torque_peak_n_m: float
-    tail_energy_j: float
+    tail_torque_peak_n_m: float | None
+    tail_energy_j: float | None
     min_wheel_load_n: float | None
 
     def as_row(self) -> dict[str, float | str | bool | None]:
@@ -127,7 +127,7 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
     signals = turn_signals(run_log)
     after, time = signals.from_start, signals.time
     loads = signals.wheel_loads
-    torque, power = _tail_effort(run_log)
+    peak_torque, energy = _tail_effort(run_log, after)
     return RunMetrics(
         source=signals.source,
         direction="left" if signals.sign > 0 else "right",
@@ -137,8 +137,8 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
         peak_roll_rad=float(np.max(signals.roll[after])),
         two_wheel_time_s=None if loads is None else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
         heading_change_rad=float(signals.yaw[-1] - signals.yaw[after][0]),
-        tail_torque_peak_n_m=float(np.max(np.abs(torque[after]))),
-        tail_energy_j=float(trapezoid(np.maximum(power[after], 0.0), time[after])),
+        tail_torque_peak_n_m=peak_torque,
+        tail_energy_j=energy,
         min_wheel_load_n=None if loads is None else float(np.min(loads[after])),
     )
 
@@ -235,19 +235,25 @@ def _outcome(signals: TurnSignals) -> Outcome:
     return outcome_from(signals.time, signals.tilt, signals.wheel_loads, signals.ground_contact)
 
 
-def _tail_effort(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
-    """Torques of both tail motors, shape (n, 2), N m, and their mechanical power, shape (n,), W."""
-    torque = np.column_stack([run_log.signal(f"tail_{joint}_torque_n_m") for joint in ("pitch", "roll")])
+def _tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
+    """Largest torque (N m) and positive work (J) of the tail motors in these rows; None without their columns.
+
+    A log of the real car may come from loggers that did not record the motors; a simulated one has them always.
+    """
+    torques = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
+    if run_log.kind != "car_run" and not set(torques) <= set(run_log.table.columns):
+        return None, None
+    signals = {name: run_log.signal(name) for name in torques}
+    rates = [f"tail_{joint}_rate_rad_per_s" for joint in ("pitch", "roll")]
     if "tail_power_truth_w" in run_log.table.columns:
-        power = run_log.signal("tail_power_truth_w")
-    else:
-        rate = np.column_stack([run_log.signal(f"tail_{joint}_rate_rad_per_s") for joint in ("pitch", "roll")])
-        power = np.sum(torque * rate, axis=1)
-    check_signals(
-        run_log.time,
-        {"tail_pitch_torque_n_m": torque[:, 0], "tail_roll_torque_n_m": torque[:, 1], "tail motor power": power},
-    )
-    return torque, power
+        signals["tail motor power"] = run_log.signal("tail_power_truth_w")
+    elif run_log.kind == "car_run" or set(rates) <= set(run_log.table.columns):
+        pairs = zip(signals.values(), rates, strict=True)
+        signals["tail motor power"] = np.sum([torque * run_log.signal(rate) for torque, rate in pairs], axis=0)
+    check_signals(run_log.time, signals)
+    peak = max(float(np.max(np.abs(signals[name][after]))) for name in torques)
+    power = signals.get("tail motor power")
+    return peak, None if power is None else float(trapezoid(np.maximum(power[after], 0.0), run_log.time[after]))
 
 
 def _mean(time: FloatArray, values: FloatArray) -> float:

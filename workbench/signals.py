@@ -134,9 +134,15 @@ def remove_drift(time: FloatArray, signal: FloatArray, rest: tuple[float, float]
     resting = (time >= rest[0]) & (time <= rest[1])
     if np.count_nonzero(resting) < 2:
         raise LogError(f"column {column!r}: fewer than 2 samples in the resting part {rest[0]:g} to {rest[1]:g} s")
+    slope, level, centre = resting_line(time, signal, resting)
+    return signal - (slope * (time - centre) + level)
+
+
+def resting_line(time: FloatArray, signal: FloatArray, resting: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """The line that fits the resting samples best: slope (per s), level at the mean resting time, and that time (s)."""
     centre = float(np.mean(time[resting]))
-    slope, offset = np.polyfit(time[resting] - centre, signal[resting], 1)
-    return signal - (slope * (time - centre) + offset)
+    slope, level = np.polyfit(time[resting] - centre, signal[resting], 1)
+    return float(slope), float(level), centre
 
 
 def even_times(time: FloatArray, rate: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""`aerodima metrics` and `aerodima log recover`."""
+"""`aerodima metrics` and the group `aerodima log`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from typing import Annotated
 
 import typer
 
+from workbench.commands import importing
+
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
     app.command()(metrics)
     group = typer.Typer(no_args_is_help=True, help="Work on run logs.")
     group.command()(recover)
+    importing.add_to_group(group)
     group.callback()(_group)
     app.add_typer(group, name="log")
 

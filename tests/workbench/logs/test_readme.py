@@ -1,0 +1,119 @@
+"""The examples of `workbench/logs/README.md`, as they stand there."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+import workbench.logs
+from tests.workbench.logs.foreign_logs import (
+    CAR_SPEED,
+    GAP,
+    GPS_LATE,
+    RELEASED_AT,
+    YAW_RATE,
+    car_files,
+    swing_readings,
+    swing_truth,
+    write_laboratory_csv,
+)
+from workbench.cli import build_app
+from workbench.logs.conditioning import WRENCH, published_offsets
+from workbench.logs.schema import read_run_log
+from workbench.metrics import metrics_of
+
+README = (Path(workbench.logs.__file__).parent / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def commands(example: int) -> list[list[str]]:
+    return [shlex.split(line)[1:] for line in blocks("bash")[example].splitlines()]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for block in blocks("yaml"):
+        name = re.match(r"# file: (\S+)", block)
+        assert name, block
+        (tmp_path / name.group(1)).write_text(block, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(words: list[str]) -> Result:
+    result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
+    """Degrees, mA, N mm, turned signs, 500 Hz, a gap, drift and offsets: the truth is met within the noise left."""
+    write_laboratory_csv(folder / "swing.csv", swing_readings())
+    importing, conditioning = commands(0)
+    notes = call(importing).stderr
+    assert f"at {GAP[0]:g} s: gap of {GAP[1] - GAP[0]:.2g} s, about 19 samples lost" in notes
+    assert "Temp" in notes
+    said = call(conditioning).stdout
+    assert "filled with 19 rows" in said
+    assert "Table 4.4, tail 1" in said
+    run_log = read_run_log(folder / "swing.parquet")
+    assert run_log.kind == "swing"
+    assert run_log.extra["tail"] == "1"
+    assert run_log.extra["wind_speed_m_per_s"] == pytest.approx(10.0)
+    shift = run_log.extra["conditioning"][0]["time_shift_s"]
+    assert run_log.time[0] == 0.0
+    assert np.allclose(np.diff(run_log.time), 1 / 250.0)
+    # The kinks at lift and release ring in a 20 Hz filter of order 6; the swing itself (0.64 Hz) passes it.
+    swinging = run_log.time + shift > RELEASED_AT + 1.0
+    truth = swing_truth(run_log.time + shift)[swinging]
+    away = np.abs(truth["time_s"].to_numpy() - np.mean(GAP)) > 0.2
+    offsets = published_offsets("1")
+    for name, noise in zip(WRENCH, [0.01, 0.01, 0.02, 5e-4, 5e-4, 5e-4], strict=True):
+        error = (run_log.signal(name)[swinging] - offsets[name] - truth[name].to_numpy())[away]
+        # 20 of 250 Hz are left of the white noise, 0.28 of its amplitude; the drift line adds about as much.
+        assert np.sqrt(np.mean(error**2)) < 0.5 * noise, name
+    # The gap is bridged by straight lines: the angle bends by at most pi/2 * 16.5/s2 * (0.04 s)2 / 8 = 5e-3 rad there.
+    assert np.max(np.abs(run_log.signal("angle_rad")[swinging] - truth["angle_rad"])) < 6e-3
+    rate = np.gradient(truth["angle_rad"].to_numpy(), truth["time_s"].to_numpy())
+    assert np.max(np.abs(run_log.signal("angular_velocity_rad_per_s")[swinging] - rate)[away]) < 0.02
+    assert (folder / "swing.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
+    car_files(folder)
+    importing, metrics = commands(1)
+    notes = call(importing).stderr
+    assert "'speed_m_per_s' at" in notes
+    assert "6 earlier rows of the log are left out" in notes
+    assert "average_yaw_rate_rad_per_s" in call(metrics).stdout
+    run_log = read_run_log(folder / "car.parquet")
+    speed = run_log.signal("speed_m_per_s")
+    changes = run_log.time[1:][np.diff(speed) != 0.0]
+    assert changes[0] == pytest.approx(0.1 + GPS_LATE - 0.055, abs=1e-6)  # rows start at the first after 55 ms: 60 ms
+    assert np.allclose(np.diff(changes), 0.1, atol=1e-6), "a GPS sample is held for ten rows"
+    measured = metrics_of(run_log)
+    assert measured.direction == "left"
+    assert measured.raw.average_yaw_rate_rad_per_s == pytest.approx(YAW_RATE, rel=0.02)
+    assert measured.raw.max_linear_acceleration_m_per_s2 == pytest.approx(CAR_SPEED * YAW_RATE, rel=1e-9)
+    assert measured.raw.speed_m_per_s == pytest.approx(CAR_SPEED)
+    assert measured.heading_change_rad == pytest.approx(YAW_RATE * 0.64, abs=YAW_RATE / 100.0)
+    assert measured.tail_energy_j is None, "the log has no tail"
+
+
+def test_every_yaml_of_the_readme_is_read_and_every_step_is_explained() -> None:
+    assert len(blocks("yaml")) == 3
+    assert all("schema" in yaml.safe_load(block) for block in blocks("yaml"))
+    from workbench.logs.mapping import ColumnSource, CsvFormat, Mapping
+    from workbench.logs.recipe import DESIGNS, STEPS
+    from workbench.logs.strict_files import keys_of
+
+    words = [step.model_fields["step"].annotation.__args__[0] for step in STEPS] + list(DESIGNS)
+    words += [key for model in (*STEPS, ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]
+    assert [word for word in words if word not in README] == []

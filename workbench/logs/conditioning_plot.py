@@ -1,0 +1,96 @@
+"""Before and after: the columns that a recipe changed, as one picture."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from workbench.atomic_write import write_atomically
+from workbench.errors import LogError
+from workbench.logs.columns import TIME
+from workbench.logs.conditioning import is_held
+from workbench.logs.resting import Interval
+from workbench.logs.schema import RunLog
+from workbench.signals import GAP_FACTOR
+
+MOST_ROWS = 12
+_BEFORE, _AFTER, _REST, _GAP = "#9aa0a6", "#b3261e", "#cfe8d5", "#f3c77a"
+
+
+def plot_conditioning(before: RunLog, after: RunLog, rest: Sequence[Interval] = ()) -> Figure:
+    """One row per changed column: before in grey, after in red, resting parts green, gaps of the first log yellow.
+
+    Args:
+        before: the log as imported.
+        after: the same after `apply_recipe`.
+        rest: resting parts, s.
+    """
+    names = changed_columns(before, after)[:MOST_ROWS]
+    figure = Figure(figsize=(10.0, 1.2 + 1.7 * max(1, len(names))), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(max(1, len(names)), 1, sharex=True, squeeze=False)[:, 0]
+    shift = _shift(before, after)
+    for axes, name in zip(rows, names, strict=False):
+        for start, end in rest:
+            axes.axvspan(start, end, color=_REST, lw=0, label="at rest" if (start, end) == rest[0] else None)
+        for start, end in _gaps(before.time):
+            axes.axvspan(start, end, color=_GAP, lw=0, label="gap")
+        if name in before.table.columns:
+            time, values = _with_breaks(before.time, before.signal(name))
+            axes.plot(time, values, color=_BEFORE, lw=1.0, label="before")
+        axes.plot(after.time + shift, after.signal(name), color=_AFTER, lw=1.0, label="after")
+        axes.set_ylabel(name, fontsize=8)
+        axes.grid(alpha=0.3)
+    handles = {label: handle for handle, label in zip(*rows[0].get_legend_handles_labels(), strict=True)}
+    if handles:
+        figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=4, fontsize=8)
+    rows[-1].set_xlabel("time, s")
+    figure.suptitle(Path(before.source).name or "run log", x=0.01, ha="left", fontsize=10)
+    return figure
+
+
+def save_plot(figure: Figure, path: Path, force: bool = False) -> Path:
+    """Writes the figure as PNG; LogError when the file exists and `force` is not set."""
+    return write_atomically(path, lambda temporary: figure.savefig(temporary, format="png", dpi=120), force, LogError)
+
+
+def changed_columns(before: RunLog, after: RunLog) -> list[str]:
+    """Columns whose values differ, or that are new; all measured ones when rows were only cut or inserted."""
+    changed = []
+    shift = _shift(before, after)
+    for name in after.table.columns:
+        if name == TIME:
+            continue
+        if name not in before.table.columns:
+            changed.append(name)
+            continue
+        old = before.signal(name)
+        good = np.isfinite(old)
+        expected = np.interp(after.time + shift, before.time[good], old[good])
+        if good.all() and np.allclose(expected, after.signal(name), rtol=1e-9, atol=1e-12):
+            continue
+        changed.append(name)
+    measured = [name for name in after.table.columns if name != TIME and not is_held(name)]
+    return changed or measured
+
+
+def _shift(before: RunLog, after: RunLog) -> float:
+    """What a restarted time has to be moved by to lie on the first log's, s."""
+    entries = after.extra.get("conditioning", [])
+    return float(entries[-1].get("time_shift_s", 0.0)) if entries else 0.0
+
+
+def _gaps(time: NDArray[np.float64]) -> list[Interval]:
+    steps = np.diff(time)
+    wide = np.flatnonzero(steps > GAP_FACTOR * float(np.median(steps)))
+    return [(float(time[at]), float(time[at + 1])) for at in wide]
+
+
+def _with_breaks(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """The line is interrupted in a gap instead of bridging it."""
+    steps = np.diff(time)
+    at = np.flatnonzero(steps > GAP_FACTOR * float(np.median(steps))) + 1
+    return np.insert(time, at, np.nan), np.insert(values, at, np.nan)

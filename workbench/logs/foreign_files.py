@@ -1,0 +1,182 @@
+"""Foreign logs as they stand in their files: named columns of numbers, in whatever unit and rate they were written.
+
+CSV, Parquet, MAT (v5 and v7.3) and MCAP. Nothing is converted here; `workbench.logs.importers` makes a run log of it.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from workbench.errors import LogError
+from workbench.logs.mapping import CsvFormat
+from workbench.logs.schema import METADATA_KEY, decode_metadata
+from workbench.quantity import nearest
+
+FloatArray = NDArray[np.float64]
+
+SIDECAR_SUFFIX = ".json"
+"""An exported `run.csv` has its metadata in `run.csv.json`."""
+
+
+@dataclass(frozen=True)
+class ForeignLog:
+    """The columns of a file.
+
+    Attributes:
+        path: the file, for messages.
+        columns: name to values; lengths may differ between columns of different rates.
+        time_of: name of the column with the times of a column, where the format knows it (MCAP).
+        unreadable: columns or topics that are there but cannot be read, with the reason.
+        metadata: of a file that this project exported; None otherwise.
+    """
+
+    path: str
+    columns: Mapping[str, pd.Series]
+    time_of: Mapping[str, str] = field(default_factory=dict)
+    unreadable: Mapping[str, str] = field(default_factory=dict)
+    metadata: dict[str, Any] | None = None
+
+    def numbers(self, name: str) -> FloatArray:
+        """A column as float64, empty cells as NaN.
+
+        Raises:
+            LogError: no such column (names the nearest), a cell that is not a number (names its row, from 1).
+        """
+        series = self._series(name)
+        if series.dtype.kind in "fiub":
+            return series.to_numpy(dtype=np.float64)
+        numbers = pd.to_numeric(series, errors="coerce")
+        bad = np.flatnonzero(numbers.isna().to_numpy() & series.notna().to_numpy())
+        if bad.size:
+            raise LogError(
+                f"{self.path}: column {name!r}: {str(series.iloc[bad[0]])!r} in row {bad[0] + 1} is not a number"
+            )
+        return numbers.to_numpy(dtype=np.float64)
+
+    def times(self, name: str) -> FloatArray:
+        """A column of times: numbers as they are, dates (ISO 8601) as seconds since 1970."""
+        series = self._series(name)
+        if series.dtype.kind in "fiub":
+            return self.numbers(name)
+        try:
+            dates = pd.to_datetime(series, utc=True, format=None if series.dtype.kind == "M" else "ISO8601")
+        except (ValueError, TypeError):
+            return self.numbers(name)
+        seconds = (dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
+        return np.asarray(seconds, dtype=np.float64)
+
+    def _series(self, name: str) -> pd.Series:
+        if name in self.unreadable:
+            raise LogError(f"{self.path}: {name!r} cannot be read: {self.unreadable[name]}")
+        if name not in self.columns:
+            raise LogError(f"{self.path}: no column {name!r}; {nearest(name, list(self.columns))}")
+        return self.columns[name]
+
+
+def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignLog:
+    """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap.
+
+    Raises:
+        LogError: missing, of another kind, damaged, or an optional package is not installed (names the extra).
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise LogError(f"{path}: no such file")
+    suffix = path.suffix.lower()
+    if suffix in (".csv", ".txt", ".tsv"):
+        return _read_csv(path, csv or CsvFormat(delimiter="\t" if suffix == ".tsv" else ","))
+    if suffix == ".parquet":
+        return _read_parquet(path)
+    if suffix == ".mat":
+        from workbench.logs.mat_files import read_mat
+
+        return ForeignLog(str(path), *_as_series(read_mat(path)))
+    if suffix == ".mcap":
+        from workbench.logs.mcap_files import read_mcap
+
+        contents = read_mcap(path)
+        return ForeignLog(str(path), contents.columns, contents.time_of, contents.unreadable, contents.metadata)
+    raise LogError(
+        f"{path}: {suffix or 'a file without ending'} is not read; allowed: .csv .txt .tsv .parquet .mat .mcap"
+    )
+
+
+def joined(logs: list[ForeignLog]) -> ForeignLog:
+    """Several files of one run as one: the columns of the second file are called `2:<name>`, and so on."""
+    if len(logs) == 1:
+        return logs[0]
+    columns: dict[str, pd.Series] = {}
+    time_of: dict[str, str] = {}
+    unreadable: dict[str, str] = {}
+    for number, log in enumerate(logs, start=1):
+        prefix = "" if number == 1 else f"{number}:"
+        columns |= {prefix + name: series for name, series in log.columns.items()}
+        time_of |= {prefix + name: prefix + time for name, time in log.time_of.items()}
+        unreadable |= {prefix + name: reason for name, reason in log.unreadable.items()}
+    return ForeignLog(" + ".join(log.path for log in logs), columns, time_of, unreadable)
+
+
+def sidecar(path: Path) -> Path:
+    """The file with the metadata of an exported CSV."""
+    return path.with_name(path.name + SIDECAR_SUFFIX)
+
+
+def _read_csv(path: Path, form: CsvFormat) -> ForeignLog:
+    first = form.skip_lines + 1
+    skipped = [*range(form.skip_lines), *range(first, first + form.skip_after_names)]
+    try:
+        table = pd.read_csv(
+            path,
+            sep=form.delimiter,
+            decimal=form.decimal,
+            skiprows=skipped,
+            comment=form.comment,
+            encoding=form.encoding,
+            skipinitialspace=True,
+            index_col=False,
+            low_memory=False,
+        )
+    except (ValueError, LookupError, pd.errors.ParserError) as cause:
+        raise LogError(f"{path}: not a table that can be read: {' '.join(str(cause).split())}") from cause
+    if table.shape[1] < 2:
+        raise LogError(
+            f"{path}: one column only, {str(table.columns[0])!r}; is `csv.delimiter` {form.delimiter!r} right?"
+        )
+    metadata = None
+    if sidecar(path).is_file():
+        metadata = decode_metadata({METADATA_KEY: sidecar(path).read_bytes()}, str(sidecar(path)))
+    return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns}, metadata=metadata)
+
+
+def _read_parquet(path: Path) -> ForeignLog:
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as cause:
+        raise LogError(f"{path}: cut off, damaged or not a Parquet file") from cause
+    stored = table.schema.metadata or {}
+    metadata = decode_metadata(stored, str(path)) if METADATA_KEY in stored else None
+    frame = table.to_pandas(ignore_metadata=True)
+    return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns}, metadata=metadata)
+
+
+def _as_series(contents: Any) -> tuple[dict[str, pd.Series], dict[str, str], dict[str, str]]:
+    columns, unreadable = contents
+    return {name: pd.Series(values) for name, values in columns.items()}, {}, unreadable
+
+
+def metadata_of_json(text: str, source: str) -> dict[str, Any]:
+    """Metadata object of a run log from its JSON; LogError when it is of another schema."""
+    return decode_metadata({METADATA_KEY: text.encode()}, source)
+
+
+def metadata_json(metadata: Mapping[str, Any]) -> str:
+    """Metadata object of a run log as readable JSON."""
+    return json.dumps(metadata, sort_keys=True, indent=1, allow_nan=False)

@@ -1,0 +1,239 @@
+"""From foreign files to a run log: columns renamed, units made SI, several sample rates put on one time grid.
+
+A column that was sampled at other times (GPS beside IMU) holds its last sample, as a control loop would have seen it.
+Nothing is filtered or filled in: gaps and NaN stay in the log and are reported, `workbench.logs.conditioning` deals
+with them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from workbench.errors import LogError
+from workbench.logs.columns import TIME
+from workbench.logs.findings import (
+    Finding,
+    gap_findings,
+    listed,
+    nan_findings,
+    refuse_implausible,
+    refuse_inconsistent_rates,
+    table_findings,
+)
+from workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log
+from workbench.logs.mapping import ColumnSource, Mapping, known_columns
+from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from workbench.logs.units import unit_to
+from workbench.quantity import nearest
+from workbench.signals import GAP_FACTOR, check_time
+
+FloatArray = NDArray[np.float64]
+
+CONTINUOUS = ("imu_yaw_rad",)
+"""Angles whose jumps of a whole turn are taken out, as in a log of this project."""
+_SAME_TIME = 1e-9
+"""A sample this much after a row (fraction of the log's length) belongs to the row."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A run log and what was odd in the files it came from."""
+
+    run_log: RunLog
+    findings: tuple[Finding, ...]
+
+
+def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None = None) -> Imported:
+    """Reads foreign files of one run.
+
+    Args:
+        paths: one file, or several that share a clock; the columns of the second are called `2:<name>` in the mapping.
+        mapping: which column is which; not needed for a file that this project exported.
+
+    Raises:
+        LogError: a file cannot be read, the times are not increasing, a needed column is missing, a value betrays a
+            wrong unit; names file, column and time.
+    """
+    paths = [paths] if isinstance(paths, str | Path) else list(paths)
+    foreign = joined([read_foreign_log(path, mapping.csv if mapping and _is_text(path) else None) for path in paths])
+    if mapping is None:
+        return _import_own(foreign)
+    table, findings = mapped_table(foreign, mapping)
+    units = {name: column.unit for name, column in known_columns().items()}
+    largest = {name: source.largest for name, source in mapping.columns.items()}
+    refuse_implausible(table, units, largest, foreign.path)
+    if mapping.check_rates:
+        refuse_inconsistent_rates(table, foreign.path)
+    findings = [*findings, *table_findings(table)]
+    metadata = _metadata(mapping, [Path(path).name for path in paths], findings)
+    return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
+
+
+def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[Finding]]:
+    """The table of a run log from foreign columns: SI units, one time grid, `time_s` first.
+
+    Raises:
+        LogError: as for `import_log`, apart from the checks of units.
+    """
+    findings: list[Finding] = []
+    time = _times(foreign, mapping.time.from_, mapping.time.unit)
+    columns: dict[str, FloatArray] = {}
+    held = []
+    for name, source in mapping.columns.items():
+        if source.from_ is not None and source.from_ not in foreign.columns and source.from_ not in foreign.unreadable:
+            findings.append(_absent(foreign, name, source.from_))
+            continue
+        columns[name], other_times = _column(foreign, mapping, name, source, time, findings)
+        if other_times:
+            held.append(name)
+    columns, empty = _without_empty(columns)
+    if mapping.kind != "car_log" and "angle_rad" in mapping.columns and "angle_rad" not in columns:
+        raise LogError(f"{foreign.path}: no column {mapping.columns['angle_rad'].from_!r}, which angle_rad comes from")
+    if not any(mapping.columns[name].constant is None for name in columns):
+        raise LogError(f"{foreign.path}: none of the mapped columns is there; it has {', '.join(foreign.columns)}")
+    findings += [*empty, *_unused(foreign, mapping)]
+    table = pd.DataFrame({TIME: time, **columns})
+    table, late = _from_first_samples(table, [name for name in held if name in columns])
+    if mapping.time.starts_at is not None:
+        table[TIME] += mapping.time.starts_at - table[TIME].iloc[0]
+    return table, [*findings, *late]
+
+
+def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
+    """Samples (m,) taken at `sample_time`, held until the next one, at the times `time` (n,); NaN before the first."""
+    margin = _SAME_TIME * (time[-1] - time[0])
+    index = np.searchsorted(sample_time, time + margin, side="right") - 1
+    return np.where(index >= 0, samples[np.maximum(index, 0)], np.nan)
+
+
+def _column(
+    foreign: ForeignLog, mapping: Mapping, name: str, source: ColumnSource, time: FloatArray, findings: list[Finding]
+) -> tuple[FloatArray, bool]:
+    """One of our columns on the grid `time`, and whether it had other times and is held between them."""
+    if source.from_ is None:
+        return np.full(time.size, float(source.constant or 0.0)), False
+    values = source.scale * mapping.unit_factor(name) * (foreign.numbers(source.from_) - source.zero)
+    own = source.time or foreign.time_of.get(source.from_)
+    if own is None or own == mapping.time.from_:
+        sample_time = time
+    else:
+        sample_time = _times(foreign, own, source.time_unit or (mapping.time.unit if source.time else "s"))
+    if values.size != sample_time.size:
+        raise LogError(
+            f"{foreign.path}: column {source.from_!r} has {values.size} samples for {sample_time.size} times of "
+            f"{own or mapping.time.from_!r}; name the column with its own times as `time`"
+        )
+    if mapping.sparse:
+        sampled = np.isfinite(values)
+        sample_time, values = sample_time[sampled], values[sampled]
+    if name in CONTINUOUS and values.size:
+        values = np.where(np.isfinite(values), _unwrapped(values), np.nan)
+    if sample_time is time:
+        return values, False
+    if sample_time.size == 0:
+        return np.full(time.size, np.nan), True
+    if sample_time.size < 2:
+        raise LogError(f"{foreign.path}: column {source.from_!r}: {sample_time.size} sample(s), at least 2 are needed")
+    if not mapping.sparse or sample_time.size < time.size:
+        findings += gap_findings(sample_time, name)
+        findings += nan_findings(sample_time, name, values)
+        findings += _stale_end(name, time, sample_time)
+    return hold_last(time, sample_time, values), True
+
+
+def _times(foreign: ForeignLog, name: str, unit: str) -> FloatArray:
+    time = foreign.times(name) * unit_to(unit, "s", name).factor
+    try:
+        check_time(time, name)
+    except LogError as error:
+        raise LogError(f"{foreign.path}: {error}") from None
+    return time
+
+
+def _unwrapped(angle: FloatArray) -> FloatArray:
+    """An angle without jumps of whole turns; NaN are passed over."""
+    result, finite = angle.copy(), np.isfinite(angle)
+    result[finite] = np.unwrap(angle[finite])
+    return result
+
+
+def _absent(foreign: ForeignLog, name: str, wanted: str) -> Finding:
+    return Finding(name, None, f"left out: the file has no column {wanted!r}; {nearest(wanted, list(foreign.columns))}")
+
+
+def _unused(foreign: ForeignLog, mapping: Mapping) -> list[Finding]:
+    used = {mapping.time.from_, *foreign.time_of.values()}
+    used |= {part for source in mapping.columns.values() for part in (source.from_, source.time) if part}
+    unused = [name for name in foreign.columns if name not in used and not name.endswith("@publish_time")]
+    found = [Finding(name, None, f"not read: {reason}") for name, reason in foreign.unreadable.items()]
+    if unused:
+        found.append(Finding(TIME, None, f"columns of the file that are not in the mapping: {', '.join(unused)}"))
+    return found
+
+
+def _stale_end(name: str, time: FloatArray, sample_time: FloatArray) -> list[Finding]:
+    age = float(time[-1] - sample_time[-1])
+    if age <= GAP_FACTOR * float(np.median(np.diff(sample_time))):
+        return []
+    return [Finding(name, float(sample_time[-1]), f"no sample in the last {age:.3g} s of the log, the value is held")]
+
+
+def _without_empty(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[Finding]]:
+    """The columns that hold at least one number."""
+    empty = [name for name, values in columns.items() if not np.isfinite(values).any()]
+    found = [Finding(name, None, "left out: not one sample is a number") for name in empty]
+    return {name: values for name, values in columns.items() if name not in empty}, found
+
+
+def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, list[Finding]]:
+    """The rows from which on every held column has had a sample."""
+    first = {name: int(np.argmax(np.isfinite(table[name].to_numpy()))) for name in held}
+    name, start = max(first.items(), key=lambda item: item[1], default=("", 0))
+    if start == 0:
+        return table, []
+    time = float(table[TIME].iloc[start])
+    found = Finding(name, time, f"its first sample is here; the {start} earlier rows of the log are left out")
+    return table.iloc[start:].reset_index(drop=True), [found]
+
+
+def _metadata(mapping: Mapping, files: list[str], findings: list[Finding]) -> dict[str, Any]:
+    scenario: dict[str, Any] = {}
+    if mapping.scenario is not None:
+        from workbench.scenario import load_scenario
+
+        chosen = load_scenario(mapping.scenario.base, list(mapping.scenario.set))
+        scenario = chosen.model_dump(mode="json", by_alias=True)
+    facts = mapping.facts
+    if "tail" in facts:
+        facts["tail"] = str(facts["tail"])
+    imported = {
+        "files": files,
+        "mapping": mapping.model_dump(mode="json", by_alias=True, exclude_defaults=True),
+        "findings": listed(findings),
+    }
+    return run_metadata(scenario, seed=0, kind=mapping.kind, extra={**facts, "imported": imported})
+
+
+def _import_own(foreign: ForeignLog) -> Imported:
+    """A file that this project exported."""
+    if foreign.metadata is None:
+        raise LogError(f"{foreign.path}: needs a mapping file (--mapping); only an exported run log goes without")
+    columns: dict[str, FloatArray] = {}
+    for name in foreign.columns:
+        ours = TIME if name.endswith(f".{TIME}") else name.rpartition(".")[2]
+        if "@" not in name and ours not in columns:
+            columns[ours] = foreign.numbers(name)
+    order = foreign.metadata.get("extra", {}).get("exported_columns", list(columns))
+    table = pd.DataFrame({name: columns[name] for name in order if name in columns})
+    metadata = {**foreign.metadata, "extra": dict(foreign.metadata.get("extra", {}))}
+    metadata["extra"].pop("exported_columns", None)
+    return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(table_findings(table)))
+
+
+def _is_text(path: Path | str) -> bool:
+    return Path(path).suffix.lower() in (".csv", ".txt", ".tsv")

@@ -1,0 +1,183 @@
+"""The mapping file: which foreign column, in which unit, is which column of a run log.
+
+Schema `aerodima/log-mapping/1`, YAML, strict; `workbench/logs/README.md` explains it with an example that runs.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field, StrictBool, StrictFloat, StrictInt, ValidationError, field_validator
+
+from workbench.errors import LogError
+from workbench.logs.columns import (
+    RIG_KINDS,
+    TIME,
+    Column,
+    rig_columns,
+    sensor_columns,
+    truth_columns,
+)
+from workbench.logs.strict_files import Place, StrictModel, explain_strictly, read_log_yaml
+from workbench.logs.units import unit_in_name, unit_to
+from workbench.quantity import nearest
+
+MAPPING_SCHEMA = "aerodima/log-mapping/1"
+CAR_LOG = "car_log"
+"""Kind of a log of the real car that has the columns its loggers gave; a `car_run` has them all."""
+
+Number = Annotated[float, Field(strict=False)]
+
+
+class ColumnSource(StrictModel):
+    """Where one of our columns comes from: SI value = scale * unit * (foreign value - zero)."""
+
+    from_: str | None = Field(default=None, alias="from", description="name of the foreign column", min_length=1)
+    constant: StrictFloat | StrictInt | None = Field(
+        default=None, description="instead of `from`: the same SI value in each row"
+    )
+    unit: str | None = Field(default=None, description="unit of the foreign column; the SI unit when left out")
+    scale: Number = Field(default=1.0, description="further factor: -1 turns a sign, 1.18e-4 makes rad of counts")
+    zero: Number = Field(default=0.0, description="foreign value that means zero, in the foreign unit")
+    time: str | None = Field(
+        default=None, description="foreign column with this column's own times (another sample rate)"
+    )
+    time_unit: str | None = Field(default=None, description="unit of `time`; that of the log's time when left out")
+    largest: Number | None = Field(
+        default=None, description="largest plausible magnitude, SI unit; a default per unit otherwise", gt=0
+    )
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0.0:
+            raise ValueError("a scale of 0 would delete the signal")
+        return value
+
+
+class TimeSource(StrictModel):
+    """The time of the log's rows."""
+
+    from_: str = Field(alias="from", description="foreign column with the times", min_length=1)
+    unit: str = Field(default="s", description="unit of the foreign times")
+    starts_at: Number | None = Field(default=None, description="shift times so that the first row has this one, s")
+
+
+class MetadataValue(StrictModel):
+    """A fact about the whole log that is not in its SI unit, `{value: 36, unit: km/h}`."""
+
+    value: StrictFloat | StrictInt
+    unit: str
+
+
+class CsvFormat(StrictModel):
+    """How a text file is written."""
+
+    delimiter: str = Field(default=",", description="between cells; `\\t` for tabulators", min_length=1, max_length=1)
+    decimal: Literal[".", ","] = Field(default=".", description="decimal sign")
+    skip_lines: int = Field(default=0, description="lines before the line with the names", ge=0)
+    skip_after_names: int = Field(default=0, description="lines after it, with units for example", ge=0)
+    comment: str | None = Field(
+        default=None, description="lines from this sign on are not read", min_length=1, max_length=1
+    )
+    encoding: str = Field(default="utf-8-sig", description="text encoding")
+
+
+class ScenarioSource(StrictModel):
+    """The scenario that describes what was driven: a name or file, and overrides such as `manoeuvre.speed=4`."""
+
+    base: str = Field(description="shipped scenario or YAML file")
+    set: tuple[str, ...] = Field(default=(), description="overrides, section.key=value")
+
+
+class Mapping(StrictModel):
+    """A mapping file."""
+
+    schema_: Literal["aerodima/log-mapping/1"] = Field(alias="schema", description="schema of the file")
+    kind: Literal["static", "swing", "bar_swing", "robot_swing", "car_log", "car_run"] = Field(
+        description="what was logged"
+    )
+    time: TimeSource
+    columns: dict[str, ColumnSource] = Field(description="our column -> where it comes from", min_length=1)
+    metadata: dict[str, StrictBool | StrictFloat | StrictInt | str | MetadataValue] = Field(
+        default_factory=dict, description="facts about the whole log: tail, axis, wind_speed_m_per_s, ..."
+    )
+    csv: CsvFormat = Field(default_factory=CsvFormat, description="how a text file is written")
+    sparse: StrictBool = Field(
+        default=False, description="empty cells mean 'no sample here', not a lost one (several rates in one table)"
+    )
+    check_rates: StrictBool = Field(
+        default=True, description="compare every logged rate with the derivative of its angle"
+    )
+    scenario: ScenarioSource | None = Field(default=None, description="for the car: what was driven")
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Metadata in SI units."""
+        return {
+            name: value.value * unit_to(value.unit, unit_in_name(name), f"metadata.{name}").factor
+            if isinstance(value, MetadataValue)
+            else value
+            for name, value in self.metadata.items()
+        }
+
+    def unit_factor(self, name: str) -> float:
+        """SI value of one foreign unit of our column `name`."""
+        unit = self.columns[name].unit
+        si = known_columns()[name].unit
+        return 1.0 if unit is None else unit_to(unit, si, f"columns.{name}").factor
+
+
+def known_columns() -> dict[str, Column]:
+    """Every column that a mapping may fill, by name: of the rig, of the car, and of its truth (motion capture)."""
+    return {column.name: column for column in [*rig_columns(), *sensor_columns(), *truth_columns()]}
+
+
+def load_mapping(path: Path | str) -> Mapping:
+    """Reads a mapping file.
+
+    Raises:
+        LogError: missing, not YAML, unknown key or column, unit of another quantity; names file, key and what is
+            allowed.
+    """
+    return mapping_from(read_log_yaml(Path(path)), str(path))
+
+
+def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
+    """A mapping from the content of its file; LogError as for `load_mapping`."""
+    try:
+        mapping = Mapping.model_validate(data)
+    except ValidationError as error:
+        raise explain_strictly(error, where, _model_at) from None
+    known = known_columns()
+    for name, source in mapping.columns.items():
+        place = f"{where}: columns.{name}"
+        if name == TIME:
+            raise LogError(f"{place}: times are mapped under `time`")
+        if name not in known:
+            raise LogError(f"{place}: no such column; {nearest(name, sorted(known))}")
+        if (source.from_ is None) == (source.constant is None):
+            raise LogError(f"{place}: needs either `from` or `constant`")
+        if source.unit is not None:
+            unit_to(source.unit, known[name].unit, place)
+        if source.time_unit is not None:
+            unit_to(source.time_unit, "s", place)
+    unit_to(mapping.time.unit, "s", f"{where}: time")
+    for name, value in mapping.metadata.items():
+        if isinstance(value, MetadataValue):
+            unit_to(value.unit, unit_in_name(name), f"{where}: metadata.{name}")
+    if mapping.kind in RIG_KINDS and "angle_rad" not in mapping.columns:
+        raise LogError(f"{where}: columns: a log of kind {mapping.kind!r} needs angle_rad")
+    return mapping
+
+
+def _model_at(place: Place) -> type[BaseModel] | None:
+    if not place:
+        return Mapping
+    sections: dict[Any, type[BaseModel]] = {
+        "time": TimeSource,
+        "columns": ColumnSource,
+        "metadata": MetadataValue,
+        "csv": CsvFormat,
+        "scenario": ScenarioSource,
+    }
+    return sections.get(place[0])
