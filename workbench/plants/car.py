@@ -27,6 +27,7 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
+from workbench.drake_log import drop_message
 from workbench.errors import ModelError
 from workbench.plants.car_model import car_sdf
 from workbench.plants.sdf_model import SdfModel
@@ -36,6 +37,12 @@ from workbench.scenario import Scenario
 
 GROUND_STIFFNESS = 1.0e10
 """Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's stiffness to 1e-5."""
+
+HALF_SPACE_WARNING = (
+    "Rigid (non-deformable) half spaces are not currently supported for deformable contact; "
+    "registration is allowed, but no contact data will be reported."
+)
+"""What Drake says about every half space with which a deformable body could touch. The car has no deformable body."""
 
 MODELS_PACKAGE = "aerodima_models"
 
@@ -67,7 +74,7 @@ def add_car_plant(builder: DiagramBuilder, scenario: Scenario) -> CarPlant:
         if scenario.tail.sail == "locked":
             arm.fix_joint("tail_sail_turn")
         tail = parse_model(plant, arm)
-        X_GT = RigidTransform([0.0, 0.0, scenario.car.gearbox_height / 2])
+        X_GT = RigidTransform(np.array([0.0, 0.0, scenario.car.gearbox_height / 2]))
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
         plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))
         plant.GetJointByName("tail_pitch").set_default_angle(scenario.controller.pitch_angle)
@@ -98,6 +105,7 @@ def parse_model(plant: MultibodyPlant, model: SdfModel) -> ModelInstanceIndex:
 
 
 def _add_ground(plant: MultibodyPlant, friction: float) -> None:
+    drop_message(HALF_SPACE_WARNING)
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=0.0,

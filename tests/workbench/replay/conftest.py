@@ -1,0 +1,34 @@
+"""Short simulated runs to replay: a turn that begins after 0.2 s, half a second long."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from workbench.logs.schema import RunLog
+from workbench.run import run_scenario
+from workbench.scenario import load_scenario
+
+SHORT = {"speed": 1.0, "turn_start": 0.2, "speed_ramp": 0.1, "turn_hold": 0.1, "duration": 0.5}
+
+
+@pytest.fixture(scope="session")
+def short_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
+    """Tail mode `none` and `swing` -> log; the tail does not swing yet, the car turns too slowly."""
+    folder: Path = tmp_path_factory.mktemp("short_runs")
+    settings = [f"manoeuvre.{key}={value}" for key, value in SHORT.items()]
+    return {
+        mode: run_scenario(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet")
+        for mode in ("none", "swing")
+    }
+
+
+@pytest.fixture
+def tailed(short_runs: dict[str, RunLog]) -> RunLog:
+    return short_runs["swing"]
+
+
+@pytest.fixture
+def tailless(short_runs: dict[str, RunLog]) -> RunLog:
+    return short_runs["none"]

@@ -1,0 +1,141 @@
+"""What is recorded: frames, arrows whose points are where the forces say, a world that moves under the camera."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from workbench.errors import UserError
+from workbench.logs.schema import RunLog
+from workbench.replay.forces import ForceArrow
+from workbench.replay.logged_car import add_logged_car
+from workbench.replay.recording import (
+    FRAMES_PER_SECOND,
+    MOST_FRAMES,
+    _draw_arrow,
+    _follow,
+    camera_azimuth,
+    frame_rows,
+    record_run,
+    shortest_turn,
+    tube,
+)
+
+
+class Tracks:
+    """Takes the calls that a Meshcat and its animation get."""
+
+    def __init__(self) -> None:
+        self.transforms: dict[str, dict[int, Any]] = defaultdict(dict)
+        self.properties: dict[tuple[str, str], dict[int, Any]] = defaultdict(dict)
+        self.camera: tuple[Any, Any] | None = None
+
+    def SetTransform(self, *words: Any) -> None:  # noqa: N802, Drake's name
+        if isinstance(words[0], int):
+            frame, path, X = words
+            self.transforms[path][frame] = X
+
+    def SetProperty(self, *words: Any) -> None:  # noqa: N802
+        if isinstance(words[0], int):
+            frame, path, name, value = words
+            self.properties[path, name][frame] = value
+
+    def SetObject(self, *words: Any) -> None:  # noqa: N802
+        pass
+
+    def SetCameraPose(self, camera: Any, target: Any) -> None:  # noqa: N802
+        self.camera = camera, target
+
+
+def test_frames_are_the_nearest_rows_from_first_to_last() -> None:
+    time = np.array([1.0, 1.011, 1.019, 1.031, 1.04])
+    rows, frames_per_second = frame_rows(time, 1.0)
+    assert rows.tolist() == [0, 2, 4]  # 1.00, 1.02, 1.04 s
+    assert frames_per_second == pytest.approx(50.0)
+
+
+def test_slow_motion_has_more_frames_at_the_same_rate_of_frames() -> None:
+    time = np.arange(2001) * 0.002
+    rows, frames_per_second = frame_rows(time, 0.25)
+    assert len(rows) == 4 * 4 * 50 + 1
+    assert frames_per_second == pytest.approx(FRAMES_PER_SECOND)
+
+
+def test_long_replay_keeps_its_length_with_fewer_frames() -> None:
+    time = np.arange(60_001) * 0.01
+    rows, frames_per_second = frame_rows(time, 1.0)
+    assert len(rows) == MOST_FRAMES + 1
+    assert MOST_FRAMES / frames_per_second == pytest.approx(600.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 50.0, float("nan")])
+def test_rate_out_of_range_is_refused(tailed: RunLog, rate: float) -> None:
+    with pytest.raises(UserError, match=r"--rate: .*allowed: 0.02 to 20"):
+        record_run(tailed, None, rate)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("direction", [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8], [0.0, -0.8, -0.6]])
+def test_shortest_turn_takes_z_to_the_direction(direction: list[float]) -> None:
+    assert shortest_turn(np.array(direction)).matrix()[:, 2] == pytest.approx(np.array(direction))
+
+
+def test_point_of_an_arrow_is_force_times_scale_from_its_foot() -> None:
+    points = np.array([[1.0, 2.0, 0.0], [1.5, 2.0, 0.0], [2.0, 2.0, 0.0]])
+    lengths = np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 0.0], [0.0, 0.4, 0.0]])
+    tracks = Tracks()
+    arrow = ForceArrow("wind", (1.0, 0.0, 0.0), points, lengths)
+    _draw_arrow(tracks, tracks, arrow, np.arange(3))  # type: ignore[arg-type]
+    path = "/drake/forces/wind"
+    for frame in (0, 2):
+        X_WA = tracks.transforms[path][frame]
+        shaft = tracks.properties[f"{path}/shaft", "scale"][frame][2]
+        X_AH, X_AS = tracks.transforms[f"{path}/head"][frame], tracks.transforms[f"{path}/shaft"][frame]
+        assert X_WA.multiply(X_AH.translation()) == pytest.approx(points[frame] + lengths[frame])
+        foot = X_WA.multiply(X_AS.multiply(np.array([0.0, 0.0, -shaft / 2])))
+        assert foot == pytest.approx(points[frame], abs=1e-12)
+        # The head is a cone that opens along its own z: back towards the foot.
+        assert X_WA.rotation().multiply(X_AH.rotation()).matrix()[:, 2] @ lengths[frame] < 0
+    assert tracks.properties[path, "visible"] == {0: True, 1: False, 2: True}
+
+
+def test_world_moves_so_that_the_car_stays_in_view(tailed: RunLog) -> None:
+    logged = add_logged_car(DiagramBuilder(), tailed)
+    tracks = Tracks()
+    rows = np.array([0, 100, len(tailed.time) - 1])
+    _follow(tracks, tracks, logged, rows)  # type: ignore[arg-type]
+    com = tailed.vector("com", "truth_m")
+    for frame, row in enumerate(rows):
+        shown = tracks.transforms["/drake"][frame].multiply(com[row])
+        assert np.linalg.norm(shown[:2]) < 0.1  # smoothed: the car moves a little in the picture
+        assert shown[2] == pytest.approx(com[row, 2])  # the floor stays where it is
+    assert tracks.camera is not None
+    position, target = tracks.camera
+    assert position[0] > 1.0  # ahead of a car that heads along x
+    assert position[1] < 0.0  # outside of a left turn: right
+    assert target[2] > 0.0
+
+
+def test_camera_of_a_right_turn_mirrors_that_of_a_left_turn(tailed: RunLog) -> None:
+    mirrored = tailed.table.copy()
+    mirrored["yaw_truth_rad"] *= -1
+    right = RunLog(table=mirrored, scenario=tailed.scenario, seed=1)
+    assert tailed.signal("yaw_truth_rad")[-1] > 0.0
+    assert camera_azimuth(right) == pytest.approx(-camera_azimuth(tailed))
+
+
+def test_tube_is_about_its_line_and_closed_by_its_sides() -> None:
+    line = np.array([[0.0, 0.0, 1.0], [0.5, 0.1, 1.0], [1.0, 0.4, 1.2]])
+    vertices, faces = tube(line, 0.01)
+    rings = vertices.T.reshape(3, 4, 3)
+    assert np.linalg.norm(rings - line[:, None], axis=2) == pytest.approx(np.full((3, 4), 0.01))
+    assert faces.shape == (3, 2 * 4 * 2)
+    assert set(faces.ravel()) == set(range(12))
+
+
+def test_tube_of_a_point_that_rests_has_finite_corners() -> None:
+    vertices, _ = tube(np.zeros((3, 3)), 0.01)
+    assert np.isfinite(vertices).all()

@@ -1,0 +1,64 @@
+"""What stands above a replay: scenario, speed, tail mode and how the run ended."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workbench.errors import LogError
+from workbench.logs.schema import RunLog
+from workbench.metrics import Outcome, outcome_of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Title of a replay.
+
+    Attributes:
+        name: of the scenario.
+        facts: commanded speed and tail mode.
+        outcome: how the run ended, in words.
+        result: `survived`, `flipped`, or `unknown` for a log that ends before its turn does.
+    """
+
+    name: str
+    facts: str
+    outcome: str
+    result: Literal["survived", "flipped", "unknown"]
+
+    @property
+    def text(self) -> str:
+        """All of it in one line."""
+        return f"{self.name}: {self.facts}: {self.outcome}"
+
+
+def caption_of(run_log: RunLog) -> Caption:
+    """The caption of a run that has a resolved scenario."""
+    manoeuvre, tail = run_log.scenario["manoeuvre"], run_log.scenario["tail"]["mode"]
+    speed = float(manoeuvre["speed"])
+    turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] in ("turn", "auto_turn") else ""
+    tails = {"none": "no tail", "held": "tail held", "swing": "tail swings"}
+    facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tails[tail]}"
+    try:
+        outcome = outcome_of(run_log)
+    except LogError:
+        return Caption(run_log.scenario["name"], facts, "outcome not known, the log ends too early", "unknown")
+    return Caption(run_log.scenario["name"], facts, outcome_in_words(outcome), outcome.result)
+
+
+def outcome_in_words(outcome: Outcome) -> str:
+    """For example `survived, clean` or `survived, board touched the ground`."""
+    if outcome.result == "flipped":
+        return "flipped"
+    if outcome.touched:
+        return f"survived, {' and '.join(outcome.touched)} touched the ground"
+    return "survived, clean" if outcome.clean else "survived"
+
+
+def speed_and_roll(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
+    """Speed over ground, m/s, and roll, rad, positive to the right, each of shape (n,); from the truth."""
+    speed = np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s"))
+    return speed, run_log.signal("roll_truth_rad")

@@ -1,0 +1,158 @@
+"""Triangles as a picture: perspective camera, depth buffer, one sun with a shadow, a floor with metre lines.
+
+Plain NumPy and the same bits everywhere: Drake's own offscreen renderer needs an X server or an EGL driver, which a
+container or a car's computer may not have.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
+"""Direction to the sun in the picture's axes: x to the right, y away from the camera, z up."""
+_AMBIENT, _SHADOW = 0.5, 0.72
+_SKY, _FLOOR, _FINE, _METRE = (0.93, 0.95, 0.97), (0.91, 0.92, 0.93), (0.82, 0.84, 0.86), (0.52, 0.56, 0.62)
+_METRE_WIDTH, _FINE_WIDTH = 0.012, 0.006
+"""Half widths of the lines on the floor, m."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera without roll.
+
+    Attributes:
+        p_WC: its position in W, m, shape (3,).
+        target: the point of W that it looks at, m, shape (3,).
+        focal_length: pixels.
+        width, height: of the picture, pixels.
+    """
+
+    p_WC: FloatArray
+    target: FloatArray
+    focal_length: float
+    width: int
+    height: int
+
+    @property
+    def axes(self) -> FloatArray:
+        """Rows: right, down and forward in W, shape (3, 3)."""
+        forward = (self.target - self.p_WC) / np.linalg.norm(self.target - self.p_WC)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        return np.array([right, np.cross(forward, right), forward])
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) in W, m, as column, row (pixels) and inverse depth (1/m), shape (..., 3)."""
+        p_C = (points - self.p_WC) @ self.axes.T
+        inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
+        column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
+        row = 0.5 * self.height + self.focal_length * p_C[..., 1] * inverse
+        return np.stack([column, row, inverse], axis=-1)
+
+    def rays(self) -> FloatArray:
+        """Direction in W through each pixel with unit depth, shape (height, width, 3)."""
+        right, down, forward = self.axes
+        columns = (np.arange(self.width) + 0.5 - 0.5 * self.width) / self.focal_length
+        rows = (np.arange(self.height) + 0.5 - 0.5 * self.height) / self.focal_length
+        return forward + columns[None, :, None] * right + rows[:, None, None] * down
+
+
+def draw_picture(camera: Camera, triangles: FloatArray, colours: FloatArray, finer: int = 2) -> FloatArray:
+    """Draws triangles that stand on the floor z = 0.
+
+    Args:
+        camera: of the finished picture.
+        triangles: corners in W, m, shape (n, 3, 3).
+        colours: red, green, blue from 0 to 1, shape (n, 3).
+        finer: each pixel is the mean of finer x finer.
+
+    Returns:
+        Colours from 0 to 1, shape (height, width, 3).
+    """
+    fine = Camera(camera.p_WC, camera.target, finer * camera.focal_length, finer * camera.width, finer * camera.height)
+    sun = _sun_in_world(fine)
+    picture = _floor(camera).repeat(finer, axis=0).repeat(finer, axis=1)  # its lines are smooth by themselves
+    inverse_depth = np.maximum(-fine.rays()[..., 2] / camera.p_WC[2], 0.0)
+    shadow = np.zeros(inverse_depth.shape, dtype=bool)
+    flat = triangles - sun * (np.maximum(triangles[..., 2:], 0.0) / sun[2])
+    for window, corners in _windows(fine, flat):
+        inside, _ = _covered(window, corners)
+        shadow[window] |= inside
+    picture[shadow] *= _SHADOW
+    shaded = colours * _brightness(triangles, sun, fine.p_WC)[:, None]
+    for (window, corners), colour in zip(_windows(fine, triangles), shaded, strict=True):
+        inside, depth = _covered(window, corners)
+        nearer = inside & (depth > inverse_depth[window])
+        inverse_depth[window][nearer] = depth[nearer]
+        picture[window][nearer] = colour
+    pixels = picture.reshape(camera.height, finer, camera.width, finer, 3)
+    return np.clip(pixels.mean(axis=(1, 3)), 0.0, 1.0)
+
+
+def _sun_in_world(camera: Camera) -> FloatArray:
+    right = camera.axes[0]
+    away = np.cross([0.0, 0.0, 1.0], right)
+    return _SUN[0] * right + _SUN[1] * away + _SUN[2] * np.array([0.0, 0.0, 1.0])
+
+
+def _brightness(triangles: FloatArray, sun: FloatArray, eye: FloatArray) -> FloatArray:
+    """Flat shading of the side that faces the eye, shape (n,)."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= np.where(length > 0.0, length, 1.0)
+    facing = np.einsum("ij,ij->i", normal, eye - triangles.mean(axis=1))
+    towards_sun = np.einsum("ij,j->i", normal, sun) * np.sign(facing)
+    return _AMBIENT + (1.05 - _AMBIENT) * np.clip(0.55 * towards_sun + 0.45, 0.0, 1.0)
+
+
+def _floor(camera: Camera) -> FloatArray:
+    """Floor and sky, shape (height, width, 3)."""
+    rays = camera.rays()
+    down = rays[..., 2] < -1e-6
+    distance = camera.p_WC[2] / np.where(down, -rays[..., 2], 1.0)
+    picture = np.broadcast_to(np.array(_SKY), rays.shape).copy()
+    on_floor = camera.p_WC[:2] + rays[..., :2] * distance[..., None]
+    pixel = distance / camera.focal_length / np.clip(-rays[..., 2], 0.05, 1.0)
+    colour = np.broadcast_to(np.array(_FLOOR), rays.shape)
+    for step, half, line in ((0.25, _FINE_WIDTH, _FINE), (1.0, _METRE_WIDTH, _METRE)):
+        to_line = np.abs(on_floor - step * np.round(on_floor / step))
+        cover = np.clip((half + pixel[..., None] - to_line) / (2 * pixel[..., None]), 0.0, 1.0)
+        cover = np.minimum(cover, 2 * half / np.maximum(pixel[..., None], 2 * half))
+        share = cover.max(axis=-1, keepdims=True)
+        colour = colour * (1 - share) + np.array(line) * share
+    haze = np.clip(distance / 40.0, 0.0, 1.0)[..., None]
+    picture[down] = (colour * (1 - haze) + np.array(_SKY) * haze)[down]
+    return picture
+
+
+Window = tuple[slice, slice]
+
+
+def _windows(camera: Camera, triangles: FloatArray) -> Iterator[tuple[Window, list[list[float]]]]:
+    """For each triangle the rows and columns about it, and column, row and inverse depth of its corners."""
+    seen = camera.project(triangles)
+    most = [camera.width, camera.height]
+    low = np.clip(np.floor(seen[..., :2].min(axis=1)), 0, most).astype(int).tolist()
+    high = np.clip(np.ceil(seen[..., :2].max(axis=1)), 0, most).astype(int).tolist()
+    for (left, top), (right, bottom), corners in zip(low, high, seen.tolist(), strict=True):
+        yield (slice(top, bottom), slice(left, right)), corners
+
+
+def _covered(window: Window, corners: list[list[float]]) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Which pixels of a window have their centre in a triangle, and the inverse depth there, which is linear in it."""
+    rows, columns = window
+    y = np.arange(rows.start, rows.stop)[:, None] + 0.5
+    x = np.arange(columns.start, columns.stop)[None, :] + 0.5
+    (xa, ya, wa), (xb, yb, wb), (xc, yc, wc) = corners
+    area = (xb - xa) * (yc - ya) - (xc - xa) * (yb - ya)
+    if abs(area) < 1e-9:
+        nothing = np.zeros((y.size, x.size))
+        return nothing.astype(bool), nothing
+    b = ((x - xa) * (yc - ya) - (xc - xa) * (y - ya)) / area
+    c = ((xb - xa) * (y - ya) - (x - xa) * (yb - ya)) / area
+    inside = (b >= 0.0) & (c >= 0.0) & (b + c <= 1.0)
+    return inside, wa + b * (wb - wa) + c * (wc - wa)

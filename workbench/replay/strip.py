@@ -1,0 +1,145 @@
+"""A run as a strip of five pictures in one PNG, with time, speed and roll under each."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+
+from workbench.atomic_write import refuse_existing, write_atomically
+from workbench.errors import UserError
+from workbench.logs.schema import RunLog
+from workbench.replay.caption import caption_of, speed_and_roll
+from workbench.replay.forces import ForceArrow, force_arrows
+from workbench.replay.logged_car import LoggedCar, add_logged_car
+from workbench.replay.moments import Moment, five_moments
+from workbench.replay.picture import Camera, draw_picture
+from workbench.replay.recording import COM_COLOUR, TIP_COLOUR, camera_azimuth
+from workbench.replay.surfaces import posed_triangles, visible_surfaces
+
+FloatArray = NDArray[np.float64]
+
+FRAME = (440, 470)
+"""Width and height of one picture, pixels."""
+_GAP, _TITLE, _LABEL = 8, 52, 84
+STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
+"""Width and height of the strip, pixels."""
+_DPI = 100
+_ELEVATION = np.radians(17.0)
+_DISTANCE = 7.0
+"""From the camera to the car, m: far enough that pictures of one car look alike."""
+_RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
+
+
+def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Path:
+    """Writes the strip of a run; equal runs give equal bytes.
+
+    Args:
+        run_log: of a simulated run.
+        path: the PNG file; refused when it exists, unless `force`.
+
+    Raises:
+        UserError: the file exists or cannot be written.
+        LogError: the log cannot be replayed, see `add_logged_car`.
+    """
+    path = Path(path)
+    refuse_existing(path, force, UserError)
+    figure = strip_figure(run_log)
+    return write_atomically(
+        path, lambda temporary: figure.savefig(temporary, format="png", metadata={"Software": None}), force, UserError
+    )
+
+
+def strip_figure(run_log: RunLog) -> Figure:
+    """The strip as a matplotlib figure of `STRIP` pixels."""
+    builder = DiagramBuilder()
+    logged = add_logged_car(builder, run_log)
+    moments = five_moments(run_log)
+    pictures = _car_triangles(logged, [moment.row for moment in moments])
+    cameras = _cameras(logged, moments, [triangles for triangles, _ in pictures])
+    arrows = force_arrows(logged)
+    figure = Figure(figsize=(STRIP[0] / _DPI, STRIP[1] / _DPI), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    for index, (moment, camera, picture) in enumerate(zip(moments, cameras, pictures, strict=True)):
+        left = _GAP + index * (FRAME[0] + _GAP)
+        axes = figure.add_axes((left / STRIP[0], _LABEL / STRIP[1], FRAME[0] / STRIP[0], FRAME[1] / STRIP[1]))
+        axes.imshow(draw_picture(camera, *picture), extent=(0, FRAME[0], FRAME[1], 0), interpolation="nearest")
+        _draw_traces(axes, camera, logged, moment.row)
+        for arrow in arrows:
+            _draw_arrow(axes, camera, arrow, moment.row)
+        axes.set_xlim(0, FRAME[0])
+        axes.set_ylim(FRAME[1], 0)
+        axes.set_axis_off()
+        _label(figure, run_log, moment, (left + FRAME[0] / 2) / STRIP[0])
+    _title(figure, run_log)
+    return figure
+
+
+def _car_triangles(logged: LoggedCar, rows: list[int]) -> list[tuple[FloatArray, FloatArray]]:
+    """Triangles and colours of the car in each row."""
+    surfaces = visible_surfaces(logged.car)
+    context = logged.car.plant.CreateDefaultContext()
+    posed = []
+    for row in rows:
+        logged.move(context, row)
+        posed.append(posed_triangles(surfaces, logged.car.plant, context))
+    return posed
+
+
+def _cameras(logged: LoggedCar, moments: list[Moment], triangles: list[FloatArray]) -> list[Camera]:
+    """One camera per picture: same direction and scale in all five, the car in the middle."""
+    run_log = logged.run_log
+    azimuth = camera_azimuth(run_log)
+    direction = np.array(
+        [np.cos(azimuth) * np.cos(_ELEVATION), np.sin(azimuth) * np.cos(_ELEVATION), np.sin(_ELEVATION)]
+    )
+    centres = run_log.vector("com", "truth_m")[[moment.row for moment in moments]] * [1.0, 1.0, 0.0]
+    unit = [Camera(c + _DISTANCE * direction, c, 1.0, 0, 0) for c in centres]
+    seen = [camera.project(corners.reshape(-1, 3)) for camera, corners in zip(unit, triangles, strict=True)]
+    low, high = (np.array([edge(points[:, :2], axis=0) for points in seen]) for edge in (np.min, np.max))
+    top, bottom = low[:, 1].min(), high[:, 1].max()
+    focal_length = 0.88 * min(FRAME[0] / np.max(high[:, 0] - low[:, 0]), FRAME[1] / (bottom - top))
+    right, down = unit[0].axes[:2]
+    cameras = []
+    for centre, middle in zip(centres, 0.5 * (low[:, 0] + high[:, 0]), strict=True):
+        target = centre + _DISTANCE * (middle * right + 0.5 * (top + bottom) * down)
+        cameras.append(Camera(target + _DISTANCE * direction, target, focal_length, *FRAME))
+    return cameras
+
+
+def _draw_traces(axes: Axes, camera: Camera, logged: LoggedCar, row: int) -> None:
+    traces = [("com", COM_COLOUR)] + ([("tail_tip", TIP_COLOUR)] if logged.car.tail is not None else [])
+    for name, colour in traces:
+        points = logged.run_log.vector(name, "truth_m")[: row + 1]
+        seen = camera.project(points)
+        axes.plot(seen[:, 0], seen[:, 1], color=(colour.r(), colour.g(), colour.b()), linewidth=1.4, clip_on=True)
+
+
+def _draw_arrow(axes: Axes, camera: Camera, arrow: ForceArrow, row: int) -> None:
+    if not arrow.shown[row]:
+        return
+    ends = camera.project(np.array([arrow.points[row], arrow.points[row] + arrow.lengths[row]]))
+    style = {"arrowstyle": "-|>,head_width=0.22,head_length=0.4", "color": arrow.colour, "linewidth": 1.6}
+    (x0, y0), (x1, y1) = ends[:, :2].tolist()
+    axes.annotate("", xy=(x1, y1), xytext=(x0, y0), arrowprops={**style, "shrinkA": 0, "shrinkB": 0})
+
+
+def _label(figure: Figure, run_log: RunLog, moment: Moment, x: float) -> None:
+    speed, roll = speed_and_roll(run_log)
+    row = moment.row
+    degrees = round(float(np.degrees(roll[row])), 1) + 0.0  # no minus before a zero
+    text = f"t = {run_log.time[row]:.2f} s    {speed[row]:.2f} m/s    roll {degrees:.1f}°"
+    figure.text(x, 58 / STRIP[1], moment.label, ha="center", va="center", fontsize=13, weight="bold")
+    figure.text(x, 26 / STRIP[1], text.replace("-", "\u2212"), ha="center", va="center", fontsize=13)
+
+
+def _title(figure: Figure, run_log: RunLog) -> None:
+    caption = caption_of(run_log)
+    y = 1 - 0.5 * _TITLE / STRIP[1]
+    left = 2 * _GAP / STRIP[0]
+    figure.text(left, y, f"{caption.name}: {caption.facts}", ha="left", va="center", fontsize=16, weight="bold")
+    colour = _RESULT_COLOURS[caption.result]
+    figure.text(1 - left, y, caption.outcome, ha="right", va="center", fontsize=16, weight="bold", color=colour)
