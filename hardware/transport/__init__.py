@@ -1,0 +1,1 @@
+"""Byte and frame carriers of the car: CAN adapters, serial links. No meaning of the bytes, no Drake."""

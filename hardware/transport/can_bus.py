@@ -1,0 +1,291 @@
+"""A CAN bus that never holds up its user and never dies unnoticed.
+
+Two threads carry the frames: one receives, one sends. The user polls what came in and reads `fault`. A CAN driver is
+allowed to raise, to block or to spin: every one of these becomes a fault that stays until the bus is opened again.
+"""
+
+from __future__ import annotations
+
+import errno
+import threading
+import time
+from collections import deque
+from collections.abc import Collection
+from enum import IntEnum
+from pathlib import Path
+
+import can
+
+from hardware.protocol.can_frame import MOST_BYTES, CanFrame
+from hardware.transport.can_settings import CanSettings, open_bus
+from hardware.transport.outbox import Outbox
+from hardware.transport.traffic_log import TrafficLog
+from workbench.errors import HardwareError
+
+_RECEIVE_TIMEOUT = 0.05
+_RECEIVER_SILENT = 0.5
+"""A receive thread that has not come round for that long is taken for dead, s."""
+_SENDER_STUCK = 0.25
+"""A driver that does not return from sending for that long is stuck, s."""
+_SEND_TIMEOUT = 0.002
+_SEND_RETRY = 0.001
+_SEND_BLOCKED = 0.05
+"""The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges on the bus, s."""
+_MOST_GARBAGE = 200
+"""Lines in a row that are no frame."""
+_ECHO_TIME = 0.05
+_ERROR_BUS_OFF = 0x40
+"""Class bit of socketcan's error frames (linux/can/error.h)."""
+_GONE = (errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENETDOWN, errno.EBADF, errno.EPIPE, errno.ECONNRESET)
+
+
+class BusFault(IntEnum):
+    """Why the bus cannot be trusted."""
+
+    NONE = 0
+    BUS_OFF = 1
+    SEND_BLOCKED = 2
+    ADAPTER_LOST = 3
+    RECEIVER_DEAD = 4
+    CLOSED = 5
+
+
+class CanBus:
+    """Frames in and out of one adapter.
+
+    Args:
+        bus: python-can's; this object owns and closes it. `CanBus.open` makes both.
+        traffic_log: takes all frames; this object closes it.
+        listen: standard ids that are kept; extended frames are always kept, since they betray V3 firmware. None: all.
+        listen_only: `send` is refused, for looking at a bus that another program drives.
+
+    Attributes:
+        fault: first reason not to trust the bus; stays.
+        fault_text: the same in words, with what the driver said.
+        sent, received, echoes, foreign, garbage, superseded: counters since the start.
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        traffic_log: TrafficLog | None = None,
+        listen: Collection[int] | None = None,
+        listen_only: bool = False,
+    ) -> None:
+        self._bus = bus
+        self._listen = None if listen is None else frozenset(listen)
+        self._listen_only = listen_only
+        self.fault = BusFault.NONE
+        self.fault_text = ""
+        self.sent = self.received = self.echoes = self.foreign = self.garbage = 0
+        self._outbox = Outbox()
+        self._inbox: deque[tuple[float, CanFrame]] = deque(maxlen=4096)
+        self._recent: deque[tuple[float, int, bytes]] = deque(maxlen=64)
+        self._recent_lock = threading.Lock()
+        self._garbage_in_a_row = 0
+        self._closing = threading.Event()
+        self._receiver_time = time.monotonic()
+        self._log = traffic_log
+        self._receiver = threading.Thread(target=self._receive, name="can-receive", daemon=True)
+        self._sender = threading.Thread(target=self._send, name="can-send", daemon=True)
+        self._receiver.start()
+        self._sender.start()
+
+    @classmethod
+    def open(
+        cls,
+        settings: CanSettings,
+        traffic_log: Path | None = None,
+        listen: Collection[int] | None = None,
+        listen_only: bool = False,
+    ) -> CanBus:
+        """Opens the adapter of these settings and a new file for the traffic (`.blf`; none when None).
+
+        Raises:
+            HardwareError: as `open_bus` and `TrafficLog.create` do.
+        """
+        log = None if traffic_log is None else TrafficLog.create(traffic_log)
+        try:
+            return cls(open_bus(settings), log, listen, listen_only)
+        except HardwareError:
+            if log is not None:
+                log.close()
+            raise
+
+    @property
+    def superseded(self) -> int:
+        """Commands that were never sent since a newer one for the same motor came, or since they had grown old."""
+        return self._outbox.superseded
+
+    @property
+    def log_error(self) -> str:
+        """What stopped the traffic log, empty while it works."""
+        return "" if self._log is None else self._log.error
+
+    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
+        """Hands a frame to the sending thread and returns at once.
+
+        Args:
+            urgent: goes out before all others, is repeated until the driver takes it, and removes the waiting commands
+                for the same id: for exit frames. Other frames that wait are replaced by the next one of the same id.
+
+        Returns:
+            False if the bus is closed or only listens.
+        """
+        if self._closing.is_set() or self._listen_only:
+            return False
+        self._outbox.put(frame, urgent)
+        return True
+
+    def poll(self) -> list[tuple[float, CanFrame]]:
+        """Frames that came in since the last call, oldest first, each with its `time.monotonic`."""
+        self._check_threads()
+        return [self._inbox.popleft() for _ in range(len(self._inbox))]
+
+    def flush(self, timeout: float = 0.2) -> bool:
+        """Waits until every frame was handed to the driver, at most `timeout` s. Whether it was."""
+        return self._outbox.wait_empty(timeout)
+
+    def close(self, timeout: float = 0.2) -> None:
+        """Sends what waits (at most `timeout` s), stops the threads, closes adapter and log. Never raises."""
+        self.flush(timeout)
+        self._closing.set()
+        self._outbox.close()
+        self._sender.join(timeout)
+        self._receiver.join(timeout + _RECEIVE_TIMEOUT)
+        try:
+            self._bus.shutdown()
+        except Exception as error:  # a lost adapter cannot be closed properly
+            self._set_fault(BusFault.ADAPTER_LOST, str(error))
+        self._set_fault(BusFault.CLOSED, "closed")
+        if self._log is not None:
+            self._log.close()
+
+    def _set_fault(self, fault: BusFault, text: str) -> None:
+        if self.fault is BusFault.NONE:
+            self.fault_text = text
+            self.fault = fault
+
+    def _check_threads(self) -> None:
+        if self._closing.is_set():
+            return
+        silent, stuck = time.monotonic() - self._receiver_time, self._outbox.age_in_hand()
+        if not self._receiver.is_alive():
+            self._set_fault(BusFault.RECEIVER_DEAD, "the receive thread ended")
+        elif silent > _RECEIVER_SILENT:
+            self._set_fault(BusFault.RECEIVER_DEAD, f"the receive thread hangs for {silent:.2f} s")
+        elif not self._sender.is_alive():
+            self._set_fault(BusFault.SEND_BLOCKED, "the send thread ended")
+        elif stuck > _SENDER_STUCK:
+            self._set_fault(BusFault.SEND_BLOCKED, f"the driver holds a frame for {stuck:.2f} s")
+
+    # -- receiving thread
+
+    def _receive(self) -> None:
+        try:
+            while not self._closing.is_set():
+                self._receiver_time = time.monotonic()
+                self._receive_one()
+        except Exception as error:
+            self._set_fault(_fault_of(error, BusFault.RECEIVER_DEAD), f"receiving failed: {error}")
+
+    def _receive_one(self) -> None:
+        busy = time.thread_time()
+        try:
+            message = self._bus.recv(_RECEIVE_TIMEOUT)
+        except Exception as error:
+            self._drop_garbage(error)
+            return
+        if message is None:
+            if time.thread_time() - busy > _RECEIVE_TIMEOUT / 2 and not self._closing.is_set():
+                # python-can's socketcand reads an endless nothing, at full load, once its server has gone
+                raise ConnectionResetError(errno.ECONNRESET, "the driver reads without end: the server has gone")
+            return
+        self._garbage_in_a_row = 0
+        now = time.monotonic()
+        if self._log is not None:
+            self._log.add(message)
+        if message.is_error_frame:
+            self._take_error(message)
+        elif message.is_remote_frame or message.is_fd or len(message.data) > MOST_BYTES:
+            self.garbage += 1
+        else:
+            self._take(now, message)
+
+    def _drop_garbage(self, error: Exception) -> None:
+        """Goes on after a line of slcan that is no frame, or not even text; raises everything else."""
+        causes = (error, error.__cause__)
+        if self._garbage_in_a_row > _MOST_GARBAGE or not any(isinstance(e, ValueError | IndexError) for e in causes):
+            raise error
+        self.garbage += 1
+        self._garbage_in_a_row += 1
+        flush = getattr(self._bus, "flush", None)
+        if flush is not None:
+            flush()  # slcan keeps an undecodable line in its buffer and would stumble over it for ever
+
+    def _take(self, now: float, message: can.Message) -> None:
+        data = bytes(message.data)
+        if not message.is_rx or self._is_echo(now, message.arbitration_id, data):
+            self.echoes += 1
+        elif self._listen is not None and not message.is_extended_id and message.arbitration_id not in self._listen:
+            self.foreign += 1
+        else:
+            self.received += 1
+            self._inbox.append((now, CanFrame(message.arbitration_id, data, message.is_extended_id)))
+
+    def _is_echo(self, now: float, arbitration_id: int, data: bytes) -> bool:
+        with self._recent_lock:
+            for item in self._recent:
+                if item[1:] == (arbitration_id, data) and now - item[0] < _ECHO_TIME:
+                    self._recent.remove(item)
+                    return True
+        return False
+
+    def _take_error(self, message: can.Message) -> None:
+        if message.arbitration_id & _ERROR_BUS_OFF:
+            self._set_fault(BusFault.BUS_OFF, "the controller reports bus-off")
+
+    # -- sending thread
+
+    def _send(self) -> None:
+        blocked_since = None
+        while (frame := self._outbox.next()) is not None:
+            now = time.monotonic()
+            try:
+                self._send_one(frame)
+            except Exception as error:
+                blocked_since = now if blocked_since is None else blocked_since
+                fault = _fault_of(error, BusFault.SEND_BLOCKED)
+                if fault is not BusFault.SEND_BLOCKED or now - blocked_since > _SEND_BLOCKED:
+                    self._set_fault(fault, f"sending failed: {error}")
+                self._closing.wait(_SEND_RETRY)
+                self._outbox.put_back(frame)
+            else:
+                blocked_since = None
+                self._outbox.done()
+
+    def _send_one(self, frame: CanFrame) -> None:
+        message = can.Message(
+            timestamp=time.time(),
+            arbitration_id=frame.arbitration_id,
+            data=frame.data,
+            is_extended_id=frame.extended,
+            is_rx=False,
+        )
+        with self._recent_lock:
+            self._recent.append((time.monotonic(), frame.arbitration_id, frame.data))
+        self._bus.send(message, timeout=_SEND_TIMEOUT)
+        self.sent += 1
+        if self._log is not None:
+            self._log.add(message)
+
+
+def _fault_of(error: BaseException, otherwise: BusFault) -> BusFault:
+    """`ADAPTER_LOST` if the cause, somewhere in the chain, is that the device has gone."""
+    cause: BaseException | None = error
+    while cause is not None:
+        number = getattr(cause, "errno", None) or getattr(cause, "error_code", None)
+        if number in _GONE or "readiness to read but returned no data" in str(cause):
+            return BusFault.ADAPTER_LOST
+        cause = cause.__cause__ or cause.__context__
+    return otherwise

@@ -1,0 +1,444 @@
+"""The bus over a fake adapter, python-can's virtual bus, slcan on a pseudo-terminal and socketcand on the loopback."""
+
+import errno
+import socket
+import threading
+import time
+from io import FileIO
+
+import can
+import pytest
+
+from hardware.protocol.can_frame import CanFrame
+from hardware.transport.can_bus import BusFault, CanBus
+from hardware.transport.can_settings import CanSettings, open_bus
+from hardware.transport.traffic_log import TrafficLog
+from tests.hardware.fake_can import FakeAdapter, SlcanAdapter, wait_until
+from workbench.errors import HardwareError
+
+COMMAND = CanFrame(1, bytes.fromhex("8000800000000800"))
+LATER = CanFrame(1, bytes.fromhex("8001800000000800"))
+EXIT = CanFrame(1, bytes.fromhex("FFFFFFFFFFFFFFFD"))
+REPLY = CanFrame(0, bytes.fromhex("0180008008001900"))
+
+
+@pytest.fixture
+def adapter():
+    return FakeAdapter()
+
+
+@pytest.fixture
+def bus(adapter):
+    bus = CanBus(adapter)
+    yield bus
+    adapter.send_gate.set()
+    bus.close()
+
+
+def received(bus, count=1):
+    frames = []
+    wait_until(lambda: frames.extend(frame for _, frame in bus.poll()) or len(frames) >= count)
+    return frames
+
+
+def test_frames_go_out_as_they_are(bus, adapter):
+    assert bus.send(COMMAND)
+    assert bus.flush()
+    sent = adapter.outgoing[0]
+    assert (sent.arbitration_id, bytes(sent.data), sent.is_extended_id) == (1, COMMAND.data, False)
+
+
+def test_frames_come_in_with_their_time(bus, adapter):
+    before = time.monotonic()
+    adapter.deliver(0, REPLY.data)
+    assert wait_until(lambda: bus.received == 1)
+    ((when, frame),) = bus.poll()
+    assert frame == REPLY
+    assert before <= when <= time.monotonic()
+    assert bus.poll() == []
+
+
+def test_own_frames_that_come_back_are_dropped(bus, adapter):
+    adapter.echo = True
+    bus.send(COMMAND)
+    bus.flush()
+    assert wait_until(lambda: bus.echoes == 1)
+    adapter.deliver(0, REPLY.data)
+    assert received(bus) == [REPLY]
+
+
+def test_echo_is_dropped_once_only(bus, adapter):
+    bus.send(COMMAND)
+    bus.flush()
+    adapter.deliver(1, COMMAND.data)
+    adapter.deliver(1, COMMAND.data)  # a second one is somebody else's: another program commands this motor
+    assert received(bus) == [COMMAND]
+    assert bus.echoes == 1
+
+
+def test_frames_marked_as_sent_by_this_computer_are_dropped(bus, adapter):
+    adapter.deliver(1, REPLY.data, is_rx=False)
+    assert wait_until(lambda: bus.echoes == 1)
+    assert bus.poll() == []
+
+
+def test_listen_filter_keeps_its_ids_and_every_extended_frame(adapter):
+    bus = CanBus(adapter, listen={0, 1})
+    adapter.deliver(0x123, b"12345678")
+    adapter.deliver(0x2901, bytes(8), extended=True)
+    adapter.deliver(1, REPLY.data)
+    assert received(bus, 2) == [CanFrame(0x2901, bytes(8), extended=True), CanFrame(1, REPLY.data)]
+    assert bus.foreign == 1
+    bus.close()
+
+
+def test_listen_only_sends_nothing(adapter):
+    bus = CanBus(adapter, listen_only=True)
+    assert not bus.send(COMMAND)
+    assert not bus.send(EXIT, urgent=True)
+    adapter.deliver(0, REPLY.data)
+    assert received(bus) == [REPLY]
+    bus.close()
+    assert adapter.outgoing == []
+
+
+def test_remote_and_fd_frames_are_counted_not_read(bus, adapter):
+    adapter.incoming.put(can.Message(arbitration_id=0, is_remote_frame=True, is_extended_id=False))
+    adapter.incoming.put(can.Message(arbitration_id=0, is_fd=True, data=bytes(12), is_extended_id=False))
+    assert wait_until(lambda: bus.garbage == 2)
+    assert bus.poll() == []
+    assert bus.fault is BusFault.NONE
+
+
+def test_full_buffer_is_retried_and_the_newest_command_wins(bus, adapter):
+    adapter.send_error = can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
+    bus.send(COMMAND)
+    time.sleep(0.01)
+    bus.send(LATER)
+    adapter.send_error = None
+    assert bus.flush()
+    assert [bytes(message.data) for message in adapter.outgoing] == [LATER.data]
+    assert bus.superseded == 1
+    assert bus.fault is BusFault.NONE
+
+
+def test_buffer_that_stays_full_is_a_fault_and_exit_still_waits_to_go_first(bus, adapter):
+    adapter.send_error = can.CanOperationError("Transmit buffer full")
+    start = time.monotonic()
+    while bus.fault is BusFault.NONE and time.monotonic() < start + 2:
+        bus.send(COMMAND)
+        time.sleep(0.005)
+    assert bus.fault is BusFault.SEND_BLOCKED
+    assert time.monotonic() - start < 0.5
+    bus.send(COMMAND)
+    bus.send(EXIT, urgent=True)
+    adapter.send_error = None
+    assert wait_until(lambda: adapter.outgoing)
+    bus.flush()
+    assert [bytes(message.data) for message in adapter.outgoing] == [EXIT.data]
+
+
+def test_exit_overtakes_what_waits(bus, adapter):
+    adapter.send_gate.clear()
+    bus.send(CanFrame(2, COMMAND.data))
+    time.sleep(0.01)  # this one is in the driver's hands
+    bus.send(COMMAND)
+    bus.send(CanFrame(3, COMMAND.data))
+    for _ in range(3):
+        bus.send(EXIT, urgent=True)
+    adapter.send_gate.set()
+    bus.flush()
+    assert [message.arbitration_id for message in adapter.outgoing] == [2, 1, 1, 1, 3]
+    assert [bytes(message.data) for message in adapter.outgoing[1:4]] == [EXIT.data] * 3
+
+
+def test_commands_that_grew_old_behind_a_stuck_driver_are_not_sent(bus, adapter):
+    adapter.send_gate.clear()
+    bus.send(CanFrame(2, COMMAND.data))
+    time.sleep(0.01)
+    bus.send(COMMAND)
+    time.sleep(0.08)
+    adapter.send_gate.set()
+    bus.flush()
+    assert [message.arbitration_id for message in adapter.outgoing] == [2]
+
+
+def test_driver_that_never_returns_does_not_hold_up_the_loop_and_is_noticed(bus, adapter):
+    adapter.send_gate.clear()
+    start = time.monotonic()
+    for _ in range(100):
+        bus.send(COMMAND)
+        bus.poll()
+    assert time.monotonic() - start < 0.1
+    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.SEND_BLOCKED, 1.0)
+    assert "holds a frame" in bus.fault_text
+
+
+@pytest.mark.parametrize("number", [errno.ENODEV, errno.ENETDOWN, errno.EIO])
+def test_lost_adapter_is_noticed_by_sending(bus, adapter, number):
+    adapter.send_error = can.CanOperationError("Failed to transmit", number)
+    bus.send(COMMAND)
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 0.5)
+
+
+@pytest.mark.parametrize("number", [errno.ENODEV, errno.ENETDOWN])
+def test_lost_adapter_is_noticed_by_receiving(bus, adapter, number):
+    adapter.incoming.put(can.CanOperationError("Error receiving", number))
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 0.5)
+
+
+def test_receive_thread_that_dies_is_noticed(bus, adapter):
+    adapter.incoming.put(RuntimeError("driver bug"))
+    assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD, 0.5)
+    assert "driver bug" in bus.fault_text
+    assert bus.send(EXIT, urgent=True)  # exit frames go out although nothing comes in any more
+    bus.flush()
+    assert bytes(adapter.outgoing[-1].data) == EXIT.data
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_receive_thread_that_is_killed_outright_is_noticed(bus, adapter):
+    adapter.incoming.put(SystemExit())
+    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD, 0.5)
+
+
+def test_receive_thread_that_hangs_is_noticed(bus, adapter):
+    adapter._recv_internal = lambda timeout: (time.sleep(1.0), (None, False))[1]
+    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD, 1.5)
+    assert "hangs" in bus.fault_text
+
+
+def test_bus_off_is_reported_by_the_controller(bus, adapter):
+    adapter.deliver(0x04, bytes(8), extended=True, is_error_frame=True)
+    assert not wait_until(lambda: bus.fault is not BusFault.NONE, 0.05)  # error-passive warnings are no bus-off
+    adapter.deliver(0x40, bytes(8), extended=True, is_error_frame=True)
+    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF, 0.5)
+
+
+def test_first_fault_stays(bus, adapter):
+    adapter.deliver(0x40, bytes(8), extended=True, is_error_frame=True)
+    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF, 0.5)
+    adapter.incoming.put(RuntimeError("later"))
+    time.sleep(0.05)
+    assert bus.fault is BusFault.BUS_OFF
+
+
+def test_close_sends_what_waits_and_closes_the_adapter(adapter):
+    bus = CanBus(adapter)
+    for _ in range(5):
+        bus.send(EXIT, urgent=True)
+    bus.close()
+    assert [bytes(message.data) for message in adapter.outgoing] == [EXIT.data] * 5
+    assert adapter.closed
+    assert not bus.send(COMMAND)
+    assert bus.fault is BusFault.CLOSED
+
+
+def test_close_returns_in_time_although_the_driver_is_stuck(adapter):
+    bus = CanBus(adapter)
+    adapter.send_gate.clear()
+    bus.send(EXIT, urgent=True)
+    start = time.monotonic()
+    bus.close()
+    assert time.monotonic() - start < 1.0
+    adapter.send_gate.set()
+
+
+def test_traffic_log_holds_both_directions(adapter, tmp_path):
+    path = tmp_path / "traffic.blf"
+    bus = CanBus(adapter, TrafficLog.create(path))
+    bus.send(COMMAND)
+    bus.flush()
+    adapter.deliver(0, REPLY.data)
+    received(bus)
+    bus.close()
+    logged = [(message.arbitration_id, bytes(message.data), message.is_rx) for message in can.BLFReader(path)]
+    assert logged == [(1, COMMAND.data, False), (0, REPLY.data, True)]
+    with pytest.raises(HardwareError, match="never overwritten"):
+        TrafficLog.create(path)
+
+
+def test_traffic_log_of_a_killed_run_is_readable(adapter, tmp_path):
+    path = tmp_path / "traffic.blf"
+    bus = CanBus(adapter, TrafficLog.create(path))
+    for i in range(100):
+        bus.send(CanFrame(1, i.to_bytes(8, "big")))
+        bus.flush()
+    assert wait_until(lambda: path.stat().st_size > 400)
+    copy = tmp_path / "cut_off.blf"
+    copy.write_bytes(path.read_bytes())  # what the disk holds while the program still runs
+    read = [int.from_bytes(message.data, "big") for message in can.BLFReader(copy)]
+    assert read == list(range(len(read)))
+    assert len(read) >= 40
+    bus.close()
+
+
+def test_full_disk_stops_the_log_and_not_the_bus(adapter):
+    log = TrafficLog(FileIO("/dev/full", "r+"))
+    bus = CanBus(adapter, log)
+    for i in range(200):
+        bus.send(CanFrame(1, i.to_bytes(8, "big")))
+        bus.flush()
+    assert wait_until(lambda: "No space left on device" in bus.log_error)
+    assert len(adapter.outgoing) == 200
+    assert bus.fault is BusFault.NONE
+    bus.close()
+
+
+def test_log_folder_that_is_not_there_is_one_line(tmp_path):
+    with pytest.raises(HardwareError, match="cannot be written: No such file or directory"):
+        CanBus.open(CanSettings("virtual", "log_test"), traffic_log=tmp_path / "nowhere" / "traffic.blf")
+
+
+# -- python-can's interfaces
+
+
+def test_virtual_bus_end_to_end():
+    motor = can.Bus(interface="virtual", channel="test_can_bus", ignore_config=True)
+    bus = CanBus.open(CanSettings("virtual", "test_can_bus"))
+    bus.send(COMMAND)
+    assert bytes(motor.recv(1.0).data) == COMMAND.data
+    motor.send(can.Message(arbitration_id=0, data=REPLY.data, is_extended_id=False))
+    assert received(bus) == [REPLY]
+    bus.close()
+    motor.shutdown()
+
+
+@pytest.fixture
+def slcan():
+    adapter = SlcanAdapter()
+    bus = CanBus.open(CanSettings("slcan", adapter.path, options={"sleep_after_open": 0.0}))
+    yield bus, adapter
+    bus.close()
+
+
+def test_slcan_end_to_end(slcan):
+    bus, adapter = slcan
+    assert wait_until(lambda: b"S8" in adapter.lines and b"O" in adapter.lines)  # 1 Mbit/s
+    bus.send(COMMAND)
+    assert wait_until(lambda: adapter.frames() == [(1, COMMAND.data)])
+    adapter.deliver(0, REPLY.data)
+    assert received(bus) == [REPLY]
+
+
+@pytest.mark.parametrize(
+    "noise", [b"\xff\xfe\r", b"tZZ\r", b"t\r", b"t0018ZZ\r", b"\x07", b"t12\r", b"r0018\r", b"z\r"]
+)
+def test_slcan_survives_noise(slcan, noise):
+    bus, adapter = slcan
+    adapter.write(noise)
+    time.sleep(0.02)
+    adapter.deliver(0, REPLY.data)
+    time.sleep(0.02)
+    adapter.deliver(0, REPLY.data)
+    assert REPLY in received(bus)
+    assert bus.fault is BusFault.NONE
+
+
+def test_endless_noise_on_slcan_is_a_fault(slcan):
+    bus, adapter = slcan
+    for _ in range(300):
+        adapter.write(b"tZZ\r")
+        time.sleep(0.002)
+    assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD)
+
+
+def test_slcan_adapter_unplugged(slcan):
+    bus, adapter = slcan
+    adapter.unplug()
+    start = time.monotonic()
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 1.0)
+    assert time.monotonic() - start < 0.3
+
+
+class Socketcand:
+    """The server's side of the protocol on the loopback, for one client after the other."""
+
+    def __init__(self):
+        self.socket = socket.create_server(("127.0.0.1", 0))
+        self.port = self.socket.getsockname()[1]
+        self.received = ""
+        self.client = None
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self):
+        while True:
+            try:
+                client, _ = self.socket.accept()
+                client.sendall(b"< hi >")
+                for _ in range(2):
+                    if not client.recv(100):
+                        break
+                    client.sendall(b"< ok >")
+                else:
+                    self.client = client
+                    while data := client.recv(100):
+                        self.received += data.decode()
+            except OSError:
+                if self.socket.fileno() < 0:
+                    return
+
+
+def test_socketcand_end_to_end_and_its_server_gone():
+    server = Socketcand()
+    options = {"host": "127.0.0.1", "port": server.port}
+    bus = CanBus.open(CanSettings("socketcand", "can0", options=options))
+    bus.send(COMMAND)
+    assert wait_until(lambda: "< send 001 8 80 0 80 0 0 0 8 0 >" in server.received)
+    server.client.sendall(b"< frame 000 1.5 0180008008001900 >")
+    assert received(bus) == [REPLY]
+    server.client.shutdown(socket.SHUT_RDWR)
+    server.socket.close()
+    start = time.monotonic()
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 2.0)
+    assert time.monotonic() - start < 0.5
+    bus.close()
+
+
+# -- errors of the user
+
+
+def test_unknown_interface_lists_the_known_ones():
+    with pytest.raises(HardwareError, match=r"CAN interface 'can0' is unknown; allowed: .*slcan.*socketcan"):
+        open_bus(CanSettings("can0", "can0"))
+
+
+def test_missing_device_is_one_line():
+    with pytest.raises(HardwareError, match=r"CAN slcan:/dev/ttyNOT_THERE: cannot be opened: there is no such device"):
+        open_bus(CanSettings("slcan", "/dev/ttyNOT_THERE"))
+
+
+def test_socketcan_interface_that_is_not_there_is_one_line():
+    with pytest.raises(HardwareError, match=r"CAN socketcan:can77: cannot be opened: ") as caught:
+        open_bus(CanSettings("socketcan", "can77"))
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_permission_names_the_group(monkeypatch):
+    def refused(*args, **kwargs):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("serial.serial_for_url", refused)
+    with pytest.raises(HardwareError, match=r"permission denied; .* dialout"):
+        open_bus(CanSettings("slcan", "/dev/ttyACM0"))
+
+
+def test_server_that_is_not_there_is_refused_quickly():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    start = time.monotonic()
+    with pytest.raises(HardwareError, match=r"no socketcand at 127\.0\.0\.1"):
+        open_bus(CanSettings("socketcand", "can0", options={"host": "127.0.0.1", "port": port}))
+    assert time.monotonic() - start < 2.5
+
+
+def test_socketcand_without_host_is_refused():
+    with pytest.raises(HardwareError, match="host"):
+        open_bus(CanSettings("socketcand", "can0"))
+
+
+def test_wrong_bitrate_is_refused():
+    adapter = SlcanAdapter()
+    with pytest.raises(HardwareError, match="bitrate"):
+        open_bus(CanSettings("slcan", adapter.path, bitrate=123, options={"sleep_after_open": 0.0}))
+    adapter.unplug()
