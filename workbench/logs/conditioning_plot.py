@@ -32,7 +32,7 @@ def plot_conditioning(before: RunLog, after: RunLog, rest: Sequence[Interval] = 
     figure = Figure(figsize=(10.0, 1.2 + 1.7 * max(1, len(names))), layout="constrained")
     FigureCanvasAgg(figure)
     rows = figure.subplots(max(1, len(names)), 1, sharex=True, squeeze=False)[:, 0]
-    shift = _shift(before, after)
+    shift = _shift(after)
     for axes, name in zip(rows, names, strict=False):
         for start, end in rest:
             axes.axvspan(start, end, color=_REST, lw=0, label="at rest" if (start, end) == rest[0] else None)
@@ -60,7 +60,7 @@ def save_plot(figure: Figure, path: Path, force: bool = False) -> Path:
 def changed_columns(before: RunLog, after: RunLog) -> list[str]:
     """Columns whose values differ, or that are new; all measured ones when rows were only cut or inserted."""
     changed = []
-    shift = _shift(before, after)
+    shift = _shift(after)
     for name in after.table.columns:
         if name == TIME:
             continue
@@ -69,7 +69,7 @@ def changed_columns(before: RunLog, after: RunLog) -> list[str]:
             continue
         old = before.signal(name)
         good = np.isfinite(old)
-        expected = np.interp(after.time + shift, before.time[good], old[good])
+        expected = _at(after.time + shift, before.time[good], old[good], is_held(name))
         if good.all() and np.allclose(expected, after.signal(name), rtol=1e-9, atol=1e-12):
             continue
         changed.append(name)
@@ -77,7 +77,14 @@ def changed_columns(before: RunLog, after: RunLog) -> list[str]:
     return changed or measured
 
 
-def _shift(before: RunLog, after: RunLog) -> float:
+def _at(new_time: NDArray, time: NDArray, values: NDArray, hold: bool) -> NDArray[np.float64]:
+    """A column at other times, as the conditioning steps read it between its samples."""
+    if not hold:
+        return np.interp(new_time, time, values)
+    return values[np.maximum(np.searchsorted(time, new_time + 1e-9, side="right") - 1, 0)]
+
+
+def _shift(after: RunLog) -> float:
     """What a restarted time has to be moved by to lie on the first log's, s."""
     entries = after.extra.get("conditioning", [])
     return float(entries[-1].get("time_shift_s", 0.0)) if entries else 0.0

@@ -29,7 +29,6 @@ from workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log
 from workbench.logs.mapping import ColumnSource, Mapping, known_columns
 from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from workbench.logs.units import unit_to
-from workbench.quantity import nearest
 from workbench.signals import GAP_FACTOR, check_time
 
 FloatArray = NDArray[np.float64]
@@ -163,7 +162,7 @@ def _unwrapped(angle: FloatArray) -> FloatArray:
 
 
 def _absent(foreign: ForeignLog, name: str, wanted: str) -> Finding:
-    return Finding(name, None, f"left out: the file has no column {wanted!r}; {nearest(wanted, list(foreign.columns))}")
+    return Finding(name, None, f"left out: the file has no column {wanted!r}; it has {', '.join(foreign.columns)}")
 
 
 def _unused(foreign: ForeignLog, mapping: Mapping) -> list[Finding]:

@@ -1,0 +1,73 @@
+"""`aerodima log import`, `log export` and `log condition`: what they refuse; what they do is in the README's test."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.workbench.made_up_runs import made_up_run
+from workbench.logs.schema import read_run_log, write_run_log
+
+MAPPING = """
+schema: aerodima/log-mapping/1
+kind: static
+time: {from: t}
+columns: {angle_rad: {from: theta}}
+"""
+RECIPE = """
+schema: aerodima/log-recipe/1
+steps: [{step: cut, from_s: 1}]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    time = np.arange(300) / 100
+    pd.DataFrame({"t": time, "theta": np.sin(time)}).to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "m.yaml").write_text(MAPPING)
+    (tmp_path / "r.yaml").write_text(RECIPE)
+    write_run_log(made_up_run(), tmp_path / "run.parquet")
+    return tmp_path
+
+
+def test_import_refuses_an_existing_log_before_it_reads_anything(
+    refused: Callable, folder: Path, untouched: Path
+) -> None:
+    message = refused("log", "import", folder / "none.csv", "--mapping", folder / "m.yaml", "--out", untouched)
+    assert "--force" in message
+    assert untouched.read_text() == "precious"
+
+
+def test_import_names_the_file_that_is_missing(refused: Callable, folder: Path) -> None:
+    out = folder / "out.parquet"
+    assert "none.csv: no such file" in refused("log", "import", folder / "none.csv", "--out", out)
+    assert "none.yaml" in refused("log", "import", folder / "log.csv", "--mapping", folder / "none.yaml", "--out", out)
+    assert "--mapping" in refused("log", "import", folder / "log.csv", "--out", out)
+    assert not out.exists()
+
+
+def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(
+    call: Callable, refused: Callable, folder: Path, untouched: Path
+) -> None:
+    raw, out = folder / "raw.parquet", folder / "out.parquet"
+    assert call("log", "import", folder / "log.csv", "--mapping", folder / "m.yaml", "--out", raw).exit_code == 0
+    condition = ("log", "condition", raw, "--recipe", folder / "r.yaml", "--out")
+    assert "raw logs are kept" in refused(*condition, raw, "--force")
+    assert "--force" in refused(*condition, untouched)
+    assert "--force" in refused(*condition, out, "--plot", untouched)
+    assert not out.exists()
+    assert call(*condition, out, "--plot", folder / "out.png").exit_code == 0
+    assert read_run_log(out).time[0] == 1.0
+    assert read_run_log(raw).time[0] == 0.0
+
+
+def test_export_goes_beside_the_log_and_names_a_wrong_format(call: Callable, refused: Callable, folder: Path) -> None:
+    assert "--to: 'xlsx'; allowed: csv, mcap" in refused("log", "export", folder / "run.parquet", "--to", "xlsx")
+    result = call("log", "export", folder / "run.parquet", "--to", "csv")
+    assert result.stdout.split() == [str(folder / "run.csv"), str(folder / "run.csv.json")]
+    assert "--force" in refused("log", "export", folder / "run.parquet", "--to", "csv")
+    again = call("log", "import", folder / "run.csv", "--out", folder / "again.parquet")
+    assert again.exit_code == 0, again.output
+    assert read_run_log(folder / "again.parquet").table.equals(read_run_log(folder / "run.parquet").table)

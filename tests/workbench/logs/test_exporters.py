@@ -1,0 +1,82 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from tests.workbench.made_up_runs import made_up_run
+from workbench.errors import LogError
+from workbench.logs.exporters import export_log, topics_of
+from workbench.logs.importers import import_log
+from workbench.logs.schema import RunLog, signals_equal
+
+
+def awkward_run() -> RunLog:
+    """Signals that a text loses easily: neighbours of 1, the smallest number, minus zero, NaN."""
+    run = made_up_run({"imu_gyro_x_rad_per_s": np.nextafter(1.0, 2.0), "throttle_command": -0.0}, truth=False)
+    run.table.loc[3, "roll_estimate_rad"] = np.nan
+    run.table["imu_gyro_z_rad_per_s"] = np.random.default_rng(1).standard_normal(len(run.table)) * 1e-5
+    run.table.loc[4, "imu_gyro_y_rad_per_s"] = 5e-324
+    return run
+
+
+@pytest.mark.parametrize("form", ["csv", "mcap"])
+def test_an_export_comes_back_bit_for_bit_with_its_metadata(tmp_path: Path, form: str) -> None:
+    run = awkward_run()
+    written = export_log(run, tmp_path / f"run.{form}", form)
+    back = import_log(written[0]).run_log
+    assert signals_equal(run, back)
+    assert back.metadata() == run.metadata()
+
+
+@pytest.mark.parametrize("form", ["csv", "mcap"])
+def test_an_existing_file_is_not_overwritten(tmp_path: Path, form: str) -> None:
+    path = tmp_path / f"run.{form}"
+    path.write_text("precious")
+    with pytest.raises(LogError, match=r"exists already .* use --force"):
+        export_log(awkward_run(), path, form)
+    assert path.read_text() == "precious"
+    export_log(awkward_run(), path, form, force=True)
+    assert path.read_bytes() != b"precious"
+
+
+def test_an_existing_file_beside_the_csv_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "run.csv.json").write_text("precious")
+    with pytest.raises(LogError, match=r"run\.csv\.json: exists already"):
+        export_log(awkward_run(), tmp_path / "run.csv", "csv")
+    assert not (tmp_path / "run.csv").exists()
+
+
+def test_mcap_has_a_topic_per_device_with_schema_and_times_in_nanoseconds(tmp_path: Path) -> None:
+    run = awkward_run()
+    export_log(run, tmp_path / "run.mcap", "mcap")
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        messages = [
+            (schema, channel, message)
+            for schema, channel, message in make_reader(stream).iter_messages(topics=["/imu"])
+        ]
+    assert len(messages) == len(run.table)
+    schema, channel, message = messages[10]
+    assert channel.message_encoding == "json"
+    assert message.log_time == 20_000_000
+    assert set(json.loads(schema.data)["properties"]) == set(json.loads(message.data))
+    assert json.loads(message.data)["imu_gyro_x_rad_per_s"] == np.nextafter(1.0, 2.0)
+
+
+def test_every_column_has_one_topic() -> None:
+    columns = list(made_up_run().table.columns)
+    topics = topics_of(columns)
+    assert sorted(name for names in topics.values() for name in names) == sorted(
+        name for name in columns if name != "time_s"
+    )
+    assert set(topics) == {"/driver", "/tail", "/sail", "/imu", "/speed", "/status", "/truth", "/plant"}
+    assert topics_of(["time_s", "angle_rad", "force_x_n"]) == {"/rig": ["angle_rad", "force_x_n"]}
+
+
+def test_mcap_refuses_times_before_zero(tmp_path: Path) -> None:
+    run = made_up_run(truth=False)
+    run.table["time_s"] -= 1.0
+    with pytest.raises(LogError, match=r"column 'time_s': MCAP needs finite times from 0 s on"):
+        export_log(run, tmp_path / "run.mcap", "mcap")
+    assert list(tmp_path.iterdir()) == []
