@@ -12,9 +12,18 @@ from pydrake.multibody.plant import MultibodyPlant
 from workbench.errors import ModelError, UserError
 from workbench.plants.car import MODELS_PACKAGE
 from workbench.plants.car_model import car_sdf
+from workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
 from workbench.plants.sdf_model import SdfModel
 from workbench.plants.tail import tail_sdf
 from workbench.resources import models_dir
+from workbench.rig_scenario import (
+    RIG_SECTIONS,
+    SHARED_WITH_CAR,
+    load_rig_parameter_entries,
+    load_rig_scenario,
+    rig_scenario_from_dict,
+    rig_scenario_names,
+)
 from workbench.scenario import SECTIONS, load_parameter_entries, load_scenario, scenario_from_dict, scenario_names
 from workbench.swing_file import read_swing
 
@@ -49,12 +58,20 @@ def check_shipped_models() -> Iterator[CheckResult]:
         yield _attempt(
             f"parameters/{section}.yaml: unit and source of every number", partial(load_parameter_entries, section)
         )
+    for section in RIG_SECTIONS:
+        if section not in SHARED_WITH_CAR:
+            yield _attempt(
+                f"parameters/rig/{section}.yaml: unit and source of every number",
+                partial(load_rig_parameter_entries, section),
+            )
     for model in nominal_models():
         yield CheckResult(
             f"{model.path.relative_to(root)}: numbers equal the parameters", tuple(sdf_differences(model))
         )
     for name in scenario_names():
         yield _attempt(f"scenarios/{name}.yaml: resolves", partial(load_scenario, name))
+    for name in rig_scenario_names():
+        yield _attempt(f"scenarios/rig/{name}.yaml: resolves", partial(load_rig_scenario, name))
     for path in sorted((root / "swings").glob("*.yaml")):
         yield _attempt(f"swings/{path.name}: reads", partial(read_swing, path))
 
@@ -136,9 +153,14 @@ def update_model_files() -> list[Path]:
 
 
 def nominal_models() -> list[SdfModel]:
-    """The car and its tail arm with the numbers of `models/parameters`."""
-    scenario = scenario_from_dict({})
-    return [car_sdf(scenario), tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)]
+    """The car, its tail arm and the two rigs with the numbers of `models/parameters`."""
+    scenario, rig = scenario_from_dict({}), rig_scenario_from_dict({})
+    return [
+        car_sdf(scenario),
+        tail_sdf(scenario.tail, scenario.tail_motor, scenario.car),
+        cheetah_rig_sdf(rig),
+        robot_rig_sdf(rig),
+    ]
 
 
 def _attempt(subject: str, check: Callable[[], object]) -> CheckResult:

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder, EventStatus, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, System
 
 from workbench.controllers.rig_swing import CurrentController, TailCommander
 from workbench.errors import UserError
@@ -91,7 +92,8 @@ def assemble_rig(
 ) -> tuple[DiagramBuilder, Diagram]:
     """Station and the controller of the experiment, connected; the controller stands outside the station."""
     builder = DiagramBuilder()
-    station = builder.AddSystem(make_rig_station(scenario, interface, meshcat))
+    station = make_rig_station(scenario, interface, meshcat)
+    builder.AddSystem(station)
     rig, experiment = Rig(scenario), scenario.experiment
     if scenario.is_robot:
         torque = rig.torque_of(rig.holding_current(experiment.angle))
@@ -111,12 +113,13 @@ def _monitor(scenario: RigScenario, station: Diagram, progress: Progress | None)
     state = station.GetOutputPort("rig_state")
     last = -np.inf
 
-    def monitor(context: object) -> EventStatus:
+    def monitor(context: Context) -> EventStatus:
         nonlocal last
-        time = context.get_time()  # type: ignore[attr-defined]
+        time = context.get_time()
         if time - last >= 0.02:
             last = time
-            angle = float(state.Eval(station.GetMyContextFromRoot(context))[0])
+            reported: Any = state.Eval(station.GetMyContextFromRoot(context))
+            angle = float(reported[0])
             if abs(angle) > limit:
                 raise UserError(
                     f"the tail left its range at {time:.2f} s: {angle:g} rad; allowed: within mount.angle_limit, "

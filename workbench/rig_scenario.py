@@ -101,6 +101,11 @@ class RigScenario(BaseModel):
                 f"experiment.wind_speed: {self.experiment.wind_speed:g} m/s; "
                 "allowed in a bar_swing: 0 m/s (bare bar in still air)"
             )
+        if self.aero.added_mass != 0.0 and self.tunnel.kilter != 0.0:
+            raise ValueError(
+                f"aero.added_mass: {self.aero.added_mass:g} kg; "
+                f"allowed with tunnel.kilter {self.tunnel.kilter:g} rad: 0 kg"
+            )
         if self.experiment.kind != "static" and self.experiment.rest >= self.experiment.duration:
             raise ValueError(
                 f"experiment.rest: {self.experiment.rest:g} s; allowed: < duration {self.experiment.duration:g} s"

@@ -113,7 +113,8 @@ def _add_torques(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigSc
     law = smooth_friction(settings.coulomb, settings.viscous, settings.tanh_gain)
     friction = builder.AddNamedSystem("friction", JointFriction(law, 1))
     builder.Connect(plant.get_state_output_port(), friction.GetInputPort("joint_state"))
-    torques = builder.AddNamedSystem("torques", Adder(2, 1))
+    torques = Adder(2, 1)
+    builder.AddNamedSystem("torques", torques)
     builder.Connect(friction.get_output_port(), torques.get_input_port(1))
     builder.Connect(torques.get_output_port(), plant.get_actuation_input_port())
     return torques
@@ -207,22 +208,23 @@ class SpanwiseBalance(LeafSystem):
         (self._body,) = (plant.get_body(index) for index in plant.GetBodyIndices(added.instance))
         self._mass = self._body.default_mass()
         self._state = self.DeclareVectorInputPort("plant_state", 2)
+        calc: Any = self._calc
         self.DeclareAbstractOutputPort(
-            "spatial_forces", lambda: Value[list[ExternallyAppliedSpatialForce]](), self._calc, {self._state.ticket()}
+            "spatial_forces", lambda: Value[list[ExternallyAppliedSpatialForce]](), calc, {self._state.ticket()}
         )
 
     def _calc(self, context: Context, output: Any) -> None:
         plant, mine = self._plant, self._context
-        plant.SetPositionsAndVelocities(mine, self._state.Eval(context))
+        state: Any = self._state.Eval(context)
+        plant.SetPositionsAndVelocities(mine, state)
         pose = plant.EvalBodyPoseInWorld(mine, self._body)
         axis = pose.rotation().matrix()[:, 2]
         pivot = plant.EvalBodyPoseInWorld(mine, plant.GetJointByName("swing").child_body()).translation()
-        rate: Any = self._state.Eval(context)
         distance = axis @ (pose.translation() - pivot)
         force = ExternallyAppliedSpatialForce()
         force.body_index = self._body.index()
         force.p_BoBq_B = np.zeros(3)
-        force.F_Bq_W = SpatialForce(np.zeros(3), -self._mass * distance * rate[1] ** 2 * axis)
+        force.F_Bq_W = SpatialForce(np.zeros(3), -self._mass * distance * state[1] ** 2 * axis)
         output.set_value([force])
 
 

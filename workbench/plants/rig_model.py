@@ -131,11 +131,11 @@ def tail_layout(scenario: RigScenario, sections: int | None = None) -> SectionLa
     """
     number = sections or scenario.aero.sections
     if scenario.is_robot:
-        tail = scenario.robot_tail
+        arm = scenario.robot_tail
         return SectionLayout.strip(
-            start=tail.length - tail.sail_length,
-            length=tail.sail_length,
-            width=tail.sail_width,
+            start=arm.length - arm.sail_length,
+            length=arm.sail_length,
+            width=arm.sail_width,
             number=number,
             axis_B=DOWN,
             normal_B=UPSTREAM,

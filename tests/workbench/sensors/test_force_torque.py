@@ -1,0 +1,56 @@
+"""The force sensor as a system: the same numbers as a log made at once, and a rate that fits the step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from workbench.errors import UserError
+from workbench.rig_scenario import load_rig_scenario
+from workbench.sensors.force_torque import ForceTorqueSensor, sensor_errors, sensor_readings
+
+SETTINGS = load_rig_scenario("static").force_sensor
+OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)
+WRENCH = np.array([1.0, -2.0, 16.0, 0.3, -0.4, 0.05])
+
+
+def shown(count: int, **arguments: object) -> np.ndarray:
+    """The first readings, seen half a period after each sample."""
+    sensor = ForceTorqueSensor(SETTINGS, OFFSETS, seed=4, **arguments)
+    simulator = Simulator(sensor)
+    sensor.GetInputPort("wrench").FixValue(simulator.get_mutable_context(), WRENCH)
+    rows = []
+    for k in range(count):
+        simulator.AdvanceTo((k + 0.5) / SETTINGS.rate)
+        rows.append(np.array(sensor.GetOutputPort("reading").Eval(simulator.get_context())))
+    return np.array(rows)
+
+
+def test_system_and_whole_log_give_the_same_readings() -> None:
+    np.testing.assert_allclose(shown(150), sensor_readings(WRENCH, 150, SETTINGS, OFFSETS, seed=4), atol=1e-12)
+
+
+def test_reading_plus_offset_is_the_wrench_of_a_faultless_sensor() -> None:
+    faultless = SETTINGS.model_copy(update={f"{axis}_accuracy": 0.0 for axis in ("fx", "fy", "fz", "tx", "ty", "tz")})
+    readings = sensor_readings(WRENCH, 3, faultless, OFFSETS, seed=4)
+    np.testing.assert_allclose(readings + OFFSETS, np.tile(WRENCH, (3, 1)), atol=1e-12)
+
+
+def test_a_wrench_per_sample_is_followed() -> None:
+    ramp = WRENCH + np.arange(5)[:, None]
+    difference = sensor_readings(ramp, 5, SETTINGS, OFFSETS, 4) - sensor_readings(WRENCH, 5, SETTINGS, OFFSETS, 4)
+    np.testing.assert_allclose(difference, np.tile(np.arange(5.0)[:, None], (1, 6)), atol=1e-12)
+
+
+def test_errors_of_a_seed_scale_with_the_accuracy() -> None:
+    doubled = SETTINGS.model_copy(update={"fx_accuracy": 2 * SETTINGS.fx_accuracy})
+    one, two = sensor_errors(SETTINGS, 9), sensor_errors(doubled, 9)
+    for name in ("bias", "drift", "noise"):
+        assert getattr(two, name)[0] == pytest.approx(2 * getattr(one, name)[0])
+        np.testing.assert_array_equal(getattr(two, name)[1:], getattr(one, name)[1:])
+
+
+def test_rate_above_one_per_step_is_refused() -> None:
+    with pytest.raises(UserError, match=r"force_sensor.rate: 1000 Hz is above 1/step"):
+        shown(1, step=0.002)

@@ -1,0 +1,272 @@
+"""The rig as the pendulum that it is, in plain floats: for fits that roll a swing out hundreds of times.
+
+J angle'' = weight + air + friction + motor, with the force law and the jet of `workbench.aero`; the six reactions
+follow from the momenta of the bodies. It is the motion of `workbench.plants.rig` to rounding (a test holds the two
+together) in about a tenth of the time. `dataclasses.replace` varies friction, laws or added mass for a fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.actuators.friction import FrictionLaw, smooth_friction
+from workbench.aero.jet import Jet
+from workbench.aero.laws import SectionLaw
+from workbench.aero.polar_law import PolarLaw
+from workbench.aero.sections import SectionLayout
+from workbench.errors import UserError
+from workbench.plants.rig import ADDED_MASS_PARTS, rig_jet, rig_law
+from workbench.plants.rig_model import (
+    MassProperties,
+    bar_layout,
+    bar_properties,
+    cheetah_tail_properties,
+    mount_properties,
+    pivot_position,
+    robot_tail_properties,
+    tail_layout,
+)
+from workbench.rig_scenario import RigScenario
+
+MotorTorque = Callable[[float, float, float], float]
+"""Time (s), angle (rad), rate (rad/s) to the motor's torque on the joint (N m), positive downstream."""
+
+
+@dataclass(frozen=True)
+class SwingingMass:
+    """A body that swings: mass kg, centre of mass about the pivot (m, and rad from the bar), own inertia kg m2."""
+
+    mass: float
+    radius: float
+    phase: float
+    inertia: float
+
+
+@dataclass(frozen=True)
+class Blade:
+    """Sections on a straight body: their law, their places along it, its origin below the pivot (m), its tilt (rad)."""
+
+    law: SectionLaw
+    layout: SectionLayout
+    root: float
+    tilt: float
+
+
+@dataclass(frozen=True)
+class RigMotion:
+    """Everything that decides how a rig swings.
+
+    Attributes:
+        bodies: that swing.
+        rotor: reflected inertia about the motor axis, kg m2.
+        added_mass: of each part, kg.
+        added_distances: of the parts from the pivot, m.
+        friction: rate to torque.
+        blades: tail and bar in the wind.
+        jet: of the tunnel.
+        wind_speed: in its downstream direction, m/s.
+        density: of the air, kg/m3.
+        gravity: m/s2.
+        mount: what stands still.
+        pivot: p_WP (3), m.
+    """
+
+    bodies: tuple[SwingingMass, ...]
+    rotor: float
+    added_mass: float
+    added_distances: tuple[float, ...]
+    friction: FrictionLaw
+    blades: tuple[Blade, ...]
+    jet: Jet
+    wind_speed: float
+    density: float
+    gravity: float
+    mount: MassProperties
+    pivot: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, scenario: RigScenario) -> RigMotion:
+        """The motion of the rig of a scenario."""
+        robot = scenario.is_robot
+        friction = scenario.robot_friction if robot else scenario.friction
+        motor, maxon = scenario.robot_motor, scenario.maxon
+        bodies, blades = _parts(scenario)
+        x, y, z = pivot_position(scenario.mount).tolist()
+        tilted = blades[-1].root if blades else 0.0
+        added = scenario.aero.added_mass if blades else 0.0
+        return cls(
+            bodies=bodies,
+            rotor=motor.rotor_inertia * motor.gear_ratio**2 if robot else maxon.reflected_inertia,
+            added_mass=added,
+            added_distances=tuple(tilted + s for s in tail_layout(scenario, ADDED_MASS_PARTS).distances),
+            friction=smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain),
+            blades=blades,
+            jet=rig_jet(scenario),
+            wind_speed=scenario.experiment.wind_speed,
+            density=scenario.environment.air_density,
+            gravity=scenario.environment.gravity,
+            mount=mount_properties(scenario.mount),
+            pivot=(x, y, z),
+        )
+
+    @property
+    def inertia(self) -> float:
+        """About the motor axis, with rotor and added mass, kg m2; UserError when the added mass leaves none."""
+        own = sum(body.inertia + body.mass * body.radius**2 for body in self.bodies) + self.rotor
+        total = own + self.added_mass * sum(s * s for s in self.added_distances)
+        if not total > 0.0:
+            raise UserError(
+                f"added_mass: {self.added_mass:g} kg per part; allowed on this rig: above "
+                f"{-own / sum(s * s for s in self.added_distances):.4g} kg"
+            )
+        return total
+
+    def air(self, angle: float, rate: float) -> tuple[float, ...]:
+        """Force of the air on what swings and its moment about the pivot (6), W axes, N and N m."""
+        total = [0.0] * 6
+        s, c = math.sin(angle), math.cos(angle)
+        px, py, pz = self.pivot
+        wx, wy, _ = (self.wind_speed * part for part in self.jet.downstream_W)
+        for blade in self.blades:
+            ry, rz = -blade.root * s, -blade.root * c
+            st, ct = math.sin(angle + blade.tilt), math.cos(angle + blade.tilt)
+            a, n = (0.0, -st, -ct), (0.0, ct, -st)
+            u = (wx, wy + rate * blade.root * c, -rate * blade.root * s)
+            k = (0.0, rate * ct, -rate * st)
+            distances, areas = self.jet.exposed_sections(blade.layout, (px, py + ry, pz + rz), a)
+            if areas[0] == 0.0:
+                continue
+            fx, fy, fz, mx, my, mz = blade.law.line_force(u, k, a, n, distances, areas, self.density)
+            moment = (mx + ry * fz - rz * fy, my + rz * fx, mz - ry * fx)
+            total = [t + x for t, x in zip(total, (fx, fy, fz, *moment), strict=True)]
+        return tuple(total)
+
+    def load(self, angle: float, rate: float) -> float:
+        """Torque of weight, air and friction along the joint axis, N m."""
+        weight = sum(body.mass * body.radius * math.sin(angle + body.phase) for body in self.bodies)
+        return -self.gravity * weight - self.air(angle, rate)[3] + self.friction(rate)
+
+    def acceleration(self, angle: float, rate: float, torque: float) -> float:
+        """Of the angle, rad/s2, at a motor torque (N m)."""
+        return (self.load(angle, rate) + torque) / self.inertia
+
+    def wrenches(self, angle: np.ndarray, rate: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """Of the support on the rig at W (n, 6), N and N m, at n states and their accelerations (each (n,))."""
+        angle, rate, acceleration = (np.atleast_1d(np.asarray(x, dtype=float)) for x in (angle, rate, acceleration))
+        px, py, pz = self.pivot
+        x, y, z, mx, my, mz = -np.array(
+            [self.air(*state) for state in zip(angle.tolist(), rate.tolist(), strict=True)]
+        ).T
+        mx, my, mz = mx + py * z - pz * y, my + pz * x - px * z, mz + px * y - py * x
+        parts = [(body.mass, body.radius, body.phase, 1.0) for body in self.bodies]
+        parts += [(self.added_mass, s, 0.0, 0.0) for s in self.added_distances]
+        for mass, radius, phase, whole in parts:  # added mass has neither weight nor spanwise inertia
+            s, c = radius * np.sin(angle + phase), radius * np.cos(angle + phase)
+            force_y = mass * (whole * s * rate**2 - c * acceleration)
+            force_z = mass * (whole * (c * rate**2 + self.gravity) + s * acceleration)
+            y, z = y + force_y, z + force_z
+            mx = mx + (py - s) * force_z - (pz - c) * force_y
+            my, mz = my - px * force_z, mz + px * force_y
+        mx = mx - acceleration * sum(body.inertia for body in self.bodies)
+        weight = self.mount.mass * self.gravity
+        mount_x, mount_y, _ = self.mount.com
+        return np.column_stack((x, y, z + weight, mx + mount_y * weight, my - mount_x * weight, mz))
+
+    def rollout(
+        self, time: np.ndarray, start: tuple[float, float], torque: MotorTorque, most_step: float = 0.004
+    ) -> np.ndarray:
+        """Angle (rad) and rate (rad/s) at given times (n, 2), by classical Runge-Kutta.
+
+        Args:
+            time: increasing, s; the motion starts at the first.
+            start: angle and rate there.
+            torque: of the motor.
+            most_step: s; times in between come from the quintic that meets angle, rate and acceleration at its ends.
+
+        Raises:
+            UserError: the motion leaves all bounds (more than 1000 rad/s).
+        """
+        span = float(time[-1] - time[0])
+        count = max(1, math.ceil(span / most_step - 1e-9))
+        h = span / count
+        inertia, load = self.inertia, self.load
+        angle, rate = start
+        rows = np.empty((count + 1, 3))
+        for i in range(count + 1):
+            t = float(time[0]) + i * h
+            a1 = (load(angle, rate) + torque(t, angle, rate)) / inertia
+            rows[i] = angle, rate, a1
+            if i == count:
+                break
+            w2, q2 = rate + 0.5 * h * a1, angle + 0.5 * h * rate
+            a2 = (load(q2, w2) + torque(t + 0.5 * h, q2, w2)) / inertia
+            w3, q3 = rate + 0.5 * h * a2, angle + 0.5 * h * w2
+            a3 = (load(q3, w3) + torque(t + 0.5 * h, q3, w3)) / inertia
+            w4, q4 = rate + h * a3, angle + h * w3
+            a4 = (load(q4, w4) + torque(t + h, q4, w4)) / inertia
+            angle += h / 6.0 * (rate + 2.0 * w2 + 2.0 * w3 + w4)
+            rate += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+            if not abs(rate) < 1000.0:
+                raise UserError(f"rollout: {rate:g} rad/s at {t + h:g} s; the motion has left all bounds")
+        return _between(rows, h, np.asarray(time, dtype=float) - time[0])
+
+
+def no_torque(time: float, angle: float, rate: float) -> float:
+    """A motor without current, or a rig that was let go."""
+    return 0.0
+
+
+def logged_torque(time: np.ndarray, torque: np.ndarray) -> MotorTorque:
+    """Torque (N m) at evenly spaced times, as a function that is linear between them."""
+    start, period = float(time[0]), float(time[-1] - time[0]) / (len(time) - 1)
+    values, last = np.asarray(torque, dtype=float).tolist(), len(time) - 2
+
+    def at(t: float, angle: float, rate: float) -> float:
+        place = (t - start) / period
+        index = min(max(int(place), 0), last)
+        return values[index] + (place - index) * (values[index + 1] - values[index])
+
+    return at
+
+
+def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade, ...]]:
+    """What swings, and what of it the wind meets; the tail is the last of both."""
+    law, _ = rig_law(scenario)
+    if scenario.is_robot:
+        arm = _swinging(robot_tail_properties(scenario.robot_tail), 0.0, 0.0)
+        return (arm,), (Blade(law, tail_layout(scenario), 0.0, 0.0),)
+    bar = scenario.bar
+    hanging = _swinging(bar_properties(bar), 0.0, 0.0)
+    if not scenario.has_cheetah_tail:
+        return (hanging,), ()
+    root, kilter = bar.tail_distance + scenario.cheetah_tail.gap, scenario.tunnel.kilter
+    tail = _swinging(cheetah_tail_properties(scenario.cheetah_tail), root, kilter)
+    return (hanging, tail), (
+        Blade(PolarLaw(bar.drag_coefficient), bar_layout(scenario), 0.0, 0.0),
+        Blade(law, tail_layout(scenario), root, kilter),
+    )
+
+
+def _swinging(properties: MassProperties, root: float, tilt: float) -> SwingingMass:
+    """A body whose origin is `root` below the pivot along the bar and whose axis is tilted from it."""
+    beyond = -properties.com[2]
+    along, across = root + beyond * math.cos(tilt), beyond * math.sin(tilt)
+    return SwingingMass(properties.mass, math.hypot(along, across), math.atan2(across, along), properties.inertia[0])
+
+
+def _between(rows: np.ndarray, h: float, time: np.ndarray) -> np.ndarray:
+    """Quintic for the angle and its derivative for the rate, from angle, rate and acceleration at even nodes."""
+    index = np.clip((time / h).astype(int), 0, len(rows) - 2)
+    x = time / h - index
+    (q0, w0, a0), (q1, w1, a1) = rows[index].T, rows[index + 1].T
+    w0, w1, a0, a1 = w0 * h, w1 * h, a0 * h * h, a1 * h * h
+    c3 = 10.0 * (q1 - q0) - 6.0 * w0 - 4.0 * w1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15.0 * (q1 - q0) + 8.0 * w0 + 7.0 * w1 + 1.5 * a0 - a1
+    c5 = 6.0 * (q1 - q0) - 3.0 * (w0 + w1) - 0.5 * (a0 - a1)
+    angle = q0 + x * (w0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+    rate = w0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+    return np.column_stack((angle, rate / h))
