@@ -58,10 +58,10 @@ def assemble(
     for port in ports:
         signals.append((port, names[: port.size()]))
         names = names[port.size() :]
-    return CarDiagram(builder, station, signals + truth_signals(builder, station))
+    return CarDiagram(builder, station, signals + truth_signals(station))
 
 
-def truth_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
+def truth_signals(station: Diagram) -> Signals:
     """Ground-truth ports of a station with their column names; none for a station without plant."""
     present = {station.get_output_port(index).get_name() for index in range(station.num_output_ports())}
     signals: Signals = []

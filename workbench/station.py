@@ -62,20 +62,22 @@ def make_car_station(
 
 
 def _export_interface(builder: DiagramBuilder, system: System) -> None:
-    names = {
-        "inputs": [system.get_input_port(i).get_name() for i in range(system.num_input_ports())],
-        "outputs": [system.get_output_port(i).get_name() for i in range(system.num_output_ports())],
-    }
-    for kind, expected in (("inputs", STATION_INPUTS), ("outputs", STATION_OUTPUTS)):
-        if set(names[kind]) != set(expected):
-            raise UserError(
-                f"interface {system.get_name()!r}: {kind} {sorted(names[kind])}; allowed: {sorted(expected)}"
-            )
+    inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
+    outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
+    for kind, ports, contract in (("inputs", inputs, STATION_INPUTS), ("outputs", outputs, STATION_OUTPUTS)):
+        sizes = {port.get_name(): port.size() for port in ports}
+        allowed = {name: fields.size for name, fields in contract.items()}
+        if sizes != allowed:
+            raise UserError(f"interface {system.get_name()!r}: {kind} {_sizes(sizes)}; allowed: {_sizes(allowed)}")
     builder.AddSystem(system)
     for name in STATION_INPUTS:
         builder.ExportInput(system.GetInputPort(name), name)
     for name in STATION_OUTPUTS:
         builder.ExportOutput(system.GetOutputPort(name), name)
+
+
+def _sizes(ports: dict[str, int]) -> str:
+    return ", ".join(f"{name} ({size})" for name, size in sorted(ports.items())) or "none"
 
 
 @dataclass
@@ -173,7 +175,7 @@ class _SimulatedCar:
             scenario.tail.normal_force_coefficient,
             air=Air(scenario.environment.air_density, scenario.environment.air_viscosity),
         )
-        return self._add_tail_sensors(motors.get_output_port())
+        return self._add_tail_sensors(motors.GetOutputPort("torque"))
 
     def _add_tail_sensors(self, torque: OutputPort) -> _TailPorts:
         builder, scenario, plant = self._builder, self._scenario, self._plant
