@@ -25,8 +25,8 @@ FRAMES_PER_SECOND = 50.0
 """Frames per second of the replay, whatever its rate."""
 RATES = (0.02, 20.0)
 """Slowest and fastest replay, seconds of the run per second."""
-MOST_FRAMES = 3000
-"""A longer replay has fewer frames per second, so that the page stays below about 8 MB."""
+MOST_FRAMES = 1000
+"""A replay of more than 20 s has fewer frames per second: a page of so many has 7 MB."""
 
 TIP_COLOUR, COM_COLOUR = Rgba(0.93, 0.60, 0.10), Rgba(0.25, 0.30, 0.75)
 _TRACE_RADIUS = 0.006
@@ -132,7 +132,8 @@ def _draw_traces(meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedCa
     for name, colour, points in traces:
         for index, (start, end) in enumerate(pairwise(edges)):
             path = f"{WORLD}/trace/{name}/{index}"
-            vertices, faces = tube(points[rows[start : end + 1]], _TRACE_RADIUS)
+            fine = np.unique(np.linspace(rows[start], rows[end], 4 * (end - start) + 1).round().astype(int))
+            vertices, faces = tube(points[fine], _TRACE_RADIUS)
             meshcat.SetTriangleMesh(path, vertices, faces, colour)
             animation.SetProperty(0, path, "visible", False)
             animation.SetProperty(int(end), path, "visible", True)
