@@ -4,7 +4,7 @@ Frame W: origin at the force sensor's point, z up, x along the motor axis, wind 
 positive downstream: a revolute joint about -x (design section 4).
 
 The plant is continuous: its acceleration and its six reactions are those of the equations of motion at any state and
-torque. A discrete plant has reactions only after a step.
+torque. A discrete plant has reactions only after a step; README.md beside this file has the figures.
 """
 
 import math
@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, WeldJoint
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
 
 from workbench.actuators.friction import JointFriction, smooth_friction
@@ -33,6 +31,7 @@ from workbench.aero.wind import WindModel, add_wind
 from workbench.errors import UserError
 from workbench.plants.car import parse_model
 from workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, pivot_position, robot_rig_sdf, tail_layout
+from workbench.plants.rig_reactions import SpanwiseBalance, SupportWrench
 from workbench.rig_scenario import RigScenario
 
 ADDED_MASS_PARTS = 5
@@ -163,69 +162,6 @@ def _added_mass(plant: MultibodyPlant, scenario: RigScenario) -> AddedMass | Non
         return None
     layout = tail_layout(scenario, ADDED_MASS_PARTS)
     return add_added_mass(plant, plant.GetBodyByName("tail"), layout, mass, spanwise_free=False)
-
-
-class SupportWrench(LeafSystem):
-    """The reaction at the force sensor as a vector.
-
-    Input ports:
-        reaction_forces: list[SpatialForce], from the plant.
-    Output ports:
-        wrench (6): of the support on the rig at W, W axes: force N, torque N m.
-
-    Args:
-        joint: index of the weld between world and mount, whose child frame is W.
-    """
-
-    def __init__(self, joint: int):
-        super().__init__()
-        self._joint = joint
-        self._reactions = self.DeclareAbstractInputPort("reaction_forces", Value[list[SpatialForce]]())
-        self.DeclareVectorOutputPort("wrench", 6, self._calc, {self._reactions.ticket()})
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        reactions: Any = self._reactions.Eval(context)
-        coefficients = reactions[self._joint].get_coeffs()
-        output.SetFromVector(np.concatenate((coefficients[3:], coefficients[:3])))
-
-
-class SpanwiseBalance(LeafSystem):
-    """Takes the centripetal inertia of the added mass off the tail: added mass acts across the tail's axis only.
-
-    The added mass is a body welded to the tail. On a pendulum its only acceleration along the axis is the centripetal
-    one, so a push of that size makes the wrench exact, without a degree of freedom more.
-
-    Input ports:
-        plant_state (2): angle and rate.
-    Output ports:
-        spatial_forces: list[ExternallyAppliedSpatialForce], one on the body of the added mass.
-    """
-
-    def __init__(self, plant: MultibodyPlant, added: AddedMass):
-        super().__init__()
-        self._plant = plant
-        self._context = plant.CreateDefaultContext()
-        (self._body,) = (plant.get_body(index) for index in plant.GetBodyIndices(added.instance))
-        self._mass = self._body.default_mass()
-        self._state = self.DeclareVectorInputPort("plant_state", 2)
-        calc: Any = self._calc
-        self.DeclareAbstractOutputPort(
-            "spatial_forces", lambda: Value[list[ExternallyAppliedSpatialForce]](), calc, {self._state.ticket()}
-        )
-
-    def _calc(self, context: Context, output: Any) -> None:
-        plant, mine = self._plant, self._context
-        state: Any = self._state.Eval(context)
-        plant.SetPositionsAndVelocities(mine, state)
-        pose = plant.EvalBodyPoseInWorld(mine, self._body)
-        axis = pose.rotation().matrix()[:, 2]
-        pivot = plant.EvalBodyPoseInWorld(mine, plant.GetJointByName("swing").child_body()).translation()
-        distance = axis @ (pose.translation() - pivot)
-        force = ExternallyAppliedSpatialForce()
-        force.body_index = self._body.index()
-        force.p_BoBq_B = np.zeros(3)
-        force.F_Bq_W = SpatialForce(np.zeros(3), -self._mass * distance * state[1] ** 2 * axis)
-        output.set_value([force])
 
 
 class Rig:

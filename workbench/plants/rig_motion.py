@@ -2,7 +2,7 @@
 
 J angle'' = weight + air + friction + motor, with the force law and the jet of `workbench.aero`; the six reactions
 follow from the momenta of the bodies. It is the motion of `workbench.plants.rig` to rounding (a test holds the two
-together) in about a tenth of the time. `dataclasses.replace` varies friction, laws or added mass for a fit.
+together), in a third of the time of a diagram at equal steps. `dataclasses.replace` varies friction, laws, added mass.
 """
 
 from __future__ import annotations

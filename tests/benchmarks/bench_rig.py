@@ -1,0 +1,88 @@
+"""What the wind-tunnel rig costs: rollouts of a swing for fits, the diagram of the same swing, and a static log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from tests.benchmarks.rows import BenchRow
+from workbench.plants.rig import Rig, add_rig_plant
+from workbench.plants.rig_motion import RigMotion, no_torque
+from workbench.rig_logs import simulate_static_log
+from workbench.rig_scenario import RigScenario, load_rig_scenario
+
+_REPEATS = 5
+_START = (1.5, 0.0)
+_TIME = np.linspace(0.0, 1.0, 1001)
+
+
+def _best(action: Callable[[], object], repeats: int = _REPEATS) -> float:
+    """Processor time of the fastest of some repetitions, s."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.process_time()
+        action()
+        best = min(best, time.process_time() - start)
+    return float(best)
+
+
+def _diagram_swing(scenario: RigScenario, step: float) -> Callable[[], np.ndarray]:
+    """One second of a swing of the tail that was let go, as a Drake diagram; gives angle and rate at its end."""
+    builder = DiagramBuilder()
+    rig = add_rig_plant(builder, scenario)
+    builder.ExportInput(rig.torques.get_input_port(0), "motor_torque")
+    diagram = builder.Build()
+
+    def run() -> np.ndarray:
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        diagram.GetInputPort("motor_torque").FixValue(context, np.zeros(1))
+        plant_context = rig.plant.GetMyMutableContextFromRoot(context)
+        rig.plant.SetPositionsAndVelocities(plant_context, np.array(_START))
+        ResetIntegratorFromFlags(simulator, "runge_kutta3", step)
+        simulator.get_mutable_integrator().set_fixed_step_mode(True)
+        simulator.AdvanceTo(1.0)
+        return np.array(rig.plant.GetPositionsAndVelocities(plant_context))
+
+    return run
+
+
+def bench_rollouts() -> Iterator[BenchRow]:
+    """A second of swing in the wind of 10 m/s, once as the plain pendulum and once as the diagram, each at 4 ms."""
+    scenario = load_rig_scenario("flick")
+    motion, diagram = RigMotion.of(scenario), _diagram_swing(scenario, 0.004)
+    plain = _best(lambda: motion.rollout(_TIME, _START, no_torque))
+    drake = _best(diagram)
+    yield BenchRow("rig: rollouts of 1 s per second", 1.0 / plain, "1/s", ">= 1", 1.0 / drake)
+    finest = _diagram_swing(scenario, 0.0002)()
+    error = abs(motion.rollout(_TIME, _START, no_torque)[-1, 0] - finest[0])
+    yield BenchRow("rig: angle of a rollout after 1 s against the diagram at 0.2 ms", error, "rad", "<= 1.2e-4")
+    bar = RigMotion.of(load_rig_scenario("bar"))
+    yield BenchRow(
+        "rig: bare-bar rollouts of 1 s per second", 1.0 / _best(lambda: bar.rollout(_TIME, _START, no_torque)), "1/s"
+    )
+
+
+def bench_reaction() -> Iterator[BenchRow]:
+    """Acceleration and wrench at one state: the plant, and a state among a thousand of the plain pendulum."""
+    scenario = load_rig_scenario("flick")
+    rig, motion = Rig(scenario), RigMotion.of(scenario)
+    angles, rates = np.linspace(-0.5, 1.0, 1000), np.linspace(-5.0, 5.0, 1000)
+
+    def plant() -> None:
+        for angle, rate in zip(angles, rates, strict=True):
+            rig.reaction(angle, rate, 0.1)
+
+    per_state = 1e6 / len(angles)
+    plain = _best(lambda: motion.wrenches(angles, rates, rates)) * per_state
+    yield BenchRow("rig: wrench at one of 1000 states", plain, "us", "", _best(plant) * per_state)
+
+
+def bench_static_log() -> Iterator[BenchRow]:
+    """A synthetic static log of 20 s at 1 kHz, model building included; 540 of them make a campaign."""
+    scenario = load_rig_scenario("static")
+    yield BenchRow("rig: synthetic static log of 20 s", _best(lambda: simulate_static_log(scenario)), "s")
