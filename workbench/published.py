@@ -88,8 +88,29 @@ class Comparison:
 
 def published_figures() -> tuple[PublishedFigures, ...]:
     """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
-    with open(model_path("published/manoeuvre_metrics.csv"), newline="", encoding="utf-8") as file:
-        return tuple(_figures(row) for row in csv.DictReader(file))
+    return tuple(_figures(row) for row in _table("manoeuvre_metrics"))
+
+
+@dataclass(frozen=True)
+class FlipBracket:
+    """Highest commanded speed that a simulated car of the thesis survived and the one at which it flipped, m/s."""
+
+    survived: float
+    flipped: float
+
+
+def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
+    """Published bracket of the simulated car (thesis 7.1.1, 7.1.2; which speed is which: ERRATA E37, E38)."""
+    constants = _constants()
+    survived = {"tailless": "fastest_simulated_tailless_commanded_speed", "tailed": "simulated_tailed_range_high"}
+    return FlipBracket(constants[survived[configuration]], constants[f"simulated_{configuration}_flip_speed"])
+
+
+def tyre_damping() -> tuple[float, float]:
+    """Published damping of a front and of a rear tyre, N s/m (thesis Table 6.1)."""
+    rows = _table("tyre_suspension")
+    named = {row["unit"]: float(row["damping_constant_n_s_per_m"]) for row in rows}
+    return named["Front tyres"], named["Back tyres"]
 
 
 def compare_figures(
@@ -125,3 +146,12 @@ def _figures(row: dict[str, str]) -> PublishedFigures:
         roll_sum_as_printed=printed,
         source=row["source_table"],
     )
+
+
+def _constants() -> dict[str, float]:
+    return {row["name"]: float(row["value_si"]) for row in _table("constants") if row["unit_si"] == "m/s"}
+
+
+def _table(name: str) -> list[dict[str, str]]:
+    with open(model_path(f"published/{name}.csv"), newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))

@@ -1,0 +1,105 @@
+"""One look for all figures: colours, markers, lines, the shaded turn, files."""
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, made to be told apart with any colour vision.
+BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
+    "#000000",
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#56B4E9",
+    "#CC79A7",
+)
+GREY = "#6b6b6b"
+TURN_SHADE = "#e9e4d4"
+
+RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#dcdcdc",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 7.0,
+    "figure.constrained_layout.use": True,
+    "savefig.facecolor": "white",
+    "hatch.linewidth": 0.7,
+}
+
+
+@dataclass(frozen=True)
+class ModeStyle:
+    """How a tail mode is drawn: its name in words, colour, marker and line style."""
+
+    words: str
+    colour: str
+    marker: str
+    line: Any
+
+
+MODE_STYLES = {
+    "none": ModeStyle("no tail", BLACK, "o", "-"),
+    "held": ModeStyle("tail held", BLUE, "s", (0, (5, 2))),
+    "swing": ModeStyle("tail swings", VERMILION, "^", (0, (5, 1.5, 1, 1.5))),
+}
+
+CAUSE_STYLES = {
+    "aerodynamic": ("air", SKY, "////", "-"),
+    "weight": ("weight", ORANGE, "....", (0, (5, 2))),
+    "inertial": ("inertia", PURPLE, "\\\\\\\\", (0, (1, 1))),
+}
+"""Cause of a moment of the tail -> word, colour, hatch, line style."""
+
+FLIPPED_MARKER = "X"
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The settings of all figures; settings of a notebook outside are left as they are."""
+    with matplotlib.rc_context(RC):
+        yield
+
+
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """A figure of width x height inches and its axes, shape (rows, columns)."""
+    figure = Figure(figsize=(width, height))
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def shade_turn(axes: Axes, window: tuple[float, float], label: str = "") -> None:
+    """Marks the turn: from the steering command until the wheels are straight again."""
+    axes.axvspan(*window, color=TURN_SHADE, zorder=0, linewidth=0, label=label or None)
+
+
+def mark_top(axes: Axes, values: np.ndarray, headroom: float = 1.15) -> float:
+    """Sets the upper limit so that `values` fit below the place for marks of flipped runs; that place in data units."""
+    top = headroom * float(np.max(values)) if values.size else 1.0
+    axes.set_ylim(min(0.0, 1.1 * float(np.min(values))) if values.size else 0.0, top * 1.1)
+    return top
+
+
+def png(figure: Figure, dpi: int = 130) -> bytes:
+    """The figure as PNG, the same bytes for the same figure (no time stamp, no version in it)."""
+    buffer = io.BytesIO()
+    with styled():
+        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return buffer.getvalue()

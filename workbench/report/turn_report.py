@@ -1,0 +1,260 @@
+"""The whole report of a set of turns: from what was simulated to the numbers that made it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from workbench.logs.schema import RunLog
+from workbench.plots import plot_turn
+from workbench.plots.style import MODE_STYLES
+from workbench.published import tyre_damping
+from workbench.report import chapters, findings
+from workbench.report.page import (
+    Cell,
+    Markup,
+    Section,
+    bullets,
+    figure,
+    finding,
+    folded,
+    heading,
+    link,
+    page,
+    paragraph,
+    picture,
+    preformatted,
+    table,
+)
+from workbench.scenario import SECTIONS, load_parameter_entries
+from workbench.summary import RunSummary
+
+
+@dataclass(frozen=True)
+class ReportFiles:
+    """Files beside the report, as relative addresses; what is not there is not linked.
+
+    Attributes:
+        summary: table of the runs.
+        logs: name of a run -> its log.
+        replays: name of a run -> its replay.
+        strips: name of a run -> its strip of pictures.
+    """
+
+    summary: str = ""
+    logs: Mapping[str, str] = field(default_factory=dict)
+    replays: Mapping[str, str] = field(default_factory=dict)
+    strips: Mapping[str, str] = field(default_factory=dict)
+
+
+def turn_report(
+    summaries: Sequence[RunSummary], run_logs: Mapping[str, RunLog], standard: Sequence[str], files: ReportFiles
+) -> str:
+    """The report as HTML text; equal runs give equal text.
+
+    Args:
+        summaries: all runs.
+        run_logs: name -> log of the runs that are drawn over time: the standard ones and those with a swinging tail.
+        standard: names of the runs whose signals are shown in full, in order; the first gives scenario and versions.
+        files: what lies beside the report.
+    """
+    first = run_logs[standard[0]]
+    sections = (
+        _what_was_simulated(summaries, run_logs, standard, files),
+        chapters.outcomes(summaries),
+        chapters.beside_published(summaries, first.scenario),
+        chapters.tail_beside_none(summaries),
+        chapters.what_the_tail_does(summaries, run_logs),
+        _signals(run_logs, standard, files),
+        _limits(summaries, first.scenario),
+        _parameters(first.scenario),
+        _provenance(summaries, run_logs, standard, files),
+    )
+    lead = (
+        f"{len(summaries)} simulated turns of a 1:10 car with a light aerodynamic tail: without tail, with the "
+        "tail held "
+        "on the inside of the turn, and with the tail swung over the top to the outside."
+    )
+    return page("The car turns, with and without its tail", lead, sections)
+
+
+def _what_was_simulated(
+    summaries: Sequence[RunSummary], run_logs: Mapping[str, RunLog], standard: Sequence[str], files: ReportFiles
+) -> Section:
+    scenario = run_logs[standard[0]].scenario
+    manoeuvre, controller = scenario["manoeuvre"], scenario["controller"]
+    speeds = sorted({s.commanded_speed for s in summaries})
+    parts = [
+        _in_short(summaries),
+        paragraph(
+            f"Each run takes {manoeuvre['duration']:g} s. The car reaches its speed within "
+            f"{manoeuvre['speed_ramp']:g} s; at "
+            f"{manoeuvre['turn_start']:g} s it is steered {findings.degrees(manoeuvre['steer_angle'])} to the "
+            f"{manoeuvre['direction']}, {manoeuvre['turn_hold']:g} s later straight ahead again, while the drive "
+            "holds the "
+            f"speed of the wheels. There are {len(speeds)} speeds from {speeds[0]:.2f} to {speeds[-1]:.2f} m/s."
+        ),
+        bullets(_mode_words(summaries, controller)),
+    ]
+    for name in standard:
+        if name in files.strips:
+            parts.append(picture(files.strips[name], _strip_caption(name, files), f"Five pictures of the run {name}"))
+    return Section("simulated", "What was simulated", tuple(parts))
+
+
+def _in_short(summaries: Sequence[RunSummary]) -> Markup:
+    """What came out, before how."""
+    said: list[Cell] = []
+    for mode in MODE_STYLES:
+        runs = [s for s in summaries if s.tail_mode == mode]
+        if runs:
+            said.append(
+                f"{MODE_STYLES[mode].words.capitalize()}: {findings.bracket_in_words(findings.bracket_of(runs))}."
+            )
+    reference = findings.reference_run(summaries)
+    if reference is not None:
+        said += [
+            findings.faster_claim(summaries, mode, reference)
+            for mode in ("held", "swing")
+            if any(s.tail_mode == mode for s in summaries)
+        ]
+    return finding(paragraph("In short:"), bullets(said))
+
+
+def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) -> list[Cell]:
+    said = {
+        "none": "No tail: the arm is taken off; its gearbox stays on the car.",
+        "held": f"Tail held: it lies {findings.degrees(controller['hold_angle'])} to the inside all the time.",
+        "swing": (
+            f"Tail swings: held on the inside until the yaw rate passes {controller['trigger_yaw_rate']:g} rad/s, then "
+            f"driven over the top at {controller['swing_speed']:g} rad/s, and held on the outside after "
+            f"{findings.degrees(controller['travel'])} of travel."
+        ),
+    }
+    return [words for mode, words in said.items() if any(s.tail_mode == mode for s in summaries)]
+
+
+def _strip_caption(name: str, files: ReportFiles) -> Cell:
+    text = (
+        "Before, during and after the turn; arrows are forces of the ground on the wheels and of the air on the tail."
+    )
+    if name not in files.replays:
+        return text
+    return Markup(f"{text} {link(files.replays[name], 'Watch this run in 3D').text}.")
+
+
+def _signals(run_logs: Mapping[str, RunLog], standard: Sequence[str], files: ReportFiles) -> Section:
+    parts = []
+    for name in standard:
+        log = run_logs[name]
+        mode, speed = MODE_STYLES[log.scenario["tail"]["mode"]].words, log.scenario["manoeuvre"]["speed"]
+        title = f"{mode.capitalize()}, {speed:.2f} m/s"
+        links = [
+            link(at[name], words).text for at, words in ((files.logs, "log"), (files.replays, "replay")) if name in at
+        ]
+        caption = "IMU and GPS as the car would log them, and after its filters. " + " · ".join(links)
+        parts += [heading(title), figure(plot_turn(log), Markup(caption), f"Signals over time: {title}")]
+    return Section("signals", "Runs over time", tuple(parts))
+
+
+def _limits(summaries: Sequence[RunSummary], scenario: dict[str, Any]) -> Section:
+    """What the model cannot represent."""
+    car, gravity = scenario["car"], float(scenario["environment"]["gravity"])
+    front, rear = tyre_damping()
+    share = float(car["com_x"]) / float(car["wheelbase"])
+    loads = (0.5 * car["mass"] * gravity * share, 0.5 * car["mass"] * gravity * (1.0 - share))
+    prior = load_parameter_entries("car")["mass"].prior or (car["mass"], car["mass"])
+    lowest, highest = front / (0.25 * prior[1] * gravity), rear / (0.25 * prior[0] * gravity)
+    used = float(car["tyre_dissipation"])
+    parts = [
+        paragraph(
+            f"Tyre damping. Published are {front:g} N s/m (front) and {rear:g} N s/m (rear). Contact is damped by "
+            "the law of "
+            "Hunt and Crossley, force = k x (1 + d v); at the static wheel load a damping c equals d = c / load, here "
+            f"{front / loads[0]:.0f} s/m in front ({loads[0]:.1f} N) and {rear / loads[1]:.0f} s/m behind "
+            f"({loads[1]:.1f} N), "
+            f"and {lowest:.0f} to {highest:.0f} s/m over the masses that the car may have ({prior[0]:g} to "
+            f"{prior[1]:g} kg). "
+            f"Above about 10 s/m the outcome depends on the step of the simulation, so {used:g} s/m is used: "
+            f"{used * loads[0]:.0f} and {used * loads[1]:.0f} N s/m at these loads, "
+            f"{100 * used * loads[0] / front:.0f} % and "
+            f"{100 * used * loads[1] / rear:.0f} % of the published damping. The published damping is not "
+            "representable."
+        ),
+        paragraph(
+            "Tyres follow Coulomb's law with one coefficient: beyond it the side force no longer grows, so that "
+            "survival "
+            "depends more on grip and height of the centre of mass than on the speed."
+        ),
+        paragraph(
+            "A flipped car lands on a roll cage with an assumed stiffness: what happens after the first contact "
+            "of the cage "
+            "decides nothing here and should not be trusted."
+        ),
+    ]
+    return Section("limits", "What the model cannot show", tuple(parts))
+
+
+def _parameters(scenario: dict[str, Any]) -> Section:
+    """Every number with unit and source; assumed ones stand out."""
+    parts: list[Markup] = []
+    assumed = total = 0
+    for section in SECTIONS:
+        rows, marked = [], []
+        for key, entry in load_parameter_entries(section).items():
+            value = scenario[section][key]
+            by_run = value != entry.value
+            if entry.source == "assumed" and not by_run:
+                marked.append(len(rows))
+            prior = "" if entry.prior is None else f"{entry.prior[0]:g} to {entry.prior[1]:g}"
+            source = f"◆ {entry.source}" if entry.source == "assumed" else entry.source
+            rows.append(
+                (
+                    key,
+                    f"{value:.6g}" if isinstance(value, float) else str(value).lower(),
+                    "" if entry.unit == "1" else entry.unit,
+                    f"set by the scenario (default {entry.value})" if by_run else source,
+                    prior,
+                    entry.reason or "",
+                )
+            )
+        assumed, total = assumed + len(marked), total + len(rows)
+        header = ("parameter", "value", "unit", "source", "prior range", "reason")
+        parts.append(folded(f"{section} ({len(marked)} of {len(rows)} assumed)", table(header, rows, (1,), marked)))
+    parts.insert(
+        0,
+        paragraph(
+            f"{assumed} of {total} parameters are assumed: published nowhere, chosen within a prior range and "
+            "marked with ◆. "
+            "They are provisional until they are calibrated. Tail mode and speed differ from run to run."
+        ),
+    )
+    return Section("parameters", "Parameters and their sources", tuple(parts))
+
+
+def _provenance(
+    summaries: Sequence[RunSummary], run_logs: Mapping[str, RunLog], standard: Sequence[str], files: ReportFiles
+) -> Section:
+    first = run_logs[standard[0]]
+    versions = sorted({(name, version) for log in run_logs.values() for name, version in log.versions.items()})
+    seeds = sorted({log.seed for log in run_logs.values()})
+    rows = [*versions, ("seed", ", ".join(str(seed) for seed in seeds))]
+    rows += [("step of the plant", f"{first.scenario['simulation']['step']:g} s")]
+    runs = []
+    for s in summaries:
+        log = link(files.logs[s.name], "log") if s.name in files.logs else ""
+        replay = link(files.replays[s.name], "replay") if s.name in files.replays else ""
+        runs.append((s.name, MODE_STYLES[s.tail_mode].words, f"{s.commanded_speed:.4f}", log, replay))
+    scenario = json.dumps(first.scenario, indent=2, sort_keys=True)
+    parts = [
+        table(("what", "value"), rows),
+        paragraph(
+            "The same scenario and seed give the same bits in every signal. Each log holds its resolved "
+            "scenario, its seed "
+            "and these versions."
+        ),
+        *([paragraph("Numbers of every run: ", link(files.summary, files.summary))] if files.summary else []),
+        folded("Runs and their files", table(("run", "tail", "speed [m/s]", "log", "replay"), runs, (2,))),
+        folded(f"Resolved scenario of {standard[0]}", preformatted(scenario)),
+    ]
+    return Section("provenance", "Provenance", tuple(parts))
