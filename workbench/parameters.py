@@ -4,7 +4,10 @@ The values live in `models/parameters/<section>.yaml`, each with unit and source
 and allowed range only. Frames and signs: design section 4.
 """
 
+import math
 from typing import Literal
+
+from pydantic import model_validator
 
 from workbench.quantity import QuantityModel, quantity
 
@@ -41,6 +44,17 @@ class CarParameters(QuantityModel):
     gearbox_width: float = quantity("m", "gearbox along y", gt=0, le=1)
     gearbox_length: float = quantity("m", "gearbox along x", gt=0, le=1)
     gearbox_height: float = quantity("m", "gearbox along z", gt=0, le=1)
+
+    @model_validator(mode="after")
+    def _gyration_is_physical(self) -> "CarParameters":
+        radii = {name: getattr(self, f"gyration_{name}") for name in ("roll", "pitch", "yaw")}
+        for name, radius in radii.items():
+            most = math.sqrt(sum(other**2 for other in radii.values()) - radius**2)
+            if radius > most * (1 + 1e-9):
+                raise ValueError(
+                    f"gyration_{name}: {radius:g} m; allowed: <= {most:g} m, so that the inertia is physical"
+                )
+        return self
 
 
 class TailParameters(QuantityModel):
@@ -90,6 +104,7 @@ class ServoParameters(QuantityModel):
 
     rate: float = quantity("rad/s", "steering rate at the road wheels", gt=0, le=100)
     limit: float = quantity("rad", "largest steering angle to either side", gt=0, le=1.2)
+    frame_rate: float = quantity("Hz", "rate at which the servo reads its command", gt=0, le=2000)
     stiffness: float = quantity("N m/rad", "position gain at each front knuckle", gt=0, le=1e4)
     damping: float = quantity("N m s/rad", "velocity gain at each front knuckle", ge=0, le=1e3)
     torque_limit: float = quantity("N m", "largest steering torque at each front knuckle", gt=0, le=100)

@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from tests.workbench.stands import CarStand
+from workbench.actuators.servo import ackermann
 from workbench.controllers.manoeuvre import make_schedule
 from workbench.controllers.tail_controller import TailController
 from workbench.controllers.turn_driver import TurnDriver
@@ -147,6 +148,16 @@ def test_steering_and_throttle_move_the_car_where_they_say():
     reverse = CarStand(scenario_from_dict({"tail": {"mode": "none"}}), throttle=[-0.15])
     reverse.advance(1.0)
     assert BODY_TRUTH.read(reverse.output("body_truth")).velocity_x_truth_m_per_s < -0.5
+
+
+def test_each_knuckle_gets_its_own_angle_of_the_linkage():
+    car = CarStand(scenario_from_dict({"tail": {"mode": "none"}}), steering_angle=[0.3], throttle=[0.15])
+    car.advance(1.0)
+    angles = [
+        car.plant.GetJointByName(f"front_{side}_steering").get_angle(car.plant_context) for side in ("left", "right")
+    ]
+    # The servo gives way by 200 N m/rad: a few milliradians, where the linkage parts the wheels by 100.
+    np.testing.assert_allclose(angles, ackermann(0.3, car.scenario.car.wheelbase, car.scenario.car.track), atol=0.01)
 
 
 def test_status_of_a_simulated_car_is_fresh_armed_and_without_fault():
