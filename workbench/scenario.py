@@ -66,6 +66,7 @@ class Scenario(BaseModel):
             "gps.rate": self.gps.rate,
             "sail_encoder.rate": self.sail_encoder.rate,
             "controller.rate": self.controller.rate,
+            "servo.frame_rate": self.servo.frame_rate,
             "simulation.log_rate": self.simulation.log_rate,
         }
         for key, rate in rates.items():

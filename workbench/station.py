@@ -146,7 +146,7 @@ class _SimulatedCar:
     def _add_steering(self) -> None:
         servo = self._builder.AddNamedSystem(
             "steering_servo",
-            SteeringServo(self._scenario.servo, self._scenario.car, self._scenario.simulation.step),
+            SteeringServo(self._scenario.servo, self._scenario.car, offset=self._scenario.simulation.step),
         )
         actuators = [
             self._plant.get_joint_actuator(index).joint().name()

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from workbench.actuators.friction import FrictionLaw
 from workbench.parameters import TailMotorParameters
 from workbench.plants.tail import ArmInertia
 from workbench.ports import TAIL_COMMAND
@@ -79,59 +80,61 @@ def mit_torque(
 
 
 class TailMotors(LeafSystem):
-    """The two tail motors: commands in, joint torques out.
+    """The two tail motors with the friction of their joints: commands in, joint torques out.
 
     The law is that of `mit_torque` at the end of the step. The load on a joint is taken from the last step, inertia
     times acceleration less the torque that acted, with the friction of this instant. The reflected rotor inertia is
-    part of the plant (tail.sdf). A NaN in a command gives zero torque for that joint.
+    part of the plant (tail.sdf). A NaN in a command gives zero motor torque for that joint. Friction belongs to the
+    same system, since it is evaluated at every step with the same state.
 
     Input ports (pitch and roll, in this order):
         joint_state (4): angles rad, rates rad/s, from the plant.
         joint_acceleration (2): rad/s2, of the plant's last step.
         joint_torque (2): N m, motor and friction together, of the plant's last step.
-        friction (2): N m, of this instant.
         tail_pitch_command (5), tail_roll_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad,
             torque N m.
     Output ports:
-        torque (2): N m, along the joint axes.
+        actuation (2): N m along the joint axes, motor and friction together.
+        torque (2): N m along the joint axes, of the motors alone.
 
     Args:
         motor: limits and rotor.
         arm: inertia of the arm about its joints.
+        friction: of each joint.
         step: of the plant, s.
     """
 
-    def __init__(self, motor: TailMotorParameters, arm: ArmInertia, step: float):
+    def __init__(self, motor: TailMotorParameters, arm: ArmInertia, friction: FrictionLaw, step: float):
         super().__init__()
-        self._motor, self._arm, self._step = motor, arm, step
+        self._motor, self._arm, self._friction, self._step = motor, arm, friction, step
         self._line = torque_speed_limits(motor)
         self._rotor = motor.rotor_inertia * motor.gear_ratio**2
-        self._state = self.DeclareVectorInputPort("joint_state", 2 * JOINTS)
-        self._past = [
-            self.DeclareVectorInputPort(name, JOINTS) for name in ("joint_acceleration", "joint_torque", "friction")
-        ]
+        names = {"joint_state": 2 * JOINTS, "joint_acceleration": JOINTS, "joint_torque": JOINTS}
+        self._motion = [self.DeclareVectorInputPort(name, size) for name, size in names.items()]
         self._commands = [
             self.DeclareVectorInputPort(f"tail_{joint}_command", TAIL_COMMAND.size) for joint in ("pitch", "roll")
         ]
-        self.DeclareVectorOutputPort(
-            "torque", JOINTS, self._calc_torque, prerequisites_of_calc={self.all_input_ports_ticket()}
-        )
+        inputs = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("actuation", JOINTS, self._calc_actuation, prerequisites_of_calc=inputs)
+        self.DeclareVectorOutputPort("torque", JOINTS, self._calc_torque, prerequisites_of_calc=inputs)
+
+    def _calc_actuation(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array([motor + friction for motor, friction in self._torques(context)]))
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        joint_state: Any = self._state.Eval(context)
-        state = joint_state.tolist()
-        torques = []
-        for joint, ahead in enumerate(self._steps_ahead(context, state[ROLL])):
-            command: Any = self._commands[joint].Eval(context)
-            torque = mit_torque(state[joint], state[JOINTS + joint], command.tolist(), self._motor, self._line, ahead)
-            torques.append(torque if torque == torque else 0.0)
-        output.SetFromVector(np.array(torques))
+        output.SetFromVector(np.array([motor for motor, _ in self._torques(context)]))
 
-    def _steps_ahead(self, context: Context, roll_angle: float) -> list[StepAhead]:
-        accelerations, torques, frictions = (np.asarray(port.Eval(context)).tolist() for port in self._past)
-        steps = []
-        for joint, arm in enumerate(self._arm.about_joints(roll_angle)):
-            inertia = arm + self._rotor
-            load = inertia * accelerations[joint] - torques[joint] + frictions[joint]
-            steps.append(StepAhead(self._step, inertia, load))
-        return steps
+    def _torques(self, context: Context) -> list[tuple[float, float]]:
+        """Motor and friction torque of each joint, N m."""
+        motion: list[Any] = [port.Eval(context) for port in self._motion]
+        state, accelerations, last_torques = (values.tolist() for values in motion)
+        torques = []
+        for joint, arm_inertia in enumerate(self._arm.about_joints(state[ROLL])):
+            command: Any = self._commands[joint].Eval(context)
+            rate, inertia = state[JOINTS + joint], arm_inertia + self._rotor
+            friction = self._friction(rate)
+            load = inertia * accelerations[joint] - last_torques[joint] + friction
+            ahead = StepAhead(self._step, inertia, load)
+            torque = mit_torque(state[joint], rate, command.tolist(), self._motor, self._line, ahead)
+            torques.append((torque if torque == torque else 0.0, friction))
+        return torques

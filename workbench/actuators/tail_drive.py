@@ -3,10 +3,9 @@
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import Adder
 
-from workbench.actuators.ak70 import JOINTS, TailMotors
-from workbench.actuators.friction import JointFriction, smooth_friction
+from workbench.actuators.ak70 import TailMotors
+from workbench.actuators.friction import smooth_friction
 from workbench.plants.tail import arm_inertia
 from workbench.scenario import Scenario
 from workbench.wiring import select
@@ -36,16 +35,12 @@ def add_tail_drive(
         angles + [plant.num_positions() + rate for rate in rates],
     )
     inertia = arm_inertia(scenario.tail, scenario.tail_motor, scenario.car)
-    motors = builder.AddNamedSystem("tail_torques", TailMotors(scenario.tail_motor, inertia, scenario.simulation.step))
     friction = scenario.friction
     law = smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain)
-    losses = builder.AddNamedSystem("tail_friction", JointFriction(law, JOINTS))
-    total = builder.AddNamedSystem("tail_actuation", Adder(2, JOINTS))
-    for index, system in enumerate((motors, losses)):
-        builder.Connect(state, system.GetInputPort("joint_state"))
-        builder.Connect(system.get_output_port(), total.get_input_port(index))
-    builder.Connect(total.get_output_port(), plant.get_actuation_input_port(arm))
-    builder.Connect(losses.get_output_port(), motors.GetInputPort("friction"))
+    motors = TailMotors(scenario.tail_motor, inertia, law, scenario.simulation.step)
+    builder.AddNamedSystem("tail_torques", motors)
+    builder.Connect(state, motors.GetInputPort("joint_state"))
+    builder.Connect(motors.GetOutputPort("actuation"), plant.get_actuation_input_port(arm))
     builder.Connect(plant.get_net_actuation_output_port(arm), motors.GetInputPort("joint_torque"))
     acceleration = select(builder, "tail_joint_acceleration", plant.GetOutputPort("generalized_acceleration"), rates)
     builder.Connect(acceleration, motors.GetInputPort("joint_acceleration"))

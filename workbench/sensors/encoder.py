@@ -115,14 +115,14 @@ class MotorReply:
     speed_bits: int = 12
 
 
-def quantise_symmetric(value: np.ndarray, limit: np.ndarray, bits: np.ndarray) -> np.ndarray:
+def quantise_symmetric(value: float, limit: float, bits: int) -> float:
     """Value after a trip through an unsigned word of `bits` that spans [-limit, limit].
 
     Rounded to the nearest of 2^bits - 1 steps and clipped. The number of steps is odd, so zero itself cannot be sent:
     a motor at rest reports half a step.
     """
-    steps = 2.0**bits - 1.0
-    return np.round((np.clip(value, -limit, limit) + limit) * (steps / (2.0 * limit))) * (2.0 * limit / steps) - limit
+    step = 2.0 * limit / (2**bits - 1)
+    return round((min(max(value, -limit), limit) + limit) / step) * step - limit
 
 
 class MotorEncoder(SampledSensor):
@@ -162,10 +162,9 @@ class MotorEncoder(SampledSensor):
     ) -> None:
         super().__init__(name="tail_motors", outputs={"angles": 2, "rates": 2}, rate=rate, delay=delay, step=step)
         reply = reply or MotorReply()
-        self._indices = list(indices)
         self._plant_state = self.DeclareVectorInputPort("plant_state", state_size)
-        self._limits = np.repeat([reply.position_range, reply.speed_range], 2)
-        self._bits = np.repeat([reply.position_bits, reply.speed_bits], 2)
+        words = [(reply.position_range, reply.position_bits), (reply.speed_range, reply.speed_bits)]
+        self._words = [(index, *words[place // 2]) for place, index in enumerate(indices)]
 
     @classmethod
     def add_to_builder(
@@ -198,4 +197,4 @@ class MotorEncoder(SampledSensor):
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (4,)."""
         state: Any = self._plant_state.Eval(context)
-        return quantise_symmetric(state[self._indices], self._limits, self._bits)
+        return np.array([quantise_symmetric(float(state[index]), limit, bits) for index, limit, bits in self._words])

@@ -22,27 +22,26 @@ def bicycle_angle(knuckles):
 
 class ServoRun:
     def __init__(self):
-        self.servo = SteeringServo(SERVO, CAR, STEP)
+        self.servo = SteeringServo(SERVO, CAR)
         self.simulator = Simulator(self.servo)
         self.context = self.simulator.get_mutable_context()
 
     def command(self, angle, until):
         self.servo.get_input_port().FixValue(self.context, [angle])
+        self.simulator.AdvancePendingEvents()  # the frame of this instant reads the new command
         self.simulator.AdvanceTo(until)
-        # `AdvanceTo` leaves the update of its end time pending; a step of no width takes it.
-        self.simulator.AdvancePendingEvents()
         return self.servo.get_output_port().Eval(self.context)
 
 
 def test_thirty_degrees_take_0_14_seconds():
     run = ServoRun()
-    half_way = run.command(LIMIT, 0.07 - STEP)
+    half_way = run.command(LIMIT, 0.07)
     assert bicycle_angle(half_way) == pytest.approx(LIMIT / 2, rel=1e-9)
-    before = run.command(LIMIT, 0.14 - 2 * STEP)
+    before = run.command(LIMIT, 0.14 - STEP)
     assert bicycle_angle(before) == pytest.approx(LIMIT - SERVO.rate * STEP, rel=1e-9)
-    there = run.command(LIMIT, 0.14 - STEP)
+    there = run.command(LIMIT, 0.14)
     assert bicycle_angle(there) == pytest.approx(LIMIT, rel=1e-9)
-    back = run.command(0.0, 0.28 - STEP)
+    back = run.command(0.0, 0.28)
     np.testing.assert_allclose(back[:2], 0.0, atol=1e-12)
 
 
@@ -53,8 +52,15 @@ def test_servo_stops_at_its_limit_on_both_sides():
         np.testing.assert_allclose(knuckles[2:], 0.0, atol=1e-12)
 
 
-def test_small_step_is_taken_at_once():
-    assert bicycle_angle(ServoRun().command(0.5 * SERVO.rate * STEP, 0.0)) == pytest.approx(0.5 * SERVO.rate * STEP)
+def test_command_is_read_once_per_frame():
+    """A command between two frames of 10 ms moves nothing before the next one."""
+    run = ServoRun()
+    run.command(0.0, 0.003)
+    run.servo.get_input_port().FixValue(run.context, [LIMIT])
+    run.simulator.AdvanceTo(0.0099)
+    assert bicycle_angle(run.servo.get_output_port().Eval(run.context)) == 0.0
+    run.simulator.AdvanceTo(0.01 + 5 * STEP)
+    assert bicycle_angle(run.servo.get_output_port().Eval(run.context)) == pytest.approx(5 * STEP * SERVO.rate)
 
 
 def test_nan_holds_the_last_angle():
@@ -82,7 +88,8 @@ def test_both_wheels_roll_about_one_centre_on_the_rear_axle():
 def test_knuckle_rates_are_the_derivatives_of_the_knuckle_angles():
     run = ServoRun()
     earlier = run.command(LIMIT, 0.1 - STEP).copy()
-    later = run.command(LIMIT, 0.1)
-    # The reported rate is that of the end of the step: off by half a step of a slope that changes by 5 rad/s2.
-    np.testing.assert_allclose((later[:2] - earlier[:2]) / STEP, later[2:], rtol=5e-3)
-    assert later[2] > later[3] > 0.0
+    middle = run.command(LIMIT, 0.1).copy()
+    later = run.command(LIMIT, 0.1 + STEP)
+    # Central difference: the error is the third derivative times STEP^2 / 6, below 1e-4 of the rate here.
+    np.testing.assert_allclose((later[:2] - earlier[:2]) / (2 * STEP), middle[2:], rtol=1e-4)
+    assert middle[2] > middle[3] > 0.0

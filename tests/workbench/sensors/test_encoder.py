@@ -88,21 +88,22 @@ def test_rate_above_one_per_step_is_refused():
 def test_motor_reply_is_rounded_to_the_nearest_of_2_to_the_n_minus_1_steps():
     position_step, speed_step = 25.0 / 65535, 100.0 / 4095
     values = np.linspace(-12.0, 12.0, 101)
-    shown = quantise_symmetric(values, 12.5, 16.0)
+    shown = np.array([quantise_symmetric(value, 12.5, 16) for value in values])
     assert np.max(np.abs(shown - values)) <= position_step / 2 * (1 + 1e-9)
     counts = (shown + 12.5) / position_step
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-    speeds = quantise_symmetric(values, 50.0, 12.0)
+    speeds = np.array([quantise_symmetric(value, 50.0, 12) for value in values])
     assert np.max(np.abs(speeds - values)) <= speed_step / 2 * (1 + 1e-9)
     assert np.max(np.abs(speeds - values)) > speed_step / 4
 
 
 def test_motor_at_rest_reports_half_a_step():
-    assert abs(quantise_symmetric(0.0, 50.0, 12.0)) == pytest.approx(50.0 / 4095)
+    assert abs(quantise_symmetric(0.0, 50.0, 12)) == pytest.approx(50.0 / 4095)
 
 
 def test_motor_reply_saturates_at_its_ranges():
-    np.testing.assert_allclose(quantise_symmetric(np.array([80.0, -80.0]), 50.0, 12.0), [50.0, -50.0])
+    assert quantise_symmetric(80.0, 50.0, 12) == pytest.approx(50.0)
+    assert quantise_symmetric(-80.0, 50.0, 12) == pytest.approx(-50.0)
 
 
 def test_encoders_of_a_plant_make_the_tail_state():
