@@ -1,0 +1,49 @@
+"""States and faults of a tail motor, and what it needs of whatever carries its frames."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Protocol
+
+from hardware.protocol.can_frame import CanFrame
+
+
+class MotorState(IntEnum):
+    """What the computer does with the motor. What the motor does, its replies tell."""
+
+    OFF = 0
+    ENTERING = 1
+    HOLDING = 2
+    RUNNING = 3
+    FAULTED = 4
+    EXITING = 5
+
+
+class MotorFault(IntEnum):
+    """Why a motor was switched off; the code of the station's `status` port."""
+
+    NONE = 0
+    NO_REPLY = 1
+    MOTOR_REPORTED = 2
+    OVER_TEMPERATURE = 3
+    OVER_SPEED = 4
+    OUT_OF_RANGE = 5
+    POSITION_JUMP = 6
+    BAD_COMMAND = 7
+    WRONG_FIRMWARE = 8
+    DOUBLE_ID = 9
+    BUS = 10
+    LOOP_STALLED = 11
+    OTHER_MOTOR = 12
+
+
+class FrameSink(Protocol):
+    """Where a motor sends its frames: a `CanBus`, the Teensy's bridge, a list in a test."""
+
+    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
+        """Takes a frame and returns at once; see `CanBus.send`."""
+        ...
+
+
+ENERGISED = (MotorState.ENTERING, MotorState.HOLDING, MotorState.RUNNING)
+"""States in which the motor may make torque."""

@@ -1,0 +1,324 @@
+"""Fault table of motor and bus: which fault, how long to the first exit frame, and that nothing is re-armed.
+
+Times are of a 100 Hz loop; detection within one cycle means that the exit frames leave in the `step` that reads the
+offending frame, at most 10 ms after it was on the bus.
+"""
+
+import dataclasses
+import math
+
+import pytest
+
+from hardware.motor_group import MotorGroup, check_distinct_ids, exit_frames
+from hardware.motor_state import MotorFault, MotorState
+from hardware.protocol.ak70 import MitCommand, make_exit
+from hardware.protocol.can_frame import CanFrame
+from tests.hardware.fake_motors import PERIOD, Bench, FakePort, hold, settings
+from workbench.errors import HardwareError
+
+RUN = hold(0.0)
+
+
+@pytest.fixture
+def bench():
+    return Bench().to_running(RUN)
+
+
+def mute(cycles=10**9):
+    """Replies that are lost, for so many of them."""
+    left = cycles
+
+    def respond(frame):
+        nonlocal left
+        left -= 1
+        return [] if left >= 0 else [frame]
+
+    return respond
+
+
+def changed(change):
+    return lambda frame: [change(frame)]
+
+
+def short(frame):
+    return CanFrame(frame.arbitration_id, frame.data[:5])
+
+
+def odd(frame):
+    return CanFrame(frame.arbitration_id, frame.data[:7])
+
+
+def foreign_name(frame):
+    return CanFrame(frame.arbitration_id, bytes([9]) + frame.data[1:])
+
+
+def foreign_id(frame):
+    return CanFrame(0x123, frame.data)
+
+
+def v3(frame):
+    return CanFrame(0x2900 | frame.data[0], frame.data, extended=True)
+
+
+def silence(roll):
+    roll.respond = mute()
+
+
+def silence_for_100_ms(roll):
+    roll.respond = mute(10)
+
+
+def shorten(roll):
+    roll.respond = changed(short)
+
+
+def lengthen(roll):
+    roll.respond = changed(odd)
+
+
+def rename(roll):
+    roll.respond = changed(foreign_name)
+
+
+def readdress(roll):
+    roll.respond = changed(foreign_id)
+
+
+def update_firmware(roll):
+    roll.respond = changed(v3)
+
+
+def overheat(roll):
+    roll.temperature = 81.0
+
+
+def report_fault(roll):
+    roll.fault = 2
+
+
+def report_unknown_fault(roll):
+    roll.fault = 200
+
+
+def jump(roll):
+    roll.reading_offset = 0.7
+
+
+def double(roll):
+    roll.respond = lambda frame: [frame, frame]
+
+
+CYCLE, MISSED = PERIOD, 5 * PERIOD
+
+FAULTS = [
+    (silence, MotorFault.NO_REPLY, MISSED, "no reply for 5 cycles"),
+    (silence_for_100_ms, MotorFault.NO_REPLY, MISSED, "no reply for 5 cycles"),
+    (shorten, MotorFault.NO_REPLY, MISSED, "bad frames"),
+    (lengthen, MotorFault.NO_REPLY, MISSED, "bad frames"),
+    (rename, MotorFault.NO_REPLY, MISSED, "no reply"),
+    (readdress, MotorFault.NO_REPLY, MISSED, "no reply"),
+    (update_firmware, MotorFault.WRONG_FIRMWARE, CYCLE, "V3 firmware"),
+    (overheat, MotorFault.OVER_TEMPERATURE, CYCLE, "81.0 degC; allowed is 80"),
+    (report_fault, MotorFault.MOTOR_REPORTED, CYCLE, "reports over-current"),
+    (report_unknown_fault, MotorFault.MOTOR_REPORTED, CYCLE, "reports unknown fault 200"),
+    (jump, MotorFault.POSITION_JUMP, CYCLE, "position jumped by"),
+    (double, MotorFault.DOUBLE_ID, 3 * CYCLE, "two motors answer to the id 2"),
+]
+
+
+@pytest.mark.parametrize(("inject", "fault", "within", "text"), FAULTS, ids=[row[0].__name__ for row in FAULTS])
+def test_fault_of_a_motor_switches_both_off_in_time_and_for_good(bench, inject, fault, within, text):
+    start = bench.now
+    inject(bench.fakes[1])
+    bench.cycle(RUN, count=100)
+    pitch, roll = bench.motors
+    assert (roll.state, roll.fault) == (MotorState.FAULTED, fault)
+    assert text in roll.fault_text
+    assert roll.fault_text.startswith("tail roll: ")
+    assert (pitch.state, pitch.fault) == (MotorState.FAULTED, MotorFault.OTHER_MOTOR)
+    assert text in bench.group.fault_text
+    for motor_id in (1, 2):
+        # one cycle more: the injection acts on the reply to the next frame, which the step after that reads
+        assert bench.port.exits(motor_id, start)[0] - start <= within + PERIOD + 1e-9
+        assert len(bench.port.exits(motor_id, start)) > 10
+    stopped = bench.port.exits(2, start)[0]
+    late = [frame for when, frame in bench.port.sent if when > stopped + 1e-9]
+    assert set(late) == {make_exit(1), make_exit(2)}
+    assert not bench.fakes[0].entered
+    assert not bench.fakes[1].entered
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_replies_lost_now_and_then_are_no_fault(bench, count):
+    for _ in range(3):
+        bench.fakes[1].respond = mute(count)
+        bench.cycle(RUN, count=count)
+        assert bench.motors[1].missed >= count - 1
+        bench.fakes[1].respond = mute(0)
+        bench.cycle(RUN, count=3)
+        assert bench.motors[1].missed == 0
+    assert bench.motors[1].state is MotorState.RUNNING
+
+
+def test_age_grows_while_the_motor_is_silent(bench):
+    bench.cycle(RUN)
+    assert bench.motors[1].age(bench.now) <= PERIOD + 1e-9
+    bench.fakes[1].respond = mute()
+    bench.cycle(RUN, count=20)
+    assert bench.motors[1].age(bench.now) == pytest.approx(0.2, abs=0.011)
+
+
+def test_six_byte_replies_are_enough(bench):
+    bench.fakes[1].long_reply = False
+    bench.cycle(RUN, count=50)
+    assert bench.motors[1].state is MotorState.RUNNING
+    assert bench.motors[1].temperature is None
+
+
+@pytest.mark.parametrize("angle", [math.pi / 2 + 0.2, -math.pi / 2 - 0.2])
+def test_tail_beyond_its_range_is_switched_off(bench, angle):
+    bench.fakes[1].blocked = True
+    for i in range(1, 101):
+        bench.fakes[1].position = angle * i / 100
+        bench.cycle(RUN)
+        if bench.motors[1].state is MotorState.FAULTED:
+            break
+    assert bench.motors[1].fault is MotorFault.OUT_OF_RANGE
+    assert abs(bench.motors[1].position) == pytest.approx(math.pi / 2 + 0.15, abs=0.03)
+
+
+def test_tail_that_spins_is_switched_off(bench):
+    bench.fakes[1].speed = 26.0
+    bench.cycle(RUN, count=2, period=1e-4)
+    assert bench.motors[1].fault is MotorFault.OVER_SPEED
+
+
+@pytest.mark.parametrize("field", ["position", "velocity", "kp", "kd", "torque"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_commanded_nan_is_a_fault_at_once_and_never_on_the_bus(bench, field, value):
+    start = bench.now
+    bench.cycle(RUN, dataclasses.replace(RUN, **{field: value}))
+    assert bench.motors[1].fault is MotorFault.BAD_COMMAND
+    assert bench.port.exits(2, start)[0] - start <= PERIOD + 1e-9
+    bench.cycle(RUN)
+    assert bench.motors[0].fault is MotorFault.OTHER_MOTOR
+
+
+def test_bus_fault_switches_off_both(bench):
+    start = bench.now
+    bench.port.fault, bench.port.fault_text = 1, "the controller reports bus-off"
+    bench.cycle(RUN, count=5)
+    assert [motor.fault for motor in bench.motors] == [MotorFault.BUS] * 2
+    assert bench.port.exits(1, start)[0] - start <= PERIOD + 1e-9
+    assert "bus-off" in bench.group.fault_text
+
+
+def test_bus_with_a_fault_is_not_entered():
+    bench = Bench()
+    bench.port.fault, bench.port.fault_text = 3, "adapter gone"
+    with pytest.raises(HardwareError, match="the bus has a fault: adapter gone"):
+        bench.group.set_enter(0.0)
+    assert bench.port.sent == []
+
+
+@pytest.mark.parametrize("gap", [0.26, 5.0, 1e6, -0.001, -3600.0])
+def test_loop_that_stood_still_or_a_clock_that_jumps(bench, gap):
+    bench.now += gap
+    bench.group.step(bench.now)
+    assert bench.motors[0].fault is MotorFault.LOOP_STALLED
+    assert len(bench.port.exits(1, bench.now)) == 4 or len(bench.port.exits(1)) >= 4
+
+
+def test_late_cycles_within_the_dead_man_time_are_no_fault(bench):
+    bench.cycle(RUN, count=3, period=0.05)
+    assert bench.group.ready
+
+
+def test_motor_that_does_not_answer_is_not_entered():
+    bench = Bench()
+    bench.fakes[1].respond = mute()
+    bench.group.set_enter(0.0)
+    bench.cycle(count=100)
+    assert bench.motors[1].fault is MotorFault.NO_REPLY
+    assert "is it powered, is its id right?" in bench.motors[1].fault_text
+    assert bench.motors[0].fault is MotorFault.OTHER_MOTOR
+    first = bench.port.exits(2)[0]
+    assert 0.5 <= first <= 0.5 + 2 * PERIOD
+    assert all(command.kp == 0 for _, command in bench.commands(2))
+
+
+@pytest.mark.parametrize(
+    ("inject", "fault"),
+    [(report_fault, MotorFault.MOTOR_REPORTED), (overheat, MotorFault.OVER_TEMPERATURE), (update_firmware, 8)],
+)
+def test_motor_with_a_fault_is_not_entered(inject, fault):
+    bench = Bench()
+    inject(bench.fakes[0])
+    bench.group.set_enter(0.0)
+    bench.cycle(count=10)
+    assert bench.motors[0].fault == fault
+    assert not bench.fakes[0].entered
+    assert all(command.kp == 0 for _, command in bench.commands(1))
+
+
+def test_tail_outside_of_its_range_is_not_entered():
+    bench = Bench(settings(), positions=[2.0])
+    bench.group.set_enter(0.0)
+    bench.cycle(count=10)
+    assert bench.motors[0].fault is MotorFault.OUT_OF_RANGE
+    assert all(command.kp == 0 for _, command in bench.commands(2))
+
+
+def test_replies_are_unwrapped_where_the_reading_wraps():
+    # joint range around a zero near the end of the reading: the profile's 12.5 rad lie 0.2 rad beyond the joint's end
+    bench = Bench(settings(zero=10.7), positions=[10.7]).to_running(RUN)
+    bench.fakes[0].position = 12.5 - 0.15
+    bench.fakes[0].speed = 0.0
+    before = bench.motors[0].position
+    for _ in range(4):
+        bench.fakes[0].position += 0.1
+        bench.cycle(RUN, period=1e-4)
+    assert before == pytest.approx(0.0, abs=0.02)
+    # 12.75 reads as -12.25; unwrapped it is beyond the range, not on the other side of it
+    assert bench.motors[0].fault in (MotorFault.OUT_OF_RANGE, MotorFault.POSITION_JUMP)
+    assert bench.motors[0].position > 1.6
+
+
+def test_other_programs_frames_are_counted_and_ignored(bench):
+    bench.port.inbox.append((bench.now, CanFrame(0x321, bytes(8))))
+    bench.port.inbox.append((bench.now, CanFrame(0, b"")))
+    bench.cycle(RUN)
+    assert bench.group.foreign == 2
+    assert bench.group.ready
+
+
+def test_leaving_the_context_switches_off_whatever_happened():
+    bench = Bench().to_running(RUN)
+    with pytest.raises(ZeroDivisionError), bench.group:
+        raise ZeroDivisionError
+    assert bench.port.flushed
+    assert not any(fake.entered for fake in bench.fakes)
+    with pytest.raises(KeyboardInterrupt), bench.group:
+        raise KeyboardInterrupt
+
+
+def test_two_motors_with_one_id_are_refused_by_name():
+    twins = (settings("tail pitch", 1), settings("tail roll", 1))
+    with pytest.raises(HardwareError, match="tail pitch and tail roll both have the motor id 1"):
+        MotorGroup(twins, FakePort([]))
+    check_distinct_ids((settings("tail pitch", 1), settings("tail roll", 2)))
+
+
+def test_exit_frames_for_a_watchdog():
+    assert exit_frames((1, 2), 2) == [make_exit(1), make_exit(1), make_exit(2), make_exit(2)]
+
+
+def test_published_swing_passes_without_a_fault():
+    """Hold at -90 degrees with (17, 5), 8 rad/s with (0, 3), after 130 degrees position +90 degrees with (5, 2)."""
+    bench = Bench(settings(), positions=[-1.5]).to_running(hold(-math.pi / 2))
+    while bench.motors[0].position < -math.pi / 2 + math.radians(130):
+        bench.cycle(MitCommand(0.0, 8.0, 0.0, 3.0, 0.0))
+        assert bench.group.ready, bench.group.fault_text
+    bench.cycle(hold(math.pi / 2, 5.0, 2.0), count=100)
+    assert bench.group.ready, bench.group.fault_text
+    assert bench.motors[0].position == pytest.approx(math.pi / 2, abs=0.05)

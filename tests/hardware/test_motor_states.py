@@ -1,0 +1,241 @@
+"""Every state of a motor and every way between them."""
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from hardware.motor import Motor
+from hardware.motor_state import MotorFault, MotorState
+from hardware.protocol.ak70 import NEUTRAL, MitCommand, decode_command, make_enter, make_exit, make_neutral, make_zero
+from tests.hardware.fake_motors import PERIOD, PROFILE, Bench, FakePort, hold, settings
+from workbench.errors import HardwareError
+
+ENTER, EXIT = make_enter(2), make_exit(2)
+
+
+@pytest.fixture
+def bench():
+    return Bench(settings())
+
+
+def frames(bench):
+    return [frame for _, frame in bench.port.sent]
+
+
+def test_motor_that_is_off_sends_nothing(bench):
+    bench.cycle(hold(0.5), count=20)
+    assert frames(bench) == []
+    assert bench.motors[0].state is MotorState.OFF
+    assert bench.motors[0].age(bench.now) == math.inf
+
+
+def test_entering_begins_and_ends_with_zero_gains(bench):
+    bench.group.set_enter(bench.now)
+    neutral = make_neutral(2, PROFILE)
+    assert frames(bench) == [neutral, ENTER, neutral]
+    assert bench.motors[0].state is MotorState.ENTERING
+    bench.cycle()
+    assert all(command.kp == command.kd == 0 for _, command in bench.commands(2)[:-1])
+
+
+def test_commands_are_not_sent_while_entering(bench):
+    bench.fakes[0].respond = lambda frame: []
+    bench.group.set_enter(bench.now)
+    bench.cycle(hold(1.0), count=10)
+    assert all(command.kp == 0 for _, command in bench.commands(2))
+
+
+def test_entering_ends_in_holding_at_the_measured_position():
+    bench = Bench(settings(), positions=[-0.7])
+    bench.to_holding()
+    bench.cycle(count=100)
+    held = bench.commands(2)[-1][1]
+    assert held.position == pytest.approx(-0.7, abs=1e-3)
+    assert (held.kp, held.kd) == (pytest.approx(17.0, abs=0.1), pytest.approx(5.0, abs=0.01))
+    assert bench.fakes[0].position == pytest.approx(-0.7, abs=0.01)
+
+
+def test_gains_come_on_slowly_from_zero(bench):
+    bench.to_holding()
+    bench.cycle(count=40)
+    gains = [command.kp for _, command in bench.commands(2)]
+    assert gains == sorted(gains)
+    assert gains[0] == 0.0
+    assert gains[-1] == pytest.approx(17.0, abs=0.1)
+    assert max(b - a for a, b in pairwise(gains)) <= 17.0 * PERIOD / 0.3 + 500 / 4095
+
+
+def test_first_command_is_reached_by_a_ramp_from_the_measured_position():
+    bench = Bench(settings(), positions=[-0.7])
+    bench.to_holding()
+    start = bench.now
+    bench.cycle(hold(0.5), count=200)
+    ramp = [(when, command.position) for when, command in bench.commands(2) if when > start and command.kp > 0]
+    steps = [b[1] - a[1] for a, b in pairwise(ramp)]
+    assert ramp[0][1] == pytest.approx(-0.7, abs=0.02)
+    assert max(steps) <= 1.0 * PERIOD + 25 / 65535  # 1 rad/s
+    assert ramp[-1][1] == pytest.approx(0.5, abs=1e-3)
+    assert bench.fakes[0].position == pytest.approx(0.5, abs=0.02)
+    assert 1.2 <= next(when for when, place in ramp if place > 0.499) - start < 1.35
+
+
+def test_once_caught_up_a_new_command_passes_at_once():
+    bench = Bench(settings()).to_running(hold(0.0))
+    bench.cycle(hold(0.9))
+    assert bench.commands(2)[-1][1].position == pytest.approx(0.9, abs=1e-3)
+
+
+def test_velocity_command_without_position_gain_needs_no_ramp(bench):
+    bench.to_holding()
+    bench.cycle(hold(0.0), count=40)
+    bench.cycle(MitCommand(0.0, 8.0, 0.0, 3.0, 0.0), count=5)
+    command = bench.commands(2)[-1][1]
+    assert (command.velocity, command.kp, command.kd) == pytest.approx((8.0, 0.0, 3.0), abs=0.02)
+
+
+def test_running_without_commands_falls_back_to_holding_where_it_is(bench):
+    bench.to_running(hold(0.3))
+    bench.cycle(hold(0.3), count=200)
+    bench.cycle(count=11)
+    assert bench.motors[0].state is MotorState.HOLDING
+    assert bench.commands(2)[-1][1].position == pytest.approx(bench.fakes[0].position, abs=0.02)
+
+
+def test_hold_by_hand_stops_a_swing_where_it_is(bench):
+    bench.to_running(hold(-1.5))
+    bench.cycle(hold(-1.5), count=200)
+    bench.cycle(MitCommand(0.0, 8.0, 0.0, 3.0, 0.0), count=10)
+    bench.group.set_hold(bench.now)
+    assert bench.motors[0].state is MotorState.HOLDING
+    bench.cycle(count=50)
+    assert abs(bench.fakes[0].speed) < 0.2
+
+
+def test_exit_goes_out_at_once_and_again_and_ends_off(bench):
+    bench.to_running()
+    start = bench.now
+    bench.group.set_exit(bench.now)
+    assert frames(bench)[-3:] == [EXIT] * 3
+    assert bench.motors[0].state is MotorState.EXITING
+    bench.cycle(hold(1.0), count=20)
+    assert bench.motors[0].state is MotorState.OFF
+    assert len(bench.port.exits(2, start)) == 3 + 10
+    assert not bench.fakes[0].entered
+    assert all(frame.data[7] != 0xFC for when, frame in bench.port.sent if when > start)
+
+
+@pytest.mark.parametrize("reach", ["off", "entering", "holding", "running", "faulted", "exiting"])
+def test_exit_goes_out_from_every_state_without_waiting_for_replies(bench, reach):
+    motor = bench.motors[0]
+    if reach != "off":
+        bench.group.set_enter(bench.now)
+    if reach in ("holding", "running", "faulted", "exiting"):
+        bench.cycle(count=5)
+    if reach == "running":
+        bench.cycle(hold(0.0))
+    if reach == "faulted":
+        motor.set_fault(MotorFault.BUS, "test", bench.now)
+    if reach == "exiting":
+        motor.set_exit(bench.now)
+    assert motor.state.name.lower() == reach
+    bench.fakes[0].respond = lambda frame: []
+    before = len(bench.port.exits(2))
+    motor.set_exit(bench.now)
+    assert len(bench.port.exits(2)) >= before + 3
+
+
+def test_exit_of_a_faulted_motor_does_not_forget_the_fault(bench):
+    bench.to_running()
+    bench.motors[0].set_fault(MotorFault.BUS, "test", bench.now)
+    bench.group.set_exit(bench.now)
+    bench.cycle(count=30)
+    assert bench.motors[0].state is MotorState.FAULTED
+
+
+def test_fault_stays_until_reset_by_hand_and_the_motor_is_not_entered_meanwhile(bench):
+    bench.to_running()
+    bench.motors[0].set_fault(MotorFault.NO_REPLY, "gone", bench.now)
+    start = bench.now
+    bench.cycle(hold(0.0), count=300)
+    assert bench.motors[0].state is MotorState.FAULTED
+    assert ENTER not in [frame for when, frame in bench.port.sent if when > start]
+    with pytest.raises(
+        HardwareError, match=r"tail roll: cannot be entered while faulted \(tail roll: gone\); reset it"
+    ):
+        bench.group.set_enter(bench.now)
+    bench.group.reset(bench.now)
+    assert (bench.motors[0].state, bench.motors[0].fault_text) == (MotorState.OFF, "")
+    bench.to_holding()
+
+
+def test_faulted_motor_is_reminded_for_as_long_as_it_is_faulted(bench):
+    bench.to_running()
+    bench.motors[0].set_fault(MotorFault.NO_REPLY, "gone", bench.now)
+    start = bench.now
+    bench.cycle(count=500)
+    exits = bench.port.exits(2, start)
+    assert max(b - a for a, b in pairwise(exits)) < 0.12
+    assert bench.now - exits[-1] < 0.12
+
+
+def test_first_fault_counts(bench):
+    bench.to_running()
+    bench.motors[0].set_fault(MotorFault.NO_REPLY, "first", bench.now)
+    bench.motors[0].set_fault(MotorFault.BUS, "second", bench.now)
+    assert bench.motors[0].fault is MotorFault.NO_REPLY
+    assert bench.motors[0].fault_text == "tail roll: first"
+
+
+def test_motor_is_entered_once_only(bench):
+    bench.to_holding()
+    with pytest.raises(HardwareError, match="cannot be entered while holding"):
+        bench.group.set_enter(bench.now)
+
+
+def test_zero_frame_is_never_sent():
+    bench = Bench(settings()).to_running()
+    bench.group.set_exit(bench.now)
+    bench.cycle(count=30)
+    bench.to_running()
+    bench.motors[0].set_fault(MotorFault.BUS, "test", bench.now)
+    bench.cycle(count=30)
+    assert make_zero(2) not in frames(bench)
+
+
+def test_direction_and_zero_turn_the_joint_into_the_motor():
+    bench = Bench(settings(direction=-1, zero=0.4), positions=[0.4 - 0.5])
+    bench.to_holding()
+    assert bench.motors[0].position == pytest.approx(0.5, abs=1e-3)
+    bench.cycle(hold(-1.0), count=300)
+    assert bench.fakes[0].position == pytest.approx(0.4 + 1.0, abs=0.02)
+    bench.cycle(MitCommand(0.0, 3.0, 0.0, 3.0, 0.0), count=10)
+    assert bench.commands(2)[-1][1].velocity == pytest.approx(-3.0, abs=0.02)
+    assert bench.motors[0].speed > 0.5
+    assert bench.fakes[0].speed < -0.5
+    # the torque of the joint has the sign that accelerates the joint
+    assert bench.motors[0].torque * bench.fakes[0].torque < 0
+
+
+def test_make_touches_nothing(bench):
+    bench.to_running(hold(0.2))
+    motor = bench.motors[0]
+    before = (len(bench.port.sent), motor.state, dict(vars(motor)))
+    frame = motor.make_command_frame(hold(0.2), bench.now)
+    motor.make_hold_frame(bench.now)
+    assert (len(bench.port.sent), motor.state, dict(vars(motor))) == before
+    assert decode_command(frame.data, PROFILE).position == pytest.approx(0.2, abs=1e-3)
+
+
+def test_sink_that_raises_is_a_fault_and_no_exception():
+    port = FakePort([])
+    motor = Motor(settings(), port)
+    motor.set_enter(0.0)
+    port.send_error = OSError("gone")
+    motor.step(0.01)
+    assert motor.fault is MotorFault.BUS
+    motor.set_exit(0.02)
+
+
+def test_neutral_is_zero_in_every_field():
+    assert MitCommand(0, 0, 0, 0, 0) == NEUTRAL
