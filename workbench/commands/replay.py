@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    run: Annotated[Path, typer.Argument(help="Log of a simulated run (Parquet).")],
+    run: Annotated[Path, typer.Argument(help="Log of a run (Parquet); the path of a real car is reckoned.")],
     html: Annotated[Path | None, typer.Option(help="Write the replay as one self-contained HTML file.")] = None,
     strip: Annotated[Path | None, typer.Option(help="Write five pictures of the run as one PNG file.")] = None,
     port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
@@ -32,11 +32,12 @@ def replay(
     from workbench.atomic_write import refuse_existing
     from workbench.errors import UserError
     from workbench.logs.schema import read_run_log
+    from workbench.replay.reckoned_motion import replayable
 
     for path in (html, strip):
         if path is not None:
             refuse_existing(path, force, UserError)
-    run_log = read_run_log(run)
+    run_log = replayable(read_run_log(run))
     if html is not None:
         from workbench.replay.page import write_replay_html
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from workbench.errors import LogError
 from workbench.logs.schema import RunLog
 from workbench.metrics import Outcome, outcome_of
+from workbench.replay.reckoned_motion import RECKONED
 
 FloatArray = NDArray[np.float64]
 
@@ -40,8 +41,9 @@ def caption_of(run_log: RunLog) -> Caption:
     manoeuvre, tail = run_log.scenario["manoeuvre"], run_log.scenario["tail"]["mode"]
     speed = float(manoeuvre["speed"])
     turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] in ("turn", "auto_turn") else ""
+    reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
     tails = {"none": "no tail", "held": "tail held", "swing": "tail swings"}
-    facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tails[tail]}"
+    facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tails[tail]}{reckoned}"
     try:
         outcome = outcome_of(run_log)
     except LogError:
@@ -59,6 +61,6 @@ def outcome_in_words(outcome: Outcome) -> str:
 
 
 def speed_and_roll(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
-    """Speed over ground, m/s, and roll, rad, positive to the right, each of shape (n,); from the truth."""
+    """Speed over ground, m/s, and roll, rad, positive to the right, each of shape (n,); from the truth or reckoned."""
     speed = np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s"))
     return speed, run_log.signal("roll_truth_rad")

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from workbench.logs.columns import WHEELS
 from workbench.logs.schema import RunLog
 from workbench.replay.logged_car import LoggedCar
+from workbench.replay.reckoned_motion import RECKONED
 
 FloatArray = NDArray[np.float64]
 
@@ -44,8 +45,10 @@ class ForceArrow:
 
 
 def force_arrows(logged: LoggedCar) -> list[ForceArrow]:
-    """Every arrow of a run, one row per row of the log."""
+    """Every arrow of a run, one row per row of the log; none for a real car, whose log holds no forces."""
     run_log = logged.run_log
+    if RECKONED in run_log.extra:
+        return []
     arrows = [_wheel_arrow(run_log, wheel) for wheel in WHEELS]
     if logged.car.tail is not None:
         force = run_log.vector("tail_force", "truth_n")

@@ -42,8 +42,8 @@ def add_logged_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedCar:
     """Adds the car of a run log to a diagram.
 
     Raises:
-        LogError: the log has no plant positions (a run of the real car), others than the car of its scenario has, a
-            value that is not finite, or a scenario that cannot be read.
+        LogError: the log has no plant positions (a run of the real car: see `replayable`), others than the car of its
+            scenario has, a value that is not finite, or a scenario that cannot be read.
     """
     name = run_log.source or "run log"
     check_time(run_log.time)

@@ -88,11 +88,13 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
 
 def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
     car_files(folder)
-    importing, metrics = commands(1)
+    importing, metrics, replay = commands(1)
     notes = call(importing).stderr
     assert "'speed_m_per_s' at" in notes
     assert "6 earlier rows of the log are left out" in notes
     assert "average_yaw_rate_rad_per_s" in call(metrics).stdout
+    call(replay)
+    assert "reckoned" in (folder / "car.html").read_text(encoding="utf-8")
     run_log = read_run_log(folder / "car.parquet")
     speed = run_log.signal("speed_m_per_s")
     changes = run_log.time[1:][np.diff(speed) != 0.0]

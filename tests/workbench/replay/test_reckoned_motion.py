@@ -1,0 +1,93 @@
+"""The log of a real car moves as its sensors say."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from workbench.errors import LogError
+from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from workbench.replay.caption import caption_of
+from workbench.replay.forces import force_arrows
+from workbench.replay.logged_car import add_logged_car
+from workbench.replay.moments import five_moments
+from workbench.replay.reckoned_motion import replayable
+from workbench.scenario import load_scenario
+
+TIMES = np.arange(301) / 100.0
+SPEED, YAW_RATE = 3.0, 1.5
+
+
+def circle(scenario: str = "turn_held", **signals: object) -> RunLog:
+    """A car that drives a circle to the left at 3 m/s and 1.5 rad/s, heading 0.7 rad at first."""
+    columns = {"time_s": TIMES, "speed_m_per_s": SPEED, "imu_yaw_rad": 0.7 + YAW_RATE * TIMES, **signals}
+    table = pd.DataFrame({name: values for name, values in columns.items() if values is not None})
+    resolved = load_scenario(scenario).model_dump(mode="json", by_alias=True)
+    return run_log_from_metadata(table, run_metadata(resolved, 0, kind="car_log"), source="car.parquet")
+
+
+def test_a_circle_is_driven_with_the_radius_of_speed_over_yaw_rate() -> None:
+    """Radius 2 m, centre to the left of the start; the path begins along x whatever the compass says."""
+    run_log = replayable(circle())
+    path = run_log.vector("position", "truth_m")
+    radius = np.hypot(path[:, 0], path[:, 1] - SPEED / YAW_RATE)
+    assert radius == pytest.approx(SPEED / YAW_RATE, abs=1e-3)  # trapezoids of 0.015 rad
+    assert path[10, 1] > 0.0
+    assert run_log.signal("yaw_truth_rad")[-1] == pytest.approx(YAW_RATE * 3.0)
+
+
+def test_without_a_heading_the_yaw_rate_is_integrated() -> None:
+    with_rate = circle(imu_yaw_rad=None, imu_gyro_z_rad_per_s=YAW_RATE)
+    expected = replayable(circle()).vector("com", "truth_m")
+    assert replayable(with_rate).vector("com", "truth_m") == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_plant_takes_the_reckoned_pose_and_joints() -> None:
+    """Rolled 0.3 rad to the right, the car stands on its right wheels; the tail lies where it was logged."""
+    run_log = replayable(circle(imu_roll_rad=0.3, tail_roll_angle_rad=0.5 * TIMES, tail_pitch_angle_rad=0.1))
+    logged = add_logged_car(DiagramBuilder(), run_log)
+    plant = logged.car.plant
+    context = plant.CreateDefaultContext()
+    logged.move(context, 200)
+    X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("chassis"))
+    R_WB = X_WB.rotation().matrix()
+    assert R_WB[2, 1] == pytest.approx(np.sin(0.3)), "left side up"
+    half_track = 0.5 * logged.scenario.car.track
+    assert X_WB.translation()[2] == pytest.approx(half_track * np.sin(0.3))
+    assert plant.GetJointByName("tail_roll").get_angle(context) == pytest.approx(1.0)
+    assert plant.GetJointByName("tail_pitch").get_angle(context) == pytest.approx(0.1)
+    tip = run_log.vector("tail_tip", "truth_m")
+    reach = np.linalg.norm(tip[200] - tip[0])
+    assert reach > 0.5
+    assert run_log.vector("com", "truth_m")[200] == pytest.approx(
+        plant.CalcCenterOfMassPositionInWorld(context, [logged.car.car, logged.car.tail])
+    )
+
+
+def test_a_reckoned_run_has_five_moments_no_arrows_and_says_what_it_is() -> None:
+    for scenario in ("turn_none", "turn_held"):
+        run_log = replayable(circle(scenario))
+        assert force_arrows(add_logged_car(DiagramBuilder(), run_log)) == []
+        assert len(five_moments(run_log)) == 5
+        assert "path reckoned from the sensors" in caption_of(run_log).text
+
+
+def test_a_simulated_run_is_left_as_it_is(tailed: RunLog) -> None:
+    assert replayable(tailed) is tailed
+    assert "reckoned" not in caption_of(tailed).text
+
+
+def test_what_a_replay_needs_is_named() -> None:
+    with pytest.raises(LogError, match=r"car\.parquet: a replay needs columns .* or speed_m_per_s with imu_yaw_rad"):
+        replayable(circle(imu_yaw_rad=None))
+    with pytest.raises(LogError, match=r"car\.parquet: a replay needs the car's scenario"):
+        replayable(dataclasses.replace(circle(), scenario={"name": 3}))
+    with pytest.raises(LogError, match=r"car\.parquet: a replay needs the car's scenario, and the log has none"):
+        replayable(dataclasses.replace(circle(), scenario={}))
+    lost = np.where(TIMES > 1.0, np.nan, SPEED)
+    with pytest.raises(LogError, match=r"column 'speed_m_per_s': 200 sample\(s\) not finite, first nan at 1\.01 s"):
+        replayable(circle(speed_m_per_s=lost))
