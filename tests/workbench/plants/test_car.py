@@ -59,6 +59,15 @@ def test_every_inertia_is_physical(name):
         assert body.CalcSpatialInertiaInBodyFrame(at_rest.plant_context).IsPhysicallyValid(), body.name()
 
 
+def test_sprung_body_has_the_radii_of_gyration_of_the_scenario_about_its_own_axes():
+    radii = {"gyration_roll": 0.09, "gyration_pitch": 0.13, "gyration_yaw": 0.15}
+    car = stand(car=radii)
+    inertia = car.chassis.CalcSpatialInertiaInBodyFrame(car.plant_context)
+    about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
+    np.testing.assert_allclose(about_com.get_moments() / inertia.get_mass(), np.square(list(radii.values())), rtol=1e-6)
+    np.testing.assert_allclose(about_com.get_products(), 0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("tail", ["none", "swing"])
 def test_lifted_car_falls_freely(tail):
     # No air force; inner springs, servo and joint stops push in pairs, so the centre of mass knows gravity only.
