@@ -86,8 +86,8 @@ def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[Find
     ]
 
 
-def table_findings(table: pd.DataFrame) -> list[Finding]:
-    """Gaps, NaN, too few rows and constant measurements of a table whose times are sorted."""
+def table_findings(table: pd.DataFrame, kind: str = "") -> list[Finding]:
+    """Gaps, NaN, too few rows and constant measurements of a table whose times are sorted; `kind` of the log."""
     time = table[TIME].to_numpy(dtype=np.float64)
     found = gap_findings(time)
     if time.size < FEW_SAMPLES:
@@ -96,7 +96,14 @@ def table_findings(table: pd.DataFrame) -> list[Finding]:
         values = table[name].to_numpy(dtype=np.float64)
         found += nan_findings(time, name, values)
         finite = values[np.isfinite(values)]
-        if name.startswith(_MEASURED) and "_command_" not in name and finite.size > 1 and np.ptp(finite) == 0.0:
+        still = kind == "static" and name.startswith("ang")  # an encoder counts whole steps: a held angle is constant
+        if (
+            name.startswith(_MEASURED)
+            and "_command_" not in name
+            and not still
+            and finite.size > 1
+            and np.ptp(finite) == 0.0
+        ):
             found.append(Finding(name, None, f"constant, {finite[0]:g} in every row: is the sensor connected?"))
     return found
 

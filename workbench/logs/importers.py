@@ -68,7 +68,7 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None
     refuse_implausible(table, units, largest, foreign.path)
     if mapping.check_rates:
         refuse_inconsistent_rates(table, foreign.path)
-    findings = [*findings, *table_findings(table)]
+    findings = [*findings, *table_findings(table, mapping.kind)]
     metadata = _metadata(mapping, [Path(path).name for path in paths], findings)
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
 

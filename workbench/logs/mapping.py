@@ -98,7 +98,7 @@ class Mapping(StrictModel):
     )
     time: TimeSource
     columns: dict[str, ColumnSource] = Field(description="our column -> where it comes from", min_length=1)
-    metadata: dict[str, StrictBool | StrictFloat | StrictInt | str | MetadataValue] = Field(
+    metadata: dict[str, StrictBool | StrictFloat | StrictInt | str | MetadataValue | tuple[Number, ...]] = Field(
         default_factory=dict, description="facts about the whole log: tail, axis, wind_speed_m_per_s, ..."
     )
     csv: CsvFormat = Field(default_factory=CsvFormat, description="how a text file is written")

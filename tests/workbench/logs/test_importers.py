@@ -286,6 +286,12 @@ def test_a_constant_signal_and_three_samples_are_reported(tmp_path: Path) -> Non
     assert str(few[0]) == "column 'time_s': only 3 samples; no filter and no fit can work on them"
 
 
+def test_a_held_angle_is_constant_and_nothing_odd(tmp_path: Path) -> None:
+    path = write_csv(tmp_path, foreign(theta=45.0, omega=0.0))
+    assert import_log(path, swing_mapping(kind="static")).findings == ()
+    assert len(import_log(path, swing_mapping(kind="swing")).findings) == 2
+
+
 def test_scale_and_zero_are_in_foreign_units(tmp_path: Path) -> None:
     """An encoder of 2048 counts per turn that reads 512 with the tail hanging, and counts backwards."""
     counts = 512 - 2048 * ANGLE / (2 * np.pi)

@@ -56,8 +56,10 @@ def test_the_unit_at_the_end_of_a_name() -> None:
 
 
 def test_metadata_become_si() -> None:
-    mapping = mapping_from(changed(metadata={"tail": 2, "wind_speed_m_per_s": {"value": 36, "unit": "km/h"}}))
-    assert mapping.facts == {"tail": 2, "wind_speed_m_per_s": pytest.approx(10.0)}
+    mapping = mapping_from(
+        changed(metadata={"tail": 2, "wind_speed_m_per_s": {"value": 36, "unit": "km/h"}, "rest_s": [0, 2.5]})
+    )
+    assert mapping.facts == {"tail": 2, "wind_speed_m_per_s": pytest.approx(10.0), "rest_s": (0.0, 2.5)}
 
 
 @pytest.mark.parametrize(
