@@ -268,7 +268,10 @@ class Motor:
         gap = 0.0 if self._step_time is None else now - self._step_time
         self._step_time = now
         self._unanswered = 0 if self._cycle_replies else self._unanswered + self._cycle_frames
-        self.missed = self.missed + 1 if self._unanswered else 0
+        if not self._unanswered:
+            self.missed = 0
+        elif gap >= self.settings.safety.reply_time:  # a late loop catches up faster than a motor can answer
+            self.missed += 1
         extra = self._cycle_replies > self._cycle_frames
         self._extra_cycles = self._extra_cycles + 1 if extra else 0
         self._cycle_frames = self._cycle_replies = 0

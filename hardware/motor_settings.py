@@ -27,6 +27,9 @@ class MotorSafety(QuantityModel):
     ramp_speed: float = quantity("rad/s", "of the way from the measured position to the first command", gt=0, le=10)
     gain_ramp: float = quantity("s", "in which the gains come on", gt=0, le=5)
     missed_replies: int = quantity("1", "cycles in a row without a reply", ge=1, le=100)
+    reply_time: float = quantity(
+        "s", "in which a motor answers; shorter cycles are not counted as missed", ge=0, le=0.1
+    )
     enter_replies: int = quantity("1", "replies to the neutral command before the motor is used", ge=1, le=100)
     enter_timeout: float = quantity("s", "for these replies", gt=0, le=5)
     command_timeout: float = quantity("s", "without a command, after which the position is held", gt=0, le=1)

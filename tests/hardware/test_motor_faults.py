@@ -160,6 +160,14 @@ def test_replies_lost_now_and_then_are_no_fault(bench, count):
     assert bench.motors[1].state is MotorState.RUNNING
 
 
+def test_loop_that_catches_up_after_being_late_misses_no_reply(bench):
+    bench.cycle(RUN, period=0.1)
+    bench.fakes[1].respond = mute(8)  # the answers are still under way
+    bench.cycle(RUN, count=8, period=2e-4)
+    assert bench.motors[1].missed == 0
+    assert bench.group.ready
+
+
 def test_age_grows_while_the_motor_is_silent(bench):
     bench.cycle(RUN)
     assert bench.motors[1].age(bench.now) <= PERIOD + 1e-9
