@@ -147,26 +147,27 @@ def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
     evaluations = 0
     scales = problem.parameters.scales
     count = len(scales)
-    failed: list[str] = []
 
     def defect(z: np.ndarray) -> np.ndarray:
         nonlocal evaluations
         evaluations += 1
         values = z if z.dtype == float else ExtractValue(z)[:, 0]
         x = values[:count] * scales
-        r = _finite_residual(problem, x, failed)
+        r = _finite_residual(problem, x)
         if z.dtype == float:
-            return r - z[count:]
+            return (r - z[count:]) / rows
         gradient = ExtractGradient(z)
-        slope = problem.differences(x, r) * scales
-        return InitializeAutoDiff(r - values[count:], slope @ gradient[:count] - gradient[count:])[:, 0]
+        slope = (problem.differences(x, r) * scales) @ gradient[:count] - gradient[count:]
+        return InitializeAutoDiff((r - values[count:]) / rows, slope / rows[:, None])[:, 0]
 
     try:
-        first = _finite_residual(problem, start, failed)
+        first = _finite_residual(problem, start)
+        # Rows of very different weight would ask for more digits than there are.
+        rows = np.maximum(np.linalg.norm(problem.differences(start, first) * scales, axis=1), 1.0)
         program, guess = _slack_program(problem, defect, start / scales, first)
         result = SnoptSolver().Solve(program, guess, _SNOPT_OPTIONS)
         x = np.clip(result.get_x_val()[:count] * scales, problem.parameters.lower, problem.parameters.upper)
-        cost = 0.5 * float(np.sum(np.square(_finite_residual(problem, x, failed))))
+        cost = 0.5 * float(np.sum(np.square(_finite_residual(problem, x))))
     except FitError as error:
         return Attempt(start, start, np.inf, False, str(error), evaluations)
     info = result.get_solver_details().info
@@ -186,7 +187,7 @@ _SNOPT_WORDS = {
 
 def _options() -> SolverOptions:
     options = SolverOptions()
-    options.SetOption(SnoptSolver.id(), "Major optimality tolerance", 1e-9)
+    options.SetOption(SnoptSolver.id(), "Major optimality tolerance", 1e-7)
     options.SetOption(SnoptSolver.id(), "Major feasibility tolerance", 1e-9)
     options.SetOption(SnoptSolver.id(), "Major step limit", 10.0)
     return options
@@ -210,8 +211,8 @@ def _slack_program(
     return program, np.concatenate([z, residual])
 
 
-def _finite_residual(problem: Problem, x: np.ndarray, failed: list[str] | None = None) -> np.ndarray:
-    """The residual; FitError that names the unknowns when it is not finite. Remembers what failed."""
+def _finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """The residual; FitError that names the unknowns when it is not finite."""
     r = np.asarray(problem.residual(x), float)
     bad = np.flatnonzero(~np.isfinite(r))
     if bad.size:

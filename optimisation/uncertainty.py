@@ -64,7 +64,12 @@ class Uncertainty:
 
 
 def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
-    """Covariance and intervals at the solution, as if there were no bounds (active ones are named elsewhere)."""
+    """Covariance and intervals at the solution.
+
+    Intervals stand around the least-squares value that there would be without bounds and are cut at the bounds: they
+    hold the truth as often as they say also when a bound is active. A parameter whose interval is wider than its
+    bounds is not determined by the data.
+    """
     parameters = solution.problem.parameters
     scales = parameters.scales
     U, s, Vt = np.linalg.svd(solution.jacobian * scales, full_matrices=False)
@@ -78,16 +83,24 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     identifiable = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
     covariance = scaled * np.outer(scales, scales)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    deviation[~identifiable] = np.inf
-    covariance[np.diag_indices_from(covariance)] = np.where(identifiable, np.diag(covariance), np.inf)
     factor = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(noise.degrees_of_freedom, 1.0)))
+    loose = identifiable & (2.0 * factor * deviation > parameters.upper - parameters.lower)
+    determined = identifiable & ~loose
+    deviation[~determined] = np.inf
+    covariance[np.diag_indices_from(covariance)] = np.where(determined, np.diag(covariance), np.inf)
+    # At an active bound the residual still asks for a step; without one this is zero.
+    centre = solution.x - scales * (inverse @ solution.residual)
+    names = [_in_words(direction, parameters.names) for direction in hidden]
     return Uncertainty(
         covariance=covariance,
         standard_deviation=deviation,
-        lower=solution.x - factor * deviation,
-        upper=solution.x + factor * deviation,
-        identifiable=identifiable,
-        unseen=tuple(_in_words(direction, parameters.names) for direction in hidden),
+        lower=np.where(determined, np.clip(centre - factor * deviation, parameters.lower, parameters.upper), -np.inf),
+        upper=np.where(determined, np.clip(centre + factor * deviation, parameters.lower, parameters.upper), np.inf),
+        identifiable=determined,
+        unseen=(
+            *names,
+            *(f"{name} within its bounds" for name, is_loose in zip(parameters.names, loose, strict=True) if is_loose),
+        ),
         condition=float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf,
         effective_samples=noise.effective_samples,
     )

@@ -1,0 +1,59 @@
+"""Straight lines through points, as a fit like any other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from optimisation.errors import FitError
+from optimisation.least_squares import Problem, solve_algebraic
+from optimisation.parameters import Parameter, Parameters
+from optimisation.pipeline import FitResult, fit
+from optimisation.uncertainty import independent_noise
+
+
+def fit_line(
+    x: np.ndarray,
+    y: np.ndarray,
+    slope: tuple[str, str],
+    offset: tuple[str, str],
+    *,
+    name: str,
+    facts: Mapping[str, Any] | None = None,
+    through_zero: bool = False,
+) -> FitResult:
+    """Least squares of y = slope x + offset.
+
+    Args:
+        x, y: points (n).
+        slope, offset: name and unit of the two parameters.
+        through_zero: freezes the offset at zero.
+
+    Raises:
+        FitError: fewer than three points, or one that is not finite.
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if len(x) < 3:
+        raise FitError(f"{name}: {len(x)} points are too few for a line with an interval; at least 3 are needed")
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
+        raise FitError(f"{name}: a point is not finite")
+    spread = float(np.std(x)) or 1.0
+    height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
+    parameters = Parameters.of(
+        [
+            Parameter(slope[0], slope[1], 0.0, scale=height / spread),
+            Parameter(offset[0], offset[1], 0.0, scale=height, frozen=through_zero),
+        ]
+    )
+    design = np.column_stack([x, np.ones_like(x)])[:, : len(parameters.free)] / height
+    problem = Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name)
+    result = fit(
+        problem,
+        solve_algebraic,
+        lambda solution: independent_noise(solution.residual, len(parameters.free)),
+        channels={"y": (slice(None), height)},
+        facts=facts,
+    )
+    return result

@@ -1,0 +1,91 @@
+"""Spring rates from force-displacement data (thesis Table 6.1: tyres and suspension)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from optimisation.errors import FitError
+from optimisation.identify.lines import fit_line
+from optimisation.pipeline import FitResult
+
+DISPLACEMENT, FORCE = "displacement_m", "force_n"
+CURVED = 0.05
+"""A spring whose rate changes by more than this part over the data is reported as curved."""
+
+
+def read_spring_data(path: Path | str) -> pd.DataFrame:
+    """A CSV file with the columns `displacement_m` and `force_n`.
+
+    Raises:
+        FitError: no such file, a column is missing, or a cell is not a finite number.
+    """
+    path = Path(path)
+    try:
+        table = pd.read_csv(path)
+    except (OSError, ValueError) as cause:
+        raise FitError(f"{path}: cannot be read as CSV ({cause})") from cause
+    missing = [name for name in (DISPLACEMENT, FORCE) if name not in table.columns]
+    if missing:
+        raise FitError(f"{path}: no column {', '.join(missing)}; there are {', '.join(map(str, table.columns))}")
+    for name in (DISPLACEMENT, FORCE):
+        values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise FitError(
+                f"{path}: column {name!r}: {table[name].iloc[bad[0]]!r} in row {bad[0]} is not a finite number"
+            )
+        table[name] = values
+    return table
+
+
+def fit_spring(table: pd.DataFrame, name: str = "spring") -> FitResult:
+    """Rate and preload of F = rate x + preload.
+
+    Loading and unloading may both be in the data; what they differ by is part of the residual. A spring that stiffens
+    or softens by more than 5 % over the data is warned about.
+
+    Raises:
+        FitError: fewer than three points, a displacement that does not change, or a force that falls with displacement.
+    """
+    x, force = table[DISPLACEMENT].to_numpy(float), table[FORCE].to_numpy(float)
+    if len(x) and np.ptp(x) == 0.0:
+        raise FitError(f"{name}: column {DISPLACEMENT!r} is constant ({x[0]:g} m); a spring rate needs a displacement")
+    result = fit_line(x, force, ("rate", "N/m"), ("preload", "N"), name=name, facts={"points": len(x)})
+    if result["rate"].value <= 0.0:
+        raise FitError(
+            f"{name}: the force falls with displacement (rate {result['rate'].value:.4g} N/m); "
+            "count compression and its force with the same sign"
+        )
+    warnings = list(result.warnings)
+    change = _change_of_rate(x, force, result["rate"].value)
+    if change is not None and abs(change) > CURVED:
+        warnings.append(
+            f"the rate {'rises' if change > 0 else 'falls'} by {abs(change):.0%} over the data: not a linear spring"
+        )
+    order = np.argsort(x)
+    curve = {
+        "x": x[order].tolist(),
+        "measured": force[order].tolist(),
+        "model": (result["rate"].value * x[order] + result["preload"].value).tolist(),
+        "labels": ["displacement, m", "force, N"],
+    }
+    return replace(result, warnings=tuple(warnings), curves={"force": curve})
+
+
+def _change_of_rate(x: np.ndarray, force: np.ndarray, rate: float) -> float | None:
+    """Change of the slope from one end of the data to the other, of the mean slope; None when it is not significant."""
+    if len(x) < 5:
+        return None
+    centred = (x - x.mean()) / np.ptp(x)
+    design = np.vander(centred, 3)
+    coefficients, residual, rank, _ = np.linalg.lstsq(design, force, rcond=None)
+    if rank < 3 or not len(residual):
+        return None
+    deviation = np.sqrt(residual[0] / (len(x) - 3) * np.linalg.inv(design.T @ design)[0, 0])
+    if abs(coefficients[0]) < 3.0 * deviation:
+        return None
+    return float(2.0 * coefficients[0] / (rate * np.ptp(x)))

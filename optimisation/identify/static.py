@@ -1,0 +1,191 @@
+"""C_D, C_L, psi3 and holding current of a static hold, from its six reactions and its speed (thesis section 4.8).
+
+Algebraic: the balance of the held rig instead of a simulation. The seventh residual is the speed at which the tail
+would creep against its friction if the current did not hold it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from optimisation.errors import FitError
+from optimisation.identify.published_tables import published
+from optimisation.identify.static_balance import REACTIONS
+from optimisation.identify.static_log import StaticData, accuracies, speed_accuracy
+from optimisation.least_squares import Problem, Solution, solve_algebraic
+from optimisation.parameters import Parameter, Parameters
+from optimisation.pipeline import FitResult, fit
+from optimisation.uncertainty import Noise
+
+Bounds = Literal["wide", "printed"]
+BOUNDS = {"cd": (-0.1, 3.0), "cl": (-0.5, 3.0), "psi3": (-0.35, 0.35), "current": (-10.0, 30.0)}
+"""Bounds that the published results themselves respect (they break the printed ones: ERRATA E5, E6)."""
+UNITS = {"cd": "1", "cl": "1", "psi3": "rad", "current": "A"}
+_SCALES = {"cd": 1.0, "cl": 1.0, "psi3": 0.1, "current": 5.0}
+_TURN = 1e-5
+"""Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
+
+
+def static_parameters(data: StaticData, bounds: Bounds = "wide", frozen: Sequence[str] = ()) -> Parameters:
+    """Seeds of Tables 4.9 and 10.1-10.5 at the nearest angle and wind speed, bounds as asked for.
+
+    Args:
+        frozen: names of parameters that keep their seed.
+    """
+    rows = published_seeds(data)
+    unknown = sorted(set(frozen) - set(UNITS))
+    if unknown:
+        raise FitError(f"parameter {unknown[0]!r} cannot be frozen; there are {', '.join(UNITS)}")
+    found = []
+    for name, unit in UNITS.items():
+        seed, low, high = rows[name]
+        if bounds == "wide":
+            low, high = BOUNDS[name]
+        found.append(Parameter(name, unit, min(max(seed, low), high), low, high, name in frozen, _SCALES[name]))
+    return Parameters.of(found)
+
+
+def published_seeds(data: StaticData) -> dict[str, tuple[float, float, float]]:
+    """Seed and printed bounds of the four unknowns."""
+    key = (str(data.facts["tail"]), math.degrees(data.angle), data.wind_speed)
+    table = _seed_table()
+    tail, angle, speed = key
+    nodes = [node for node in table if node[0] == tail]
+    nearest = min(nodes, key=lambda node: (abs(node[1] - abs(angle)) / 15.0, abs(node[2] - speed)))
+    return table[nearest]
+
+
+_SEEDS: dict[tuple[str, float, float], dict[str, tuple[float, float, float]]] = {}
+
+
+def _seed_table() -> dict[tuple[str, float, float], dict[str, tuple[float, float, float]]]:
+    if not _SEEDS:
+        for row in published("static_seeds").itertuples():
+            key = (str(row.tail), float(row.angle_of_attack_deg), float(row.wind_speed_m_per_s))
+            _SEEDS.setdefault(key, {})[str(row.variable)] = (float(row.x0), float(row.lb), float(row.ub))
+    return _SEEDS
+
+
+class StaticResidual:
+    """The weighted residual of one hold, with its exact Jacobian.
+
+    Rows: the present reactions over the accuracy of Table 4.8, then the speed over its own.
+    """
+
+    def __init__(self, data: StaticData, parameters: Parameters) -> None:
+        self._data = data
+        self._free = [list(UNITS).index(name) for name in parameters.names]
+        self._all = [p.seed for p in parameters.all]
+        self._rows = [i for i in range(6) if data.present[i]]
+        self._weights = accuracies()[self._rows]
+        speed = speed_accuracy()
+        creep = 1.0 / (data.balance.creep_resistance * speed)
+        self._scale = np.append(1.0 / self._weights, creep)
+        self._constant = self._scaled(*data.balance.hanging(data.angle))
+        self._constant -= np.append(data.wrench[self._rows] / self._weights, data.speed / speed)
+        self._motor = np.zeros(len(self._scale))
+        self._motor[-1] = -creep * data.balance.torque_constant
+        self._last: tuple[float, np.ndarray] = (math.nan, np.empty(0))
+
+    def _scaled(self, wrench: np.ndarray, torque: float) -> np.ndarray:
+        return np.append(wrench[self._rows], torque) * self._scale
+
+    @property
+    def channels(self) -> dict[str, tuple[slice, float]]:
+        """Where each channel stands and what its residual was divided by."""
+        names = [*(REACTIONS[i] for i in self._rows), "speed"]
+        weights = [*self._weights.tolist(), speed_accuracy()]
+        return {name: (slice(i, i + 1), w) for i, (name, w) in enumerate(zip(names, weights, strict=True))}
+
+    def _effect(self, psi: float) -> np.ndarray:
+        """Weighted rows of bar, unit C_D and unit C_L (3 x m)."""
+        if self._last[0] != psi:
+            data = self._data
+            effect = np.array(data.balance.wind_effect(data.angle, data.wind_speed, psi))
+            self._last = (psi, effect[:, [*self._rows, 6]] * self._scale)
+        return self._last[1]
+
+    def _full(self, x: np.ndarray) -> list[float]:
+        full = self._all.copy()
+        for place, value in zip(self._free, x.tolist(), strict=True):
+            full[place] = value
+        return full
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Residual (present axes + 1) of the free unknowns."""
+        cd, cl, psi, current = self._full(x)
+        bar, drag, lift = self._effect(psi)
+        return self._constant + bar + cd * drag + cl * lift + current * self._motor
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """d residual / d free unknowns: exact in C_D, C_L and current, a central difference over psi3."""
+        cd, cl, psi, _ = self._full(x)
+        here = self._effect(psi)
+        turn = np.zeros(len(self._scale))
+        if 2 in self._free:
+            turn = np.array([1.0, cd, cl]) @ (self._effect(psi + _TURN) - self._effect(psi - _TURN)) / (2.0 * _TURN)
+            self._last = (psi, here)
+        return np.array([here[1], here[2], turn, self._motor])[self._free].T
+
+    def noise(self, solution: Solution) -> Noise:
+        """What is left of the sensor's errors, and the encoder's."""
+        data = self._data
+        count = len(self._rows)
+        covariance = np.zeros((count + 1, count + 1))
+        covariance[:count, :count] = data.covariance[np.ix_(self._rows, self._rows)] / np.outer(
+            self._weights, self._weights
+        )
+        covariance[count, count] = (data.speed_deviation / speed_accuracy()) ** 2
+        slope = self._angle_slope(solution.x)
+        return Noise(covariance + data.angle_deviation**2 * np.outer(slope, slope), np.inf, data.effective_samples)
+
+    def _angle_slope(self, x: np.ndarray) -> np.ndarray:
+        """d residual / d angle."""
+        cd, cl, psi, _ = self._full(x)
+        shares, data = np.array([1.0, cd, cl]), self._data
+        ends = []
+        for angle in (data.angle + _TURN, data.angle - _TURN):
+            weight, torque = data.balance.hanging(angle)
+            total = shares @ np.array(data.balance.wind_effect(angle, data.wind_speed, psi))
+            ends.append(self._scaled(weight + total[:6], torque + total[6]))
+        return (ends[0] - ends[1]) / (2.0 * _TURN)
+
+
+def static_problem(data: StaticData, parameters: Parameters) -> tuple[Problem, StaticResidual]:
+    """The least-squares problem of one hold."""
+    residual = StaticResidual(data, parameters)
+    return Problem(parameters, residual, residual.jacobian, name=data.name), residual
+
+
+def fit_static(
+    data: StaticData, bounds: Bounds = "wide", frozen: Sequence[str] = (), random_seeds: int = 0
+) -> FitResult:
+    """Fits one hold.
+
+    Args:
+        bounds: `wide`, which the published results respect, or `printed` (Tables 4.10 and 10.1-10.5).
+        frozen: parameters that keep their published seed.
+        random_seeds: starts beside the published seed.
+
+    Raises:
+        FitError: fewer axes than unknowns, or no start could be solved.
+    """
+    parameters = static_parameters(data, bounds, frozen)
+    problem, residual = static_problem(data, parameters)
+    facts: dict[str, Any] = dict(data.facts)
+    if math.isfinite(data.current):
+        facts["logged_current_a"] = data.current
+    facts["exposed_length_m"] = data.balance.exposed_length(data.angle)
+    return fit(
+        problem,
+        solve_algebraic,
+        residual.noise,
+        starts=parameters.starts(random=random_seeds),
+        channels=residual.channels,
+        facts=facts,
+        warnings=data.warnings,
+    )

@@ -1,0 +1,128 @@
+"""Throttle to steady speed: speed = gain x throttle + offset, from straight drives (thesis Fig. 6.8).
+
+A drive is cut where the throttle changes; each part counts once, by the mean speed of its steady end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from optimisation.errors import FitError
+from optimisation.identify.lines import fit_line
+from optimisation.pipeline import FitResult
+from workbench.logs.schema import read_run_log
+from workbench.signals import check_signals
+
+TIME, THROTTLE, SPEED = "time_s", "throttle_command", "speed_m_per_s"
+MOVING = 0.1
+"""Speed below which the car stands (a throttle too small to move it is no point of the line), m/s."""
+
+
+@dataclass(frozen=True)
+class SteadyRule:
+    """What counts as steady.
+
+    Attributes:
+        window: length of the steady end of a part, s.
+        drift: largest change of the speed over the window, of the mean speed.
+        same_throttle: throttle changes below this do not start a new part.
+    """
+
+    window: float = 1.0
+    drift: float = 0.03
+    same_throttle: float = 0.005
+
+
+@dataclass(frozen=True)
+class SteadyPoint:
+    """One steady part of a drive: mean throttle and speed (m/s), scatter of the speed (m/s), and when it was (s)."""
+
+    throttle: float
+    speed: float
+    scatter: float
+    start: float
+    end: float
+    log: str = ""
+
+
+def read_drive(path: Path | str) -> pd.DataFrame:
+    """Time, throttle and speed of a drive: a run log (Parquet), or a CSV file with those columns.
+
+    Raises:
+        FitError, LogError: the file cannot be read, or a column is missing.
+    """
+    path = Path(path)
+    if path.suffix != ".csv":
+        log = read_run_log(path)
+        return pd.DataFrame({name: log.signal(name) for name in (TIME, THROTTLE, SPEED)})
+    try:
+        table = pd.read_csv(path)
+    except (OSError, ValueError) as cause:
+        raise FitError(f"{path}: cannot be read as CSV ({cause})") from cause
+    missing = [name for name in (TIME, THROTTLE, SPEED) if name not in table.columns]
+    if missing:
+        raise FitError(f"{path}: no column {', '.join(missing)}; there are {', '.join(map(str, table.columns))}")
+    return table[[TIME, THROTTLE, SPEED]].astype(float)
+
+
+def steady_points(drive: pd.DataFrame, rule: SteadyRule | None = None, log: str = "drive") -> list[SteadyPoint]:
+    """The steady parts of a drive; may be none.
+
+    Raises:
+        LogError: unsorted time, gap or NaN.
+    """
+    rule = rule or SteadyRule()
+    time, throttle, speed = (drive[name].to_numpy(float) for name in (TIME, THROTTLE, SPEED))
+    check_signals(time, {THROTTLE: throttle, SPEED: speed})
+    edges = np.flatnonzero(np.abs(np.diff(throttle)) > rule.same_throttle) + 1
+    points = []
+    for part in np.split(np.arange(len(time)), edges):
+        end = time[part[-1]]
+        window = part[time[part] >= end - rule.window - 1e-9]
+        if (
+            end - time[part[0]] < rule.window
+            or len(window) < 3
+            or np.all(np.abs(throttle[window]) < rule.same_throttle)
+        ):
+            continue
+        mean = float(np.mean(speed[window]))
+        slope = float(np.polyfit(time[window] - end, speed[window], 1)[0])
+        if mean > MOVING and abs(slope) * rule.window <= rule.drift * mean:
+            scatter = float(np.std(speed[window]))
+            points.append(
+                SteadyPoint(float(np.mean(throttle[window])), mean, scatter, float(time[window[0]]), float(end), log)
+            )
+    return points
+
+
+def fit_throttle(points: Sequence[SteadyPoint], name: str = "throttle") -> FitResult:
+    """Gain and offset of the line through all steady points.
+
+    Raises:
+        FitError: fewer than three points, or all at one throttle.
+    """
+    throttle = np.array([point.throttle for point in points])
+    speed = np.array([point.speed for point in points])
+    if len(points) < 3 or np.ptp(throttle) < 0.02:
+        spread = f"between {throttle.min():g} and {throttle.max():g}" if len(points) else "at all"
+        raise FitError(
+            f"{name}: {len(points)} steady part(s), throttle {spread}; a line needs at least 3 at different throttle. "
+            "Hold each throttle until the speed settles"
+        )
+    result = fit_line(
+        throttle, speed, ("throttle_gain", "m/s"), ("throttle_offset", "m/s"), name=name, facts={"points": len(points)}
+    )
+    order = np.argsort(throttle)
+    line = result["throttle_gain"].value * throttle[order] + result["throttle_offset"].value
+    curve = {
+        "x": throttle[order].tolist(),
+        "measured": speed[order].tolist(),
+        "model": line.tolist(),
+        "labels": ["throttle", "steady speed, m/s"],
+    }
+    return replace(result, curves={"speed": curve})

@@ -1,0 +1,88 @@
+"""What the program finds wrong in the published tables by itself, beside ERRATA.md."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from optimisation.errors import FitError
+from optimisation.identify.aggregate import aggregate, huber, recompute_averages, weights
+from optimisation.identify.published_tables import (
+    flag_added_mass,
+    flag_robot_tail,
+    flag_static,
+    robot_tail_rows,
+    static_rows,
+)
+
+
+def test_200_of_210_static_rows_and_160_of_185_robot_rows_are_distinct() -> None:
+    assert len(static_rows()) == 200  # ERRATA E1
+    assert len(robot_tail_rows()) == 160  # ERRATA E24
+
+
+def test_flags_of_the_static_tables_are_those_of_the_errata() -> None:
+    flags = flag_static()
+    count = Counter(flag.erratum for flag in flags)
+    # E1: both tables of 30 degrees; E3: six minor-axis tables; E4: ten rows; E5: 28 of C_L and one of C_D; E6: 13; E7: one.
+    assert count == {"E1": 2, "E3": 6, "E4": 10, "E5": 29, "E6": 13, "E7": 1}
+    assert {flag.table for flag in flags if flag.erratum == "E1"} == {"Table 10.17", "Table 10.18"}
+    assert {flag.table for flag in flags if flag.erratum == "E3"} == {
+        f"Table 10.{number}" for number in (6, 8, 10, 12, 14, 16)
+    }
+    (identical,) = (flag for flag in flags if flag.erratum == "E7")
+    assert (identical.table, identical.rows) == ("Table 4.11", "10 m/s")
+
+
+def test_the_copied_robot_table_is_the_one_that_breaks_the_pattern() -> None:
+    flags = flag_robot_tail()
+    assert [(flag.table, flag.erratum) for flag in flags if flag.erratum == "E24"] == [("Table 11.3", "E24")]
+    assert {flag.table for flag in flags if flag.erratum == "E25"} == {f"Table 11.{n}" for n in range(3, 8)}
+
+
+def test_the_added_mass_at_its_bound_is_found() -> None:
+    (flag,) = flag_added_mass()
+    assert (flag.table, flag.rows) == ("Table 11.2", "tail 2 minor 20 m/s, swing 5")
+
+
+def test_all_weighted_averages_are_recomputed_and_two_of_sixteen_disagree() -> None:
+    table, flags = recompute_averages()
+    assert len(table) == 16
+    assert [(flag.table, flag.rows) for flag in flags] == [
+        ("Table 11.1", "added_mass_kg tail 2 major 10 m/s"),
+        ("Table 11.2", "added_mass_kg tail 1 major 20 m/s"),
+    ]
+    assert "the value of tail 3 minor 20 m/s" in flags[1].finding
+    rows = table.set_index("quantity")
+    # ERRATA E23, recomputed column
+    assert rows.weighted["added_mass_kg tail 1 major 20 m/s"] == pytest.approx(-0.01670, abs=5e-6)
+    bar = table[table["table"] == "Table 4.7"].weighted.to_numpy()
+    assert bar == pytest.approx([0.04351, 0.03643], abs=5e-6)
+
+
+def test_robust_averages_ignore_the_swing_at_the_bound() -> None:
+    table, _ = recompute_averages()
+    row = table.set_index("quantity").loc["added_mass_kg tail 2 minor 20 m/s"]
+    assert row["mean"] == pytest.approx(0.13376, abs=5e-6)
+    assert row["median"] == pytest.approx(0.0441)
+    assert row["huber"] == pytest.approx(0.0436, abs=0.001)
+
+
+def test_weights_sum_to_one_and_go_with_one_over_the_resnorm() -> None:
+    w = weights(np.array([1.0, 2.0, 4.0]))
+    assert w.tolist() == pytest.approx([4.0 / 7.0, 2.0 / 7.0, 1.0 / 7.0])
+    with pytest.raises(FitError, match=r"resnorm 0\.0 in row 1"):
+        weights(np.array([1.0, 0.0]))
+
+
+def test_huber_location_lies_between_mean_and_median_of_lopsided_values() -> None:
+    found = aggregate(np.array([1.0, 1.1, 0.9, 1.05, 3.0]), np.ones(5))
+    assert found.median < found.huber < found.mean
+    assert (found.low, found.high) == pytest.approx((0.94, 2.24))
+
+
+def test_huber_residual_is_quadratic_within_and_linear_beyond_its_limit() -> None:
+    loss = 0.5 * huber(np.array([0.5, -1.0, 3.0, -3.0]), 1.0) ** 2
+    assert loss == pytest.approx([0.125, 0.5, 2.5, 2.5])
