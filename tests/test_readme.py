@@ -1,0 +1,51 @@
+"""The examples of the README run, and come out as it says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import matplotlib
+import pytest
+from typer.testing import CliRunner
+
+from workbench.cli import build_app
+
+README = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+FIRST_STEPS = README[README.index("## First steps") : README.index("## Folders")]
+
+
+def test_first_lines_are_the_two_commands() -> None:
+    assert re.match(r"```sh\nmake demo .*\nmake test .*\n```\n", README)
+
+
+def test_commands_of_the_first_steps_come_out_as_the_readme_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"```sh\n(.*?)```", FIRST_STEPS, re.DOTALL)
+    outcomes = []
+    for line in block.splitlines():
+        program, *words = shlex.split(line)
+        assert program == "aerodima"
+        result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+        assert result.exit_code == 0, f"{line}: {result.output}"
+        outcomes += re.findall(r"^outcome: .*$", result.stdout, re.MULTILINE)
+    assert outcomes == [
+        "outcome: flipped; touched the ground: cage",
+        "outcome: survived, clean",
+        "outcome: survived, clean",
+    ]
+    told = " ".join(FIRST_STEPS.split())
+    assert all(outcome in told for outcome in outcomes)
+    assert {path.name for path in tmp_path.iterdir()} >= {"swing.html", "none.html", "none.png"}
+
+
+def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    (block,) = re.findall(r"```python\n(.*?)```", FIRST_STEPS, re.DOTALL)
+    names: dict[str, object] = {}
+    exec(compile(block, "README.md", "exec"), names)
+    assert (tmp_path / "swing.parquet").exists()
