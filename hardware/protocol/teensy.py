@@ -36,7 +36,10 @@ class StringForm(Enum):
 
 
 class MotorRequest(IntEnum):
-    """The field STATE: what the Teensy sends to the motor. The thesis does not print its values."""
+    """The field STATE: what the Teensy sends to the motor. The thesis does not print its values.
+
+    EXIT: the exit frame. ENTER: the neutral command, the enter frame, the neutral command. COMMAND: the command.
+    """
 
     EXIT = 0
     ENTER = 1

@@ -1,0 +1,215 @@
+"""A serial port with threads of its own: it comes back after a broken cable and never holds up the loop."""
+
+from __future__ import annotations
+
+import errno
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from workbench.errors import HardwareError
+
+_READ_TIMEOUT = 0.002
+_WRITE_TIMEOUT = 0.1
+_RECONNECT = 0.25
+_THREAD_SILENT = 0.5
+_MOST_CHUNKS = 4096
+
+
+class SerialPort(Protocol):
+    """What the link needs of pyserial's `Serial`; its methods raise `OSError` when the device has gone."""
+
+    def read(self, size: int = ...) -> bytes:
+        """At most `size` bytes that came within the timeout."""
+        ...
+
+    def write(self, data: bytes, /) -> int | None:
+        """Writes all of the bytes or raises."""
+        ...
+
+    def close(self) -> None:
+        """Closes the device."""
+        ...
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        ...
+
+
+@dataclass(frozen=True)
+class SerialSettings:
+    """A serial device. rate in bit/s; a USB port ignores it."""
+
+    path: str
+    rate: int = 115_200
+
+
+def open_serial(settings: SerialSettings) -> SerialPort:
+    """Opens the device for this program alone.
+
+    Raises:
+        HardwareError: pyserial is not installed, or the device is missing, not permitted or in use.
+    """
+    try:
+        import serial
+    except ImportError:
+        raise HardwareError("serial ports need pyserial: pip install 'aerodima-workbench[hardware]'") from None
+    try:
+        port: SerialPort = serial.Serial(
+            settings.path, settings.rate, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
+        )
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"{settings.path}: cannot be opened: {_reason(error)}") from None
+    return port
+
+
+class SerialLink:
+    """Bytes in and out of one serial device.
+
+    What is written replaces what still waits: each string of the Teensy carries everything, and an old one must not be
+    sent after a newer one was made. The device is opened again when it was lost; nobody is told to go on by that.
+
+    Args:
+        open_port: opens the device; raises `HardwareError`. The first call is made here, so that a wrong path is an
+            error at once.
+
+    Attributes:
+        connected: whether the device is open.
+        error: why it is not, or was not last time; empty before the first loss.
+        losses: how often it was lost.
+        written, replaced: strings.
+    """
+
+    def __init__(self, open_port: Callable[[], SerialPort]) -> None:
+        self._open_port = open_port
+        self._port: SerialPort | None = open_port()
+        self.connected = True
+        self.error = ""
+        self.losses = self.written = self.replaced = 0
+        self._inbox: deque[tuple[float, bytes]] = deque(maxlen=_MOST_CHUNKS)
+        self._waiting: bytes | None = None
+        self._condition = threading.Condition()
+        self._closing = threading.Event()
+        self._alive = time.monotonic()
+        self._threads = [
+            threading.Thread(target=self._run, name="serial-receive", daemon=True),
+            threading.Thread(target=self._run_writer, name="serial-send", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @classmethod
+    def open(cls, settings: SerialSettings) -> SerialLink:
+        """A link to the device of these settings. Raises `HardwareError` as `open_serial` does."""
+        return cls(lambda: open_serial(settings))
+
+    @property
+    def healthy(self) -> bool:
+        """Whether the device is open and both threads live."""
+        threads = all(thread.is_alive() for thread in self._threads)
+        return self.connected and threads and time.monotonic() - self._alive < _THREAD_SILENT
+
+    def write(self, data: bytes) -> None:
+        """Hands bytes to the sending thread and returns at once; they replace bytes that still wait."""
+        with self._condition:
+            self.replaced += self._waiting is not None
+            self._waiting = data
+            self._condition.notify_all()
+
+    def poll(self) -> list[tuple[float, bytes]]:
+        """Bytes that came since the last call, in the pieces in which they came, each with its `time.monotonic`."""
+        return [self._inbox.popleft() for _ in range(len(self._inbox))]
+
+    def flush(self, timeout: float = 0.2) -> bool:
+        """Waits until nothing waits to be written, at most `timeout` s; whether it came to that."""
+        with self._condition:
+            return self._condition.wait_for(lambda: self._waiting is None, timeout)
+
+    def close(self, timeout: float = 0.2) -> None:
+        """Writes what waits (at most `timeout` s) and closes the device. Never raises."""
+        self.flush(timeout)
+        self._closing.set()
+        with self._condition:
+            self._condition.notify_all()
+        for thread in self._threads:
+            thread.join(timeout)
+        self._lose("closed", count=False)
+
+    def _lose(self, reason: str, count: bool = True) -> None:
+        """Closes the device after an error; `_run` opens it again."""
+        port, self._port = self._port, None
+        self.connected = False
+        if port is None:
+            return
+        self.error = reason
+        self.losses += count
+        try:
+            port.close()
+        except Exception as error:  # a device that has gone cannot be closed properly
+            self.error = f"{reason}; closing: {error}"
+
+    # -- receiving thread, which also opens the device again
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._alive = time.monotonic()
+            port = self._port
+            if port is None:
+                self._reopen()
+                continue
+            try:
+                data = port.read(max(1, port.in_waiting))
+            except Exception as error:  # pyserial raises OSError, TypeError and others on a lost device
+                self._lose(f"reading failed: {_reason(error)}")
+                continue
+            if data:
+                self._inbox.append((time.monotonic(), data))
+
+    def _reopen(self) -> None:
+        try:
+            self._port = self._open_port()
+        except HardwareError as error:
+            self.error = str(error)
+            self._closing.wait(_RECONNECT)
+        else:
+            with self._condition:
+                self._waiting = None  # made before the device was lost: too old
+            self.connected = True
+
+    # -- sending thread
+
+    def _run_writer(self) -> None:
+        while not self._closing.is_set():
+            with self._condition:
+                self._condition.wait_for(lambda: self._waiting is not None or self._closing.is_set(), 0.1)
+                data = self._waiting
+            if data is None:
+                continue
+            port = self._port
+            if port is None:
+                self._closing.wait(_READ_TIMEOUT)
+                continue
+            try:
+                port.write(data)
+                self.written += 1
+            except Exception as error:
+                self._lose(f"writing failed: {_reason(error)}")
+            with self._condition:
+                if self._waiting is data:
+                    self._waiting = None
+                self._condition.notify_all()
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    if number in (errno.EACCES, errno.EPERM):
+        return "permission denied; is the user in the group that owns the device (often dialout)?"
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return "there is no such device; is it plugged in?"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return "another program uses it"
+    return " ".join(str(error).split())
