@@ -1,0 +1,128 @@
+"""API frames of XBee modules, as far as the operator's radio needs them: data received, data to send.
+
+A frame is 7E, two bytes of length, the content and a checksum: FF minus the sum of the content. In mode 2 the bytes
+7E, 7D, 11 and 13 are escaped by 7D and exclusive-or 20. Content `90` is data that arrived: sender 8 bytes, network
+address 2, options 1, data. Content `10` is data to send: frame id 1 (0: no answer wanted), receiver 8, network address
+2, radius 1, options 1, data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hardware.protocol.can_frame import FrameError
+
+START, ESCAPE = 0x7E, 0x7D
+_MASK = 0x20
+_ESCAPED = (START, ESCAPE, 0x11, 0x13)
+_RECEIVED, _TRANSMIT = 0x90, 0x10
+_RECEIVED_HEAD, _LONGEST = 12, 128
+_UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedPacket:
+    """Data that another module sent. sender: its 64-bit serial number."""
+
+    sender: int
+    data: bytes
+
+
+def make_transmit(data: bytes, receiver: int, escaped: bool = False) -> bytes:
+    """The frame that sends data to the module with the serial number `receiver`, without an answer.
+
+    Raises:
+        FrameError: more data than a frame carries, or no 64-bit number.
+    """
+    if not 0 <= receiver < 1 << 64:
+        raise FrameError(f"XBee address {receiver:#x}: must have 64 bits")
+    content = bytes([_TRANSMIT, 0]) + receiver.to_bytes(8, "big") + _UNKNOWN_NETWORK_ADDRESS + bytes(2) + data
+    return _frame(content, escaped)
+
+
+def make_received(packet: ReceivedPacket, escaped: bool = False) -> bytes:
+    """The frame that a module hands over for data that arrived; for emulators."""
+    content = bytes([_RECEIVED]) + packet.sender.to_bytes(8, "big") + _UNKNOWN_NETWORK_ADDRESS + b"\x01" + packet.data
+    return _frame(content, escaped)
+
+
+class ApiStream:
+    """Received packets out of a serial stream that begins anywhere and may carry noise.
+
+    A frame whose checksum is wrong is dropped, and the search goes on behind its first byte: a start byte within noise
+    costs no good frame. Frames of other kinds (modem status, ...) are skipped.
+
+    Args:
+        escaped: API mode 2; False is mode 1.
+
+    Attributes:
+        rejected: frames with a wrong checksum or a length that cannot be.
+    """
+
+    def __init__(self, escaped: bool = False) -> None:
+        self._escaped = escaped
+        self._open = b""
+        self.rejected = 0
+
+    def feed(self, data: bytes) -> list[ReceivedPacket]:
+        """The packets that became complete with these bytes, oldest first."""
+        self._open += data
+        packets: list[ReceivedPacket] = []
+        while (start := self._open.find(START)) >= 0:
+            self._open = self._open[start:]
+            content, used = self._content()
+            if used == 0:
+                return packets
+            self._open = self._open[used:]
+            if content is None:
+                self.rejected += 1
+            elif content[0] == _RECEIVED and len(content) >= _RECEIVED_HEAD:
+                sender = int.from_bytes(content[1:9], "big")
+                packets.append(ReceivedPacket(sender, content[_RECEIVED_HEAD:]))
+        self._open = b""
+        return packets
+
+    def _content(self) -> tuple[bytes | None, int]:
+        """Content of the frame at the beginning (None if it is none) and its bytes; 0 bytes: not yet complete."""
+        plain, ends, cut = self._unescape()
+        if len(plain) < 2:
+            return (None, 1) if cut else (None, 0)
+        length = int.from_bytes(plain[:2], "big")
+        if not 0 < length <= _LONGEST:
+            return None, 1
+        if len(plain) < length + 3:
+            return (None, 1) if cut else (None, 0)
+        content = plain[2 : 2 + length]
+        if sum(content) + plain[2 + length] & 0xFF != 0xFF:
+            return None, 1
+        return content, ends[2 + length]
+
+    def _unescape(self) -> tuple[bytes, list[int], bool]:
+        """Bytes behind the start, where each ends in the stream, and whether a new frame cuts this one off."""
+        if not self._escaped:
+            raw = self._open[1 : _LONGEST + 4]
+            return raw, list(range(2, 2 + len(raw))), False
+        plain, place = bytearray(), 1
+        ends: list[int] = []
+        while place < len(self._open) and len(plain) < _LONGEST + 3:
+            byte = self._open[place]
+            if byte == START:
+                return bytes(plain), ends, True
+            if byte == ESCAPE:
+                place += 1
+                if place == len(self._open):
+                    break
+                byte = self._open[place] ^ _MASK
+            plain.append(byte)
+            place += 1
+            ends.append(place)
+        return bytes(plain), ends, False
+
+
+def _frame(content: bytes, escaped: bool) -> bytes:
+    if len(content) > _LONGEST:
+        raise FrameError(f"XBee frame of {len(content)} bytes; allowed are {_LONGEST}")
+    body = len(content).to_bytes(2, "big") + content + bytes([0xFF - sum(content) % 256])
+    if escaped:
+        body = b"".join(bytes([ESCAPE, b ^ _MASK]) if b in _ESCAPED else bytes([b]) for b in body)
+    return bytes([START]) + body

@@ -1,0 +1,86 @@
+"""The operator's radio: commands with their age, a heartbeat that must live, and a stop that latches.
+
+The link only reports; what follows from silence (throttle 0, tail to hold, then exit) is decided where the car is
+driven.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hardware.protocol.can_frame import FrameError
+from hardware.protocol.radio import (
+    EmergencyStop,
+    Heartbeat,
+    HeartbeatMonitor,
+    OperatorCommand,
+    RadioMode,
+    decode,
+)
+from hardware.protocol.xbee import ApiStream
+from hardware.transport.serial_link import SerialLink
+
+IDLE = OperatorCommand(RadioMode.IDLE)
+
+
+class RadioLink:
+    """What the operator asks for, from an XBee module in API mode.
+
+    Args:
+        link: open serial link; the caller closes it.
+        operator: 64-bit serial number of the operator's module; others are counted and ignored. None: whoever sends.
+        escaped: API mode 2.
+
+    Attributes:
+        command: the last one; idle before the first.
+        stopped: an emergency stop came; only `clear_stop`, by hand, forgets it.
+        foreign, rejected: frames of other modules; frames that are no message, with `last_error`.
+    """
+
+    def __init__(self, link: SerialLink, operator: int | None = None, escaped: bool = False) -> None:
+        self._link = link
+        self._operator = operator
+        self._stream = ApiStream(escaped)
+        self._heartbeat = HeartbeatMonitor()
+        self._command_time: float | None = None
+        self.command = IDLE
+        self.stopped = False
+        self.foreign = self.rejected = 0
+        self.last_error = ""
+
+    def poll(self) -> None:
+        """Reads what came in. A damaged or foreign frame makes nothing younger."""
+        for arrival, data in self._link.poll():
+            for packet in self._stream.feed(data):
+                if self._operator is not None and packet.sender != self._operator:
+                    self.foreign += 1
+                else:
+                    self._take(packet.data, arrival)
+
+    def age(self, now: float) -> float:
+        """Seconds since the older of command and changed heartbeat: what the dead-man switch looks at.
+
+        Both are needed: a transmitter that repeats its last command for ever is not an operator.
+        """
+        command = math.inf if self._command_time is None else now - self._command_time
+        return max(command, self._heartbeat.age(now))
+
+    def clear_stop(self) -> None:
+        """Forgets an emergency stop, by hand only, and the command before it."""
+        self.stopped = False
+        self.command = IDLE
+        self._command_time = None
+
+    def _take(self, data: bytes, arrival: float) -> None:
+        try:
+            message = decode(data)
+        except FrameError as error:
+            self.rejected += 1
+            self.last_error = str(error)
+            return
+        if isinstance(message, EmergencyStop):
+            self.stopped = True
+        elif isinstance(message, Heartbeat):
+            self._heartbeat.receive(message, arrival)
+        else:
+            self.command, self._command_time = message, arrival

@@ -1,0 +1,73 @@
+"""API frames against Digi's own library, and streams with noise."""
+
+import pytest
+from digi.xbee.models.address import XBee16BitAddress, XBee64BitAddress
+from digi.xbee.packets.common import ReceivePacket, TransmitPacket
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hardware.protocol.can_frame import FrameError
+from hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received, make_transmit
+
+addresses = st.integers(0, 2**64 - 1)
+payloads = st.one_of(
+    st.binary(max_size=60), st.lists(st.sampled_from([0x7E, 0x7D, 0x11, 0x13, 0x5D]), max_size=20).map(bytes)
+)
+
+
+def digi_address(number):
+    return XBee64BitAddress(bytearray(number.to_bytes(8, "big")))
+
+
+@given(addresses, payloads, st.booleans())
+@settings(max_examples=300, deadline=None)
+def test_received_frames_are_those_of_the_vendors_library(sender, data, escaped):
+    theirs = ReceivePacket(digi_address(sender), XBee16BitAddress.UNKNOWN_ADDRESS, 1, rf_data=bytearray(data))
+    assert make_received(ReceivedPacket(sender, data), escaped) == bytes(theirs.output(escaped))
+    assert ApiStream(escaped).feed(bytes(theirs.output(escaped))) == [ReceivedPacket(sender, data)]
+
+
+@given(addresses, payloads, st.booleans())
+@settings(max_examples=300, deadline=None)
+def test_frames_to_send_are_those_of_the_vendors_library(receiver, data, escaped):
+    theirs = TransmitPacket(0, digi_address(receiver), XBee16BitAddress.UNKNOWN_ADDRESS, 0, 0, rf_data=bytearray(data))
+    assert make_transmit(data, receiver, escaped) == bytes(theirs.output(escaped))
+
+
+@given(st.binary(max_size=80), st.lists(st.integers(1, 40), min_size=1, max_size=5), st.booleans())
+@settings(max_examples=500, deadline=None)
+def test_noise_costs_no_good_frame(noise, sizes, escaped):
+    good = ReceivedPacket(0x13A20040000001, b"\x02\x07" + bytes(16))
+    # In mode 1 noise may announce a frame of up to 128 bytes that swallows what follows until its checksum fails.
+    data, found, i = noise + 12 * make_received(good, escaped), [], 0
+    stream = ApiStream(escaped)
+    while data:
+        size = sizes[i % len(sizes)]
+        found += stream.feed(data[:size])
+        data, i = data[size:], i + 1
+    assert len([packet for packet in found if packet == good]) >= (11 if escaped else 6)
+    assert len(stream._open) <= 300
+
+
+def test_every_changed_byte_is_noticed():
+    good = ReceivedPacket(0x13A20040000001, b"\x01\x01" + bytes(range(16)))
+    frame = make_received(good)
+    for place in range(len(frame)):
+        changed = bytearray(frame)
+        changed[place] ^= 0x04
+        assert ApiStream().feed(bytes(changed)) == []
+
+
+def test_other_kinds_of_frames_are_skipped():
+    modem_status = bytes.fromhex("7E00028A066F")
+    good = ReceivedPacket(1, b"abc")
+    stream = ApiStream()
+    assert stream.feed(modem_status + make_received(good)) == [good]
+    assert stream.rejected == 0
+
+
+def test_too_long_and_wrong_addresses_are_refused():
+    with pytest.raises(FrameError, match="allowed are 128"):
+        make_transmit(bytes(300), 1)
+    with pytest.raises(FrameError, match="64 bits"):
+        make_transmit(b"", 1 << 64)
