@@ -126,8 +126,9 @@ def summary_row(summary: RunSummary) -> dict[str, Any]:
             value = None if impulses is None else getattr(impulses, cause)
             row[f"{cause}_impulse_{label}_n_m_s"] = value
     published = published_for(summary)
-    for platform in ("simulated", "physical"):
-        found = published.get(platform)  # type: ignore[call-overload]
+    platforms: tuple[Platform, ...] = ("simulated", "physical")
+    for platform in platforms:
+        found = published.get(platform)
         row[f"published_{platform}_source"] = None if found is None else found.source
         for field in fields(TurnMetrics):
             figure = None if found is None else getattr(found.metrics, field.name)

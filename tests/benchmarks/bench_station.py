@@ -64,6 +64,7 @@ def _bare_step_seconds(scenario: Scenario) -> float:
     car = add_car_plant(builder, scenario)
     simulator = Simulator(builder.Build())
     context = car.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    assert car.tail is not None
     for instance in (car.car, car.tail):
         for port in (car.plant.get_actuation_input_port(instance), car.plant.get_desired_state_input_port(instance)):
             port.FixValue(context, np.zeros(port.size()))

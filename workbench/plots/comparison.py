@@ -23,7 +23,7 @@ from workbench.plots.style import (
     styled,
 )
 from workbench.published import PublishedFigures
-from workbench.summary import RunSummary
+from workbench.summary import RunSummary, summarise
 from workbench.turn_signals import turn_window
 
 _METRIC_LABELS = {
@@ -91,7 +91,7 @@ def plot_metrics(summaries: Sequence[RunSummary], filtered: bool = False) -> Fig
         for axes, (metric, label) in zip(grid.flat, _METRIC_LABELS.items(), strict=False):
             for mode in modes:
                 runs = [s for s in summaries if s.tail_mode == mode]
-                _scatter(axes, runs, mode, lambda s, metric=metric: getattr(getattr(s.metrics, kind), metric))
+                _scatter(axes, runs, mode, [getattr(getattr(s.metrics, kind), metric) for s in runs])
             for row in published_figures():
                 _star(axes, row, metric)
             axes.set(xlabel="speed [m/s]", ylabel=label)
@@ -107,14 +107,14 @@ def plot_metrics(summaries: Sequence[RunSummary], filtered: bool = False) -> Fig
     return figure
 
 
-def _scatter(axes: Axes, runs: list[RunSummary], mode: str, value: Callable[[RunSummary], float]) -> None:
+def _scatter(axes: Axes, runs: list[RunSummary], mode: str, values: list[float]) -> None:
     style = MODE_STYLES[mode]
-    for run in runs:
+    for run, value in zip(runs, values, strict=True):
         marker = style.marker if run.survived else FLIPPED_MARKER
         face = style.colour if run.clean else "white"
         axes.plot(
             run.metrics.raw.speed_m_per_s,
-            value(run),
+            value,
             linestyle="none",
             marker=marker,
             markersize=6.0,
@@ -198,8 +198,6 @@ def plot_triggers(run_logs: Sequence[RunLog]) -> Figure:
     Args:
         run_logs: of runs with tail mode `swing`.
     """
-    from workbench.summary import summarise
-
     with styled():
         figure, grid = new_figure(11.0, 2.5, 1, len(run_logs), sharex=True, sharey=True)
         for axes, run_log in zip(grid[0], run_logs, strict=True):

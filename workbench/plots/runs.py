@@ -75,8 +75,8 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
 
 def _plot_yaw_rate(axes: Axes, run_log: RunLog) -> None:
     _raw_and_filtered(axes, run_log, "imu_gyro_z_rad_per_s", IMU_FILTER)
-    trigger = run_log.scenario["controller"]["trigger_yaw_rate"]
     if run_log.scenario["tail"]["mode"] == "swing":
+        trigger = run_log.scenario["controller"]["trigger_yaw_rate"]
         side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0
         axes.axhline(
             side * trigger, color=GREEN, linestyle=(0, (1, 1)), linewidth=1.2, label=f"trigger {trigger:g} rad/s"

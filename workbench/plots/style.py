@@ -24,7 +24,7 @@ BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
 GREY = "#6b6b6b"
 TURN_SHADE = "#e9e4d4"
 
-RC: dict[str, Any] = {
+RC: Any = {  # matplotlib's stubs name every key
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "axes.titlesize": 10.5,
@@ -92,7 +92,7 @@ def shade_turn(axes: Axes, window: tuple[float, float], label: str = "") -> None
 
 def mark_top(axes: Axes, values: np.ndarray, headroom: float = 1.15) -> float:
     """Sets the upper limit so that `values` fit below the place for marks of flipped runs; that place in data units."""
-    top = headroom * float(np.max(values)) if values.size else 1.0
+    top = headroom * float(np.max(values, initial=0.0)) or 1.0
     axes.set_ylim(min(0.0, 1.1 * float(np.min(values))) if values.size else 0.0, top * 1.1)
     return top
 

@@ -11,6 +11,7 @@ from workbench.plots.style import MODE_STYLES
 from workbench.published import Comparison, FlipBracket, PublishedFigures, TurnMetrics, flip_bracket
 from workbench.report import findings
 from workbench.report.page import Cell, Markup, Section, figure, finding, folded, heading, paragraph, table
+from workbench.report.words import degrees, metric_name, metric_unit, percent
 from workbench.summary import RunSummary, published_for
 
 CLOSE = 0.1
@@ -22,9 +23,8 @@ def outcomes(summaries: Sequence[RunSummary]) -> Section:
     parts = [
         figure(
             plot_outcomes(summaries),
-            "Outcome of every run. Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a "
-            "wheel in "
-            "the air. Clean: survived, and neither cage, board nor tail touched the ground.",
+            "Outcome of every run. Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel "
+            "in the air. Clean: survived, and neither cage, board nor tail touched the ground.",
             "Map of outcomes over commanded speed and tail mode",
         ),
         finding(*(paragraph(*_bracket_sentences(summaries, mode)) for mode in _modes(summaries))),
@@ -61,7 +61,7 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Markup:
             f"{s.metrics.raw.average_yaw_rate_rad_per_s:.2f}",
             f"{math.degrees(s.metrics.heading_change_rad):.1f}" if s.survived else "–",
             "–" if s.metrics.two_wheel_time_s is None else f"{s.metrics.two_wheel_time_s:.2f}",
-            f"{s.metrics.tail_energy_j:.1f}" if s.tail_mode != "none" else "–",
+            "–" if s.tail_mode == "none" or s.metrics.tail_energy_j is None else f"{s.metrics.tail_energy_j:.1f}",
         )
         for s in sorted(summaries, key=lambda s: (s.commanded_speed, list(MODE_STYLES).index(s.tail_mode)))
     ]
@@ -96,8 +96,8 @@ def beside_published(summaries: Sequence[RunSummary], scenario: dict) -> Section
         kind = "after the car's zero-phase filters (IMU 5 Hz, GPS 1 Hz)" if filtered else "as simulated"
         drawn = figure(
             plot_metrics(summaries, filtered),
-            f"Metrics {kind}, over the speed at the start of the turn. The roll integral of flipped runs is off "
-            "the scale.",
+            f"Metrics {kind}, over the speed at the start of the turn. The roll integral of flipped runs is off the "
+            "scale.",
             "Seven metrics over speed for every run, published figures as stars",
         )
         parts.append(folded("The same after the filters", drawn) if filtered else drawn)
@@ -112,15 +112,15 @@ def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Compar
         digits = 0 if abs(c.published) >= 100 else 2
         rows.append(
             (
-                findings.metric_name(c.metric),
-                findings.metric_unit(c.metric),
+                metric_name(c.metric),
+                metric_unit(c.metric),
                 f"{c.published:.2f}" if c.metric != "roll_integral_rad" else f"{c.published:.3f}",
                 f"{c.raw:.{digits}f}",
                 f"{c.difference:+.{digits}f}",
-                findings.percent(c.relative),
+                percent(c.relative),
                 f"{c.filtered:.{digits}f}",
                 f"{beyond:+.{digits}f}",
-                findings.percent(beyond / c.published),
+                percent(beyond / c.published),
             )
         )
     named = f"{row.source} ({row.platform}, {row.configuration}) beside the run: {MODE_STYLES[run.tail_mode].words}, "
@@ -149,8 +149,8 @@ def _together(pairs: Sequence[tuple[RunSummary, PublishedFigures]], scenario: di
                     ),
                     paragraph(*sentences),
                     paragraph(
-                        "The printed roll sums carry no time step (ERRATA E35); they are compared as radians "
-                        "with a step of 1 ms (simulated) or 10 ms (physical), which is inferred."
+                        "The printed roll sums carry no time step (ERRATA E35); they are compared as radians with a "
+                        "step of 1 ms (simulated) or 10 ms (physical), which is inferred."
                     ),
                 )
             ]
@@ -162,9 +162,8 @@ def tail_beside_none(summaries: Sequence[RunSummary]) -> Section:
     parts = [
         figure(
             plot_comparison(summaries),
-            "Held and swinging tail beside no tail. Flipped runs are crosses at the top: they have no heading "
-            "change or "
-            "peak roll worth the name.",
+            "Held and swinging tail beside no tail. Flipped runs are crosses at the top: they have no heading change "
+            "or peak roll worth the name.",
             "Peak roll, mean yaw rate, heading change and time on two wheels over speed",
         )
     ]
@@ -175,9 +174,9 @@ def tail_beside_none(summaries: Sequence[RunSummary]) -> Section:
         parts.append(
             finding(
                 paragraph(
-                    "One car turns faster than another only if its run is clean and it changes its heading by at least "
-                    f"{100 * findings.REFERENCE_SHARE:.0f} % of the other's. Reference: no tail at "
-                    f"{reference.commanded_speed:.2f} m/s, {findings.degrees(reference.metrics.heading_change_rad)}."
+                    "One car turns faster than another only if its run is clean and it changes its heading by at "
+                    f"least {100 * findings.REFERENCE_SHARE:.0f} % of the other's. Reference: no tail at "
+                    f"{reference.commanded_speed:.2f} m/s, {degrees(reference.metrics.heading_change_rad)}."
                 ),
                 *(paragraph(findings.faster_claim(summaries, m, reference)) for m in _modes(summaries) if m != "none"),
                 paragraph(findings.held_beside_swing(summaries)),
@@ -210,10 +209,9 @@ def what_the_tail_does(summaries: Sequence[RunSummary], explained: Mapping[str, 
     parts = [
         paragraph(
             "The tail acts on the car through three causes, found from the logged motion and forces of the tail "
-            "alone: the "
-            "air on the sail, the tail's weight beside the car, and the reaction to accelerating its mass. "
-            "Positive works "
-            "against rolling outwards; the moment is taken about the car's heading, at the ground below the rear axle."
+            "alone: the air on the sail, the tail's weight beside the car, and the reaction to accelerating its mass. "
+            "Positive works against rolling outwards; the moment is taken about the car's heading, at the ground "
+            "below the rear axle."
         ),
         figure(
             plot_impulses(tailed),
@@ -238,9 +236,8 @@ def _moment_figures(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog
     return [
         figure(
             plot_moments([explained[s.name] for s in chosen], titles),
-            "Moment of the tail on the car by cause. The swing begins and ends with a blow of inertia; in "
-            "between the air "
-            "on the sail holds the car down, while the weight goes from helping to hindering.",
+            "Moment of the tail on the car by cause. The swing begins and ends with a blow of inertia; in between the "
+            "air on the sail holds the car down, while the weight goes from helping to hindering.",
             "Aerodynamic, weight and inertial moment over time",
         )
     ]

@@ -1,12 +1,13 @@
 """What a set of turns comes to, and the sentences that say it. Every number is an argument; none is written here."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from workbench.plots.style import MODE_STYLES
 from workbench.published import Comparison, FlipBracket, PublishedFigures
+from workbench.report.words import degrees, metric_name, percent, span
 from workbench.summary import RunSummary
 
 REFERENCE_SHARE = 0.95
@@ -53,8 +54,8 @@ def bracket_in_words(bracket: Bracket) -> str:
     if bracket.survived < bracket.flipped:
         return f"survives up to {bracket.survived:.2f} m/s and flips from {bracket.flipped:.2f} m/s on"
     return (
-        f"flips first at {bracket.flipped:.2f} m/s, yet survives {bracket.survived:.2f} m/s: "
-        "survival is not monotone in the speed"
+        f"flips first at {bracket.flipped:.2f} m/s, yet survives {bracket.survived:.2f} m/s: survival is not monotone "
+        "in the speed"
     )
 
 
@@ -118,10 +119,9 @@ def tipping_sentences(car: dict[str, Any], gravity: float, published: PublishedF
     if peak < threshold:
         needed = gravity * half_track / peak
         first += (
-            " The published car all but flips at this speed, and yet its largest lateral acceleration is "
-            f"{peak:.2f} m/s²: "
-            f"for that the centre of mass would have to be at {needed:.3f} m ({needed - height:+.3f} m), or the track "
-            f"{2 * height * peak / gravity:.3f} m instead of {2 * half_track:.3f} m."
+            f" The published car all but flips at this speed, and yet its largest lateral acceleration is {peak:.2f} "
+            f"m/s²: for that the centre of mass would have to be at {needed:.3f} m ({needed - height:+.3f} m), or the "
+            f"track {2 * height * peak / gravity:.3f} m instead of {2 * half_track:.3f} m."
         )
     else:
         first += f" The published largest lateral acceleration, {peak:.2f} m/s², lies above that."
@@ -131,9 +131,8 @@ def tipping_sentences(car: dict[str, Any], gravity: float, published: PublishedF
     )
     cornering = published.metrics.speed_m_per_s * published.metrics.max_yaw_rate_rad_per_s
     third = (
-        "The published figures are not of one steady turn either: speed times largest yaw rate is "
-        f"{cornering:.2f} m/s², "
-        f"{cornering - peak:+.2f} m/s² beside the published largest acceleration, so the car slid."
+        f"The published figures are not of one steady turn either: speed times largest yaw rate is {cornering:.2f} "
+        f"m/s², {cornering - peak:+.2f} m/s² beside the published largest acceleration, so the car slid."
     )
     return [first, second, third if cornering > peak else ""]
 
@@ -163,10 +162,10 @@ def faster_claim(summaries: Sequence[RunSummary], mode: str, reference: RunSumma
     most = max(faster, key=lambda s: s.metrics.heading_change_rad)
     share = most.metrics.heading_change_rad / reference.metrics.heading_change_rad
     return (
-        f"{words.capitalize()}: stays upright at up to {max(s.commanded_speed for s in faster):.2f} m/s, but no "
-        "claim of "
-        f"a faster turn holds: of the faster clean runs the one that turns furthest ({most.commanded_speed:.2f} m/s) "
-        f"changes its heading by {degrees(most.metrics.heading_change_rad)}, {100 * share:.0f} % of the reference."
+        f"{words.capitalize()}: no claim of a faster turn holds. Of the clean runs that are faster, up to "
+        f"{max(s.commanded_speed for s in faster):.2f} m/s, the one that turns furthest ({most.commanded_speed:.2f} "
+        f"m/s) changes its heading by {degrees(most.metrics.heading_change_rad)}, {100 * share:.0f} % of the "
+        "reference."
     )
 
 
@@ -204,20 +203,19 @@ def trigger_sentences(summaries: Sequence[RunSummary], threshold: float, steerin
         )
     for run in never:
         sentences.append(
-            f"At {run.commanded_speed:.2f} m/s the tail never swings: the IMU's yaw rate reaches "
-            f"{run.peak_gyro:.2f} rad/s."
+            f"At {run.commanded_speed:.2f} m/s the tail never swings: the IMU's yaw rate reaches {run.peak_gyro:.2f} "
+            "rad/s."
         )
     if sentences:
         slowest = max([*late, *never], key=lambda s: s.commanded_speed).metrics.raw
         cornering = slowest.average_linear_acceleration_m_per_s2 / slowest.speed_m_per_s
         sentences.insert(
             0,
-            f"The controller waits for a yaw rate of {threshold:g} rad/s into the turn. Sliding tyres give an "
-            "upright car "
-            "no more than their friction, so its yaw rate falls as the speed rises: at "
-            f"{slowest.speed_m_per_s:.2f} m/s a "
-            f"mean lateral acceleration of {slowest.average_linear_acceleration_m_per_s2:.2f} m/s² bends the path at "
-            f"{cornering:.2f} rad/s only, and the threshold is met late or never.",
+            f"The controller waits for a yaw rate of {threshold:g} rad/s into the turn. Sliding tyres give an upright "
+            "car no more than their friction, so its yaw rate falls as the speed rises: at "
+            f"{slowest.speed_m_per_s:.2f} m/s a mean lateral acceleration of "
+            f"{slowest.average_linear_acceleration_m_per_s2:.2f} m/s² bends the path at {cornering:.2f} rad/s only, "
+            "and the threshold is met late or never.",
         )
     elif swings:
         sentences.append(f"In every run the yaw rate passes {threshold:g} rad/s while the wheels are still steered.")
@@ -228,7 +226,7 @@ def impulse_sentence(summaries: Sequence[RunSummary]) -> str:
     """Ranges of the impulses by cause over the runs of one tail mode."""
     runs = [s.over_window for s in summaries if s.over_window is not None]
     parts = [
-        f"{words} {_range([getattr(run, cause) for run in runs])}"
+        f"{words} {span([getattr(run, cause) for run in runs])}"
         for cause, words in (("aerodynamic", "air"), ("weight", "weight"), ("inertial", "inertia"))
     ]
     return ", ".join(parts) + " N m s"
@@ -239,47 +237,12 @@ def jolt_sentence(summaries: Sequence[RunSummary], factor: float = 1.5) -> str:
     jolted = [s for s in summaries if s.survived and _raw(s) > factor * _filtered(s)]
     if not jolted:
         return ""
-    torque = max(s.metrics.tail_torque_peak_n_m for s in jolted)
+    torque = max(s.metrics.tail_torque_peak_n_m or 0.0 for s in jolted)
     return (
         f"In {len(jolted)} runs ({_modes(jolted)}) the largest raw lateral acceleration, "
-        f"{_range([_raw(s) for s in jolted])} "
-        f"m/s², is a jolt of the tail motor at the IMU (up to {torque:.1f} N m) and not cornering: after the 5 Hz "
-        "filter "
-        f"{_range([_filtered(s) for s in jolted])} m/s² are left."
+        f"{span([_raw(s) for s in jolted])} m/s², is a jolt of the tail motor at the IMU (up to {torque:.1f} N m) and "
+        f"not cornering: after the 5 Hz filter {span([_filtered(s) for s in jolted])} m/s² are left."
     )
-
-
-def metric_name(metric: str) -> str:
-    """`max_yaw_rate_rad_per_s` -> `largest yaw rate`."""
-    return {
-        "speed_m_per_s": "speed at the start of the turn",
-        "max_yaw_rate_rad_per_s": "largest yaw rate",
-        "average_yaw_rate_rad_per_s": "mean yaw rate",
-        "max_linear_acceleration_m_per_s2": "largest lateral acceleration",
-        "average_linear_acceleration_m_per_s2": "mean lateral acceleration",
-        "max_kohut_deg_m_per_s2": "largest Kohut",
-        "average_kohut_deg_m_per_s2": "mean Kohut",
-        "roll_integral_rad": "roll integral",
-        "integral_of_roll_rate_as_printed": "sum of roll-rate samples as printed",
-    }[metric]
-
-
-def metric_unit(metric: str) -> str:
-    """Unit of a metric as it is printed."""
-    endings = (("rad_per_s", "rad/s"), ("m_per_s2", "m/s²"), ("m_per_s", "m/s"), ("_rad", "rad"), ("printed", "rad/s"))
-    if "kohut" in metric:
-        return "deg m/s²"
-    return next(unit for ending, unit in endings if metric.endswith(ending))
-
-
-def percent(ratio: float) -> str:
-    """+12 %."""
-    return f"{100 * ratio:+.0f} %"
-
-
-def degrees(angle: float) -> str:
-    """An angle in rad as degrees."""
-    return f"{math.degrees(angle):.1f}°"
 
 
 def _relative_filtered(comparison: Comparison) -> float:
@@ -296,10 +259,3 @@ def _filtered(summary: RunSummary) -> float:
 
 def _modes(summaries: Sequence[RunSummary]) -> str:
     return ", ".join(MODE_STYLES[mode].words for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries))
-
-
-def _range(values: Sequence[float]) -> str:
-    """`0.12` or `-0.10 to 0.30`."""
-    show: Callable[[float], str] = lambda value: f"{value:.2f}".replace("-0.00", "0.00")  # noqa: E731 - one use
-    low, high = show(min(values)), show(max(values))
-    return low if low == high else f"{low} to {high}"

@@ -5,7 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from pydantic import BaseModel
+
 from workbench.logs.schema import RunLog
+from workbench.parameters import CarParameters
 from workbench.plots import plot_turn
 from workbench.plots.style import MODE_STYLES
 from workbench.published import tyre_damping
@@ -26,6 +29,7 @@ from workbench.report.page import (
     preformatted,
     table,
 )
+from workbench.report.words import degrees
 from workbench.scenario import SECTIONS, load_parameter_entries
 from workbench.summary import RunSummary
 
@@ -71,9 +75,8 @@ def turn_report(
         _provenance(summaries, run_logs, standard, files),
     )
     lead = (
-        f"{len(summaries)} simulated turns of a 1:10 car with a light aerodynamic tail: without tail, with the "
-        "tail held "
-        "on the inside of the turn, and with the tail swung over the top to the outside."
+        f"{len(summaries)} simulated turns of a 1:10 car with a light aerodynamic tail: without tail, with the tail "
+        "held on the inside of the turn, and with the tail swung over the top to the outside."
     )
     return page("The car turns, with and without its tail", lead, sections)
 
@@ -88,11 +91,10 @@ def _what_was_simulated(
         _in_short(summaries),
         paragraph(
             f"Each run takes {manoeuvre['duration']:g} s. The car reaches its speed within "
-            f"{manoeuvre['speed_ramp']:g} s; at "
-            f"{manoeuvre['turn_start']:g} s it is steered {findings.degrees(manoeuvre['steer_angle'])} to the "
-            f"{manoeuvre['direction']}, {manoeuvre['turn_hold']:g} s later straight ahead again, while the drive "
-            "holds the "
-            f"speed of the wheels. There are {len(speeds)} speeds from {speeds[0]:.2f} to {speeds[-1]:.2f} m/s."
+            f"{manoeuvre['speed_ramp']:g} s; at {manoeuvre['turn_start']:g} s it is steered "
+            f"{degrees(manoeuvre['steer_angle'])} to the {manoeuvre['direction']}, {manoeuvre['turn_hold']:g} s later "
+            f"straight ahead again, while the drive holds the speed of the wheels. There are {len(speeds)} speeds "
+            f"from {speeds[0]:.2f} to {speeds[-1]:.2f} m/s."
         ),
         bullets(_mode_words(summaries, controller)),
     ]
@@ -124,11 +126,11 @@ def _in_short(summaries: Sequence[RunSummary]) -> Markup:
 def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) -> list[Cell]:
     said = {
         "none": "No tail: the arm is taken off; its gearbox stays on the car.",
-        "held": f"Tail held: it lies {findings.degrees(controller['hold_angle'])} to the inside all the time.",
+        "held": f"Tail held: it lies {degrees(controller['hold_angle'])} to the inside all the time.",
         "swing": (
-            f"Tail swings: held on the inside until the yaw rate passes {controller['trigger_yaw_rate']:g} rad/s, then "
-            f"driven over the top at {controller['swing_speed']:g} rad/s, and held on the outside after "
-            f"{findings.degrees(controller['travel'])} of travel."
+            f"Tail swings: held on the inside until the yaw rate passes {controller['trigger_yaw_rate']:g} rad/s, "
+            f"then driven over the top at {controller['swing_speed']:g} rad/s, and held on the outside after "
+            f"{degrees(controller['travel'])} of travel."
         ),
     }
     return [words for mode, words in said.items() if any(s.tail_mode == mode for s in summaries)]
@@ -165,34 +167,34 @@ def _limits(summaries: Sequence[RunSummary], scenario: dict[str, Any]) -> Sectio
     loads = (0.5 * car["mass"] * gravity * share, 0.5 * car["mass"] * gravity * (1.0 - share))
     prior = load_parameter_entries("car")["mass"].prior or (car["mass"], car["mass"])
     lowest, highest = front / (0.25 * prior[1] * gravity), rear / (0.25 * prior[0] * gravity)
-    used = float(car["tyre_dissipation"])
+    used, most = float(car["tyre_dissipation"]), _largest_allowed(CarParameters, "tyre_dissipation")
     parts = [
         paragraph(
-            f"Tyre damping. Published are {front:g} N s/m (front) and {rear:g} N s/m (rear). Contact is damped by "
-            "the law of "
-            "Hunt and Crossley, force = k x (1 + d v); at the static wheel load a damping c equals d = c / load, here "
-            f"{front / loads[0]:.0f} s/m in front ({loads[0]:.1f} N) and {rear / loads[1]:.0f} s/m behind "
-            f"({loads[1]:.1f} N), "
-            f"and {lowest:.0f} to {highest:.0f} s/m over the masses that the car may have ({prior[0]:g} to "
-            f"{prior[1]:g} kg). "
-            f"Above about 10 s/m the outcome depends on the step of the simulation, so {used:g} s/m is used: "
-            f"{used * loads[0]:.0f} and {used * loads[1]:.0f} N s/m at these loads, "
-            f"{100 * used * loads[0] / front:.0f} % and "
-            f"{100 * used * loads[1] / rear:.0f} % of the published damping. The published damping is not "
-            "representable."
+            f"Tyre damping. Published are {front:g} N s/m (front) and {rear:g} N s/m (rear). Contact is damped by the "
+            "law of Hunt and Crossley, force = k x (1 + d v); at the static wheel load a damping c equals d = c / "
+            f"load, here {front / loads[0]:.0f} s/m in front ({loads[0]:.1f} N) and {rear / loads[1]:.0f} s/m behind "
+            f"({loads[1]:.1f} N), and {lowest:.0f} to {highest:.0f} s/m over the masses that the car may have "
+            f"({prior[0]:g} to {prior[1]:g} kg). Above {most:g} s/m the outcome depends on the step of the "
+            f"simulation, so {used:g} s/m is used: {used * loads[0]:.0f} and {used * loads[1]:.0f} N s/m at these "
+            f"loads, {100 * used * loads[0] / front:.0f} % and {100 * used * loads[1] / rear:.0f} % of the published "
+            "damping. The published damping is not representable."
         ),
         paragraph(
             "Tyres follow Coulomb's law with one coefficient: beyond it the side force no longer grows, so that "
-            "survival "
-            "depends more on grip and height of the centre of mass than on the speed."
+            "survival depends more on grip and height of the centre of mass than on the speed."
         ),
         paragraph(
-            "A flipped car lands on a roll cage with an assumed stiffness: what happens after the first contact "
-            "of the cage "
-            "decides nothing here and should not be trusted."
+            "A flipped car lands on a roll cage with an assumed stiffness: what happens after the first contact of "
+            "the cage decides nothing here and should not be trusted."
         ),
     ]
     return Section("limits", "What the model cannot show", tuple(parts))
+
+
+def _largest_allowed(model: type[BaseModel], key: str) -> float:
+    """Upper limit of a parameter, in its unit."""
+    limits = [getattr(limit, "le", None) for limit in model.model_fields[key].metadata]
+    return next(float(limit) for limit in limits if limit is not None)
 
 
 def _parameters(scenario: dict[str, Any]) -> Section:
@@ -200,19 +202,22 @@ def _parameters(scenario: dict[str, Any]) -> Section:
     parts: list[Markup] = []
     assumed = total = 0
     for section in SECTIONS:
-        rows, marked = [], []
+        rows: list[tuple[str, ...]] = []
+        marked: list[int] = []
         for key, entry in load_parameter_entries(section).items():
+            if key not in scenario[section]:  # a log of an earlier version
+                continue
             value = scenario[section][key]
             by_run = value != entry.value
             if entry.source == "assumed" and not by_run:
                 marked.append(len(rows))
-            prior = "" if entry.prior is None else f"{entry.prior[0]:g} to {entry.prior[1]:g}"
+            prior = "" if entry.prior is None else f"{entry.prior[0]:g}\u00a0to\u00a0{entry.prior[1]:g}"
             source = f"◆ {entry.source}" if entry.source == "assumed" else entry.source
             rows.append(
                 (
                     key,
                     f"{value:.6g}" if isinstance(value, float) else str(value).lower(),
-                    "" if entry.unit == "1" else entry.unit,
+                    "" if entry.unit == "1" else entry.unit.replace(" ", "\u00a0"),
                     f"set by the scenario (default {entry.value})" if by_run else source,
                     prior,
                     entry.reason or "",
@@ -224,9 +229,8 @@ def _parameters(scenario: dict[str, Any]) -> Section:
     parts.insert(
         0,
         paragraph(
-            f"{assumed} of {total} parameters are assumed: published nowhere, chosen within a prior range and "
-            "marked with ◆. "
-            "They are provisional until they are calibrated. Tail mode and speed differ from run to run."
+            f"{assumed} of {total} parameters are assumed: published nowhere, chosen within a prior range and marked "
+            "with ◆. They are provisional until they are calibrated. Tail mode and speed differ from run to run."
         ),
     )
     return Section("parameters", "Parameters and their sources", tuple(parts))
@@ -249,9 +253,8 @@ def _provenance(
     parts = [
         table(("what", "value"), rows),
         paragraph(
-            "The same scenario and seed give the same bits in every signal. Each log holds its resolved "
-            "scenario, its seed "
-            "and these versions."
+            "The same scenario and seed give the same bits in every signal. Each log holds its resolved scenario, its "
+            "seed and these versions."
         ),
         *([paragraph("Numbers of every run: ", link(files.summary, files.summary))] if files.summary else []),
         folded("Runs and their files", table(("run", "tail", "speed [m/s]", "log", "replay"), runs, (2,))),
