@@ -7,7 +7,7 @@ import math
 from dataclasses import astuple
 
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hardware.protocol import ak70, radio, sail_encoder, teensy
@@ -20,13 +20,15 @@ FAST = 200
 SHARES = {"reply": 25_000, "command": 15_000, "radio": 25_000, "string": 10_000, "stream": 5_000, "sail": 20_000}
 
 
-def fuzz(decoder: str):
-    """Marks a property test twice over: as it stands in the fast set, with its share of the inputs in the slow one."""
+def fuzz(decoder: str, *strategies):
+    """Makes a property test of two sizes: a few hundred inputs in the fast set, its share of all in the slow one."""
 
     def decorate(test):
         def run(count):
             checks = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
-            settings(max_examples=count, deadline=None, database=None, suppress_health_check=checks)(test)()
+            settings(max_examples=count, deadline=None, database=None, suppress_health_check=checks)(
+                given(*strategies)(test)
+            )()
 
         counts = [pytest.param(FAST, id="fast"), pytest.param(SHARES[decoder], id="slow", marks=pytest.mark.slow)]
         return pytest.mark.parametrize("count", counts)(run)
@@ -47,8 +49,7 @@ can_bytes = st.one_of(
 )
 
 
-@fuzz("reply")
-@given(can_bytes, st.one_of(st.just(0), st.integers(0, 0x7FF)), st.booleans(), profiles)
+@fuzz("reply", can_bytes, st.one_of(st.just(0), st.integers(0, 0x7FF)), st.booleans(), profiles)
 def test_motor_reply(data, arbitration_id, extended, name):
     profile = PROFILES[name]
     frame = CanFrame(arbitration_id, data, extended)
@@ -64,8 +65,7 @@ def test_motor_reply(data, arbitration_id, extended, name):
     assert ak70.make_reply(reply, profile, arbitration_id) == frame
 
 
-@fuzz("command")
-@given(st.binary(min_size=6, max_size=9), profiles)
+@fuzz("command", st.binary(min_size=6, max_size=9), profiles)
 def test_motor_command(data, name):
     profile = PROFILES[name]
     try:
@@ -77,14 +77,13 @@ def test_motor_command(data, name):
     assert ak70.make_command(1, command, profile).data == data
 
 
-@fuzz("radio")
-@given(
+@fuzz(
+    "radio",
     st.one_of(
         st.binary(max_size=24),
         st.builds(radio.PACKED.pack, st.integers(0, 4), st.integers(0, 4), *4 * [st.floats(width=32)]),
-    )
+    ),
 )
-@example(b"")
 def test_radio_frame(data):
     try:
         message = radio.decode(data)
@@ -118,8 +117,7 @@ def checked(text: bytes) -> bytes:
     return body + f";*{teensy.crc8(body):02X}|".encode()
 
 
-@fuzz("string")
-@given(strings, st.sampled_from(StringForm), st.booleans())
+@fuzz("string", strings, st.sampled_from(StringForm), st.booleans())
 def test_teensy_string(text, form, close):
     text = checked(text) if close and form is StringForm.CHECKED else text
     for decode, make in ((teensy.decode_reply, teensy.make_reply), (teensy.decode_command, teensy.make_command)):
@@ -137,8 +135,12 @@ def test_teensy_string(text, form, close):
             )
 
 
-@fuzz("stream")
-@given(st.lists(strings, max_size=4), st.lists(st.integers(1, 60), min_size=1, max_size=6), st.sampled_from(StringForm))
+@fuzz(
+    "stream",
+    st.lists(strings, max_size=4),
+    st.lists(st.integers(1, 60), min_size=1, max_size=6),
+    st.sampled_from(StringForm),
+)
 def test_streams_resynchronise_after_any_noise(noise, sizes, form):
     order = teensy.MotorOrder(1, teensy.MotorRequest.COMMAND, ak70.MitCommand(0.5, 0, 17, 5, 0))
     command = teensy.TeensyCommand((order, teensy.MotorOrder(2, teensy.MotorRequest.EXIT, ak70.NEUTRAL)))
@@ -158,8 +160,12 @@ def test_streams_resynchronise_after_any_noise(noise, sizes, form):
         assert getattr(last, "command", last).position == 0.5
 
 
-@fuzz("sail")
-@given(st.one_of(st.integers(-10, 5000), st.integers()), st.sampled_from(sorted(sail_encoder.ENCODERS)), st.floats())
+@fuzz(
+    "sail",
+    st.one_of(st.integers(-10, 5000), st.integers()),
+    st.sampled_from(sorted(sail_encoder.ENCODERS)),
+    st.floats(),
+)
 def test_sail_readings(word, name, degrees):
     part = sail_encoder.ENCODERS[name]
     try:
