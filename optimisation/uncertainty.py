@@ -11,6 +11,7 @@ Filtered signals repeat themselves: n samples with autocorrelation rho_k count a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.stats import t as student
@@ -20,6 +21,7 @@ from optimisation.least_squares import Solution
 CONFIDENCE = 0.95
 _RANK_TOLERANCE = 1e-7
 """Singular values of the scaled Jacobian below this part of the largest count as zero."""
+_WIDE, _CURVED = 0.25, 1.5
 _SHARE = 0.05
 """A parameter whose squared share in an unseen direction exceeds the square of this is not determined."""
 
@@ -67,43 +69,82 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     """Covariance and intervals at the solution.
 
     Intervals stand around the least-squares value that there would be without bounds and are cut at the bounds: they
-    hold the truth as often as they say also when a bound is active. A parameter whose interval is wider than its
-    bounds is not determined by the data.
+    hold the truth as often as they say also when a bound is active. Not determined by the data is a parameter in an
+    unseen direction, one whose interval is wider than its bounds, and one whose interval would be another half as wide,
+    or narrower, elsewhere within the intervals of the parameters: there the linear theory does not hold.
     """
     parameters = solution.problem.parameters
-    scales = parameters.scales
-    U, s, Vt = np.linalg.svd(solution.jacobian * scales, full_matrices=False)
-    seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
-    if s[0] == 0.0:
-        seen[:] = False
-    inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T
-    S = noise.covariance
-    scaled = (inverse * S) @ inverse.T if S.ndim == 1 else inverse @ S @ inverse.T
-    hidden = _hidden_directions(Vt, seen)
-    identifiable = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
-    covariance = scaled * np.outer(scales, scales)
+    scales, names = parameters.scales, parameters.names
+    inverse, hidden, condition = _pseudo_inverse(solution.jacobian, scales)
+    covariance = _covariance(inverse, noise, scales)
+    seen = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    factor = float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(noise.degrees_of_freedom, 1.0)))
-    loose = identifiable & (2.0 * factor * deviation > parameters.upper - parameters.lower)
-    determined = identifiable & ~loose
+    factor = _factor(max(noise.degrees_of_freedom, 1.0))
+    width = parameters.upper - parameters.lower
+    loose = seen & (2.0 * factor * deviation > width)
+    curved = seen & ~loose & _curved(solution, noise, deviation, factor)
+    determined = seen & ~loose & ~curved
     deviation[~determined] = np.inf
     covariance[np.diag_indices_from(covariance)] = np.where(determined, np.diag(covariance), np.inf)
     # At an active bound the residual still asks for a step; without one this is zero.
     centre = solution.x - scales * (inverse @ solution.residual)
-    names = [_in_words(direction, parameters.names) for direction in hidden]
+    unseen = [_in_words(direction, names) for direction in hidden]
+    unseen += [f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag]
+    unseen += [
+        f"{name} (its interval depends on where it is)" for name, flag in zip(names, curved, strict=True) if flag
+    ]
     return Uncertainty(
         covariance=covariance,
         standard_deviation=deviation,
         lower=np.where(determined, np.clip(centre - factor * deviation, parameters.lower, parameters.upper), -np.inf),
         upper=np.where(determined, np.clip(centre + factor * deviation, parameters.lower, parameters.upper), np.inf),
         identifiable=determined,
-        unseen=(
-            *names,
-            *(f"{name} within its bounds" for name, is_loose in zip(parameters.names, loose, strict=True) if is_loose),
-        ),
-        condition=float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf,
+        unseen=tuple(unseen),
+        condition=condition,
         effective_samples=noise.effective_samples,
     )
+
+
+@lru_cache(maxsize=256)
+def _factor(freedom: float) -> float:
+    """Half the width of the interval in standard deviations."""
+    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom))
+
+
+def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """J^+ in scaled unknowns (p x m), the unseen directions (k x p), the condition number."""
+    U, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=False)
+    seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
+    inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T
+    return inverse, _hidden_directions(Vt, seen), float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf
+
+
+def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.ndarray:
+    S = noise.covariance
+    scaled = (inverse * S) @ inverse.T if S.ndim == 1 else inverse @ S @ inverse.T
+    return scaled * np.outer(scales, scales)
+
+
+def _curved(solution: Solution, noise: Noise, deviation: np.ndarray, factor: float) -> np.ndarray:
+    """Whose standard deviation changes by more than half of it within the intervals, cut at the bounds (p).
+
+    Only asked where an interval covers a good part of its bounds: the Jacobian at the ends costs as much as a solution.
+    """
+    problem = solution.problem
+    low, high, scales = problem.parameters.lower, problem.parameters.upper, problem.parameters.scales
+    changed = np.zeros(len(scales), bool)
+    if not np.any(2.0 * factor * deviation > _WIDE * (high - low)):
+        return changed
+    for i, reach in enumerate(factor * deviation):
+        for end in (max(solution.x[i] - reach, low[i]), min(solution.x[i] + reach, high[i])):
+            if not np.isfinite(end) or reach == 0.0:
+                continue
+            x = solution.x.copy()
+            x[i] = end
+            inverse, _, _ = _pseudo_inverse(problem.central_differences(x), scales)
+            there = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
+            changed |= (there > _CURVED * deviation) | (there < deviation / _CURVED)
+    return changed
 
 
 def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:

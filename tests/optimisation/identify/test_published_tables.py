@@ -26,7 +26,7 @@ def test_200_of_210_static_rows_and_160_of_185_robot_rows_are_distinct() -> None
 def test_flags_of_the_static_tables_are_those_of_the_errata() -> None:
     flags = flag_static()
     count = Counter(flag.erratum for flag in flags)
-    # E1: both tables of 30 degrees; E3: six minor-axis tables; E4: ten rows; E5: 28 of C_L and one of C_D; E6: 13; E7: one.
+    # E1: both tables of 30 degrees; E3: six minor-axis tables; E5: 28 of C_L and one of C_D; the others: rows.
     assert count == {"E1": 2, "E3": 6, "E4": 10, "E5": 29, "E6": 13, "E7": 1}
     assert {flag.table for flag in flags if flag.erratum == "E1"} == {"Table 10.17", "Table 10.18"}
     assert {flag.table for flag in flags if flag.erratum == "E3"} == {

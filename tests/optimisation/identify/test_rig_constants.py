@@ -29,7 +29,9 @@ def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None
     assert all(bounds[e.name][0] <= e.value <= bounds[e.name][1] for e in found.fit.estimates)
     assert found.fit.success
     # The tests without wind (ERRATA E4) are listed by table and row.
-    listed = set(zip(found.outliers.source_table, found.outliers.wind_speed_m_per_s, found.outliers.test_no, strict=True))
+    listed = set(
+        zip(found.outliers.source_table, found.outliers.wind_speed_m_per_s, found.outliers.test_no, strict=True)
+    )
     assert {("Table 10.6", 20, 5), ("Table 10.16", 20, 1)} <= listed
 
 

@@ -1,0 +1,135 @@
+"""`aerodima fit ...` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from optimisation.errors import FitError
+from optimisation.fit_batch import fit_logs
+from optimisation.identify.log_fits import fit_spring_file
+from workbench.cli import build_app
+from workbench.logs.schema import write_run_log
+from workbench.rig_logs import simulate_static_log
+from workbench.rig_scenario import load_rig_scenario
+
+
+def run(*arguments: str | Path):
+    return CliRunner().invoke(build_app(), ["fit", *map(str, arguments)])
+
+
+@pytest.fixture
+def springs(tmp_path: Path) -> list[Path]:
+    """Front and rear suspension of Table 6.1 with 1 N of noise, and a file without forces."""
+    x, rng, paths = np.linspace(0.0, 0.03, 31), np.random.default_rng(1), []
+    for name, rate in (("front", 3463.30), ("rear", 3024.78)):
+        paths.append(tmp_path / f"{name}.csv")
+        force = rate * x + 2.0 + rng.normal(size=len(x))
+        pd.DataFrame({"displacement_m": x, "force_n": force}).to_csv(paths[-1], index=False)
+    paths.append(tmp_path / "bad.csv")
+    paths[-1].write_text("displacement_m,weight\n0,1\n")
+    return paths
+
+
+def test_one_bad_file_does_not_stop_the_others(springs: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "fits"
+    done = run("springs", *springs, "--out", out)
+    assert done.exit_code == 2
+    assert "bad.csv: no column force_n; there are displacement_m, weight" in done.stderr
+    table = pd.read_csv(out / "fits.csv")
+    # 1 N over 30 mm in 31 points: 1 / sqrt(sum (x - mean)^2) = 20 N/m; three of that.
+    assert table.rate_n_per_m.tolist() == pytest.approx([3463.30, 3024.78], abs=60.0)
+    report = yaml.safe_load((out / "fits.yaml").read_text())
+    assert report["schema"] == "aerodima/fit-report/1"
+    assert list(report["failed"]) == [str(springs[2])]
+    page = (out / "report.html").read_text()
+    assert "data:image/png;base64," in page
+    assert "http" not in page  # nothing is loaded from elsewhere
+    assert {path.name for path in out.glob("*.png")} == {"estimates.png", "residuals.png", "curves.png"}
+
+
+def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs: list[Path], tmp_path: Path) -> None:
+    out, calls = tmp_path / "fits", []
+
+    def work(name: str):
+        calls.append(name)
+        return fit_spring_file(name)
+
+    first = fit_logs(work, springs[:1], out, settings={"fit": "springs"})
+    journal = out / "fits.jsonl"
+    journal.write_text(journal.read_text() + '{"log": "cut o')  # an interruption within a line
+    both = fit_logs(work, springs[:2], out, settings={"fit": "springs"})
+    assert calls == [str(path) for path in springs[:2]]
+    assert both.reused == 1
+    assert both.results[0] == first.results[0]
+    again = fit_logs(work, springs[:2], out, settings={"fit": "springs"})
+    assert (again.reused, again.results) == (2, both.results)
+    springs[0].write_text(springs[0].read_text() + "0.031,110.0\n")
+    assert fit_logs(work, springs[:2], out, settings={"fit": "springs"}).reused == 1
+
+
+def test_results_of_other_settings_are_not_mixed(springs: list[Path], tmp_path: Path) -> None:
+    fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "springs"})
+    with pytest.raises(FitError, match="other settings"):
+        fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "others"})
+    fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "others"}, force=True)
+    with pytest.raises(FitError, match="named twice"):
+        fit_logs(fit_spring_file, springs[:1] * 2, tmp_path / "twice", settings={})
+
+
+def test_static_logs_in_two_processes(tmp_path: Path) -> None:
+    scenario = load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"])
+    paths = [
+        write_run_log(simulate_static_log(scenario.varied(seed=seed)), tmp_path / f"{seed}.parquet") for seed in (1, 2)
+    ]
+    (tmp_path / "cut.parquet").write_bytes(paths[0].read_bytes()[:1000])
+    done = run("static", *paths, tmp_path / "cut.parquet", "--out", tmp_path / "fits", "--workers", 2)
+    assert done.exit_code == 2
+    assert "cut off, damaged or not a Parquet file" in done.stderr
+    assert "1 of 3 could not be fitted; the others are done" in done.stderr
+    table = pd.read_csv(tmp_path / "fits" / "fits.csv")
+    assert table.wind_speed_m_per_s.tolist() == [20.0, 20.0]
+    assert table.warnings.str.contains("no rest phase").all()
+    lines = (tmp_path / "fits" / "fits.jsonl").read_text().splitlines()
+    assert json.loads(lines[0])["settings"]["fit"] == "static"
+
+
+def test_throttle_line_from_held_parts_of_two_drives(tmp_path: Path) -> None:
+    time = np.arange(0.0, 12.0, 0.1)
+    paths = []
+    for number, levels in enumerate([(0.2, 0.4, 0.6), (0.3, 0.5, 0.5)]):
+        throttle = np.repeat(levels, len(time) // 3)
+        steady, speed = 9.0 * throttle + 0.4, np.zeros(len(time))
+        for i in range(1, len(time)):
+            speed[i] = speed[i - 1] + 0.1 / 0.5 * (steady[i] - speed[i - 1])
+        paths.append(tmp_path / f"drive_{number}.csv")
+        pd.DataFrame({"time_s": time, "throttle_command": throttle, "speed_m_per_s": speed}).to_csv(
+            paths[-1], index=False
+        )
+    done = run("throttle", *paths, "--out", tmp_path / "fits")
+    assert done.exit_code == 0
+    row = pd.read_csv(tmp_path / "fits" / "fits.csv").iloc[0]
+    # Four seconds are eight time constants; the mean over the last second lacks about exp(-6).
+    assert (row.throttle_gain_m_per_s, row.throttle_offset_m_per_s) == pytest.approx((9.0, 0.4), abs=0.03)
+    assert row.points == 5
+
+
+def test_a_drive_that_never_settles_is_told(tmp_path: Path) -> None:
+    time = np.arange(0.0, 12.0, 0.1)
+    path = tmp_path / "ramp.csv"
+    pd.DataFrame({"time_s": time, "throttle_command": time / 20.0, "speed_m_per_s": time}).to_csv(path, index=False)
+    done = run("throttle", path, "--out", tmp_path / "fits")
+    assert done.exit_code == 2
+    assert "no steady part" in done.stderr
+
+
+def test_unknown_bounds_are_refused(tmp_path: Path) -> None:
+    done = run("static", tmp_path / "x.parquet", "--out", tmp_path, "--bounds", "tight")
+    assert done.exit_code == 2
+    assert "--bounds tight: allowed: wide, printed" in done.stderr
