@@ -15,6 +15,8 @@ from hardware.transport.can_settings import CanSettings
 from tests.hardware.fake_can import SlcanAdapter, wait_until
 from tests.hardware.fake_motors import PERIOD, FakeMotor, hold, settings
 
+pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
+
 EXIT_1, EXIT_2 = make_exit(1).data, make_exit(2).data
 
 

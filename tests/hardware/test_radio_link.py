@@ -15,6 +15,8 @@ from hardware.radio_link import IDLE, RadioLink
 from hardware.transport.serial_link import SerialLink, SerialSettings
 from tests.hardware.fake_can import wait_until
 
+pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
+
 OPERATOR = 0x0013A20040000001
 COMMAND = OperatorCommand(RadioMode.MANUAL, throttle=0.5, steering=-0.25)
 

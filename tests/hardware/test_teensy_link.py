@@ -17,6 +17,8 @@ from tests.hardware.fake_motors import PERIOD, PROFILE, hold, settings
 from tests.hardware.fake_teensy import FakeTeensy
 from workbench.errors import HardwareError
 
+pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
+
 
 class Car:
     """The computer's side of the bridge wiring, and the loop in real time."""

@@ -16,6 +16,8 @@ from hardware.transport.traffic_log import TrafficLog
 from tests.hardware.fake_can import FakeAdapter, SlcanAdapter, wait_until
 from workbench.errors import HardwareError
 
+pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
+
 COMMAND = CanFrame(1, bytes.fromhex("8000800000000800"))
 LATER = CanFrame(1, bytes.fromhex("8001800000000800"))
 EXIT = CanFrame(1, bytes.fromhex("FFFFFFFFFFFFFFFD"))
