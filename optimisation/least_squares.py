@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -170,7 +171,8 @@ def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
         cost = 0.5 * float(np.sum(np.square(_finite_residual(problem, x))))
     except FitError as error:
         return Attempt(start, start, np.inf, False, str(error), evaluations)
-    info = result.get_solver_details().info
+    details: Any = result.get_solver_details()
+    info = details.info
     status = f"SNOPT info {info}: {_SNOPT_WORDS.get(info, 'see its manual')}"
     return Attempt(start, x, cost, bool(result.is_success()), status, evaluations)
 

@@ -196,7 +196,10 @@ def _page(
             parts += [f"<li>{html.escape(name)}: {html.escape('; '.join(words))}</li>" for name, words in warned]
             parts.append("</ul>")
     for name, table in tables.items():
-        parts += [f"<h2>{html.escape(name.replace('_', ' '))}</h2>", table.to_html(index=False, float_format="%.5g")]
+        parts += [
+            f"<h2>{html.escape(name.replace('_', ' '))}</h2>",
+            table.to_html(index=False, float_format="{:.5g}".format),
+        ]
     for name, data in pictures.items():
         code = base64.b64encode(data).decode()
         parts.append(f'<h2>{name}</h2><img alt="{name}" src="data:image/png;base64,{code}">')

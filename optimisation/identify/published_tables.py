@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -94,19 +95,17 @@ def _two_groups(rows: pd.DataFrame) -> list[Flag]:
 
 def _large(rows: pd.DataFrame) -> list[Flag]:
     large = rows[(rows.resnorm > 1000.0) & ~rows.published_bold_outlier.eq(True)]
-    return [
-        Flag(
-            row.source_table,
-            f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}",
-            f"resnorm {row.resnorm:g} is not marked",
-            "E4",
-        )
-        for row in large.itertuples()
-    ]
+    found = []
+    row: Any
+    for row in large.itertuples():
+        where = f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}"
+        found.append(Flag(row.source_table, where, f"resnorm {row.resnorm:g} is not marked", "E4"))
+    return found
 
 
 def _bounds(rows: pd.DataFrame) -> list[Flag]:
     found = []
+    row: Any
     for row in rows[~repeated_speed(rows)].itertuples():
         where = f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}"
         for name, label in (("cl", "C_L"), ("cd", "C_D")):
@@ -122,6 +121,7 @@ def flag_added_mass() -> list[Flag]:
     """Added-mass constants that stopped at a bound of Table 4.12."""
     bounds = published("added_mass_seeds").set_index("wind_speed_m_per_s")
     found = []
+    row: Any
     for row in published("added_mass").itertuples():
         low, high = bounds.lb_kg[row.wind_speed_m_per_s], bounds.ub_kg[row.wind_speed_m_per_s]
         if not low < row.added_mass_kg < high:
@@ -137,13 +137,13 @@ def flag_robot_tail() -> list[Flag]:
     for table in duplicated_robot_tables():
         other = published_twin(rows, table)
         found.append(Flag(table, "all", f"coefficients and resnorms equal those of {other}; it is left out", "E24"))
-    for table, group in rows.groupby("source_table", sort=False):
+    for name, group in rows.groupby("source_table", sort=False):
         printed = (group.header_wind_speed_m_per_s.iloc[0], group.header_kp.iloc[0])
         caption = (group.wind_speed_m_per_s.iloc[0], group.kp.iloc[0])
         if printed != caption:
             says = "the header says {:g} m/s, Kp {:g}; the caption {:g} m/s, Kp {:g}"
             finding = says.format(*printed, *caption)
-            found.append(Flag(str(table), "header", finding, "E25"))
+            found.append(Flag(str(name), "header", finding, "E25"))
     return found
 
 

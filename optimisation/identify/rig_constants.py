@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -85,14 +86,13 @@ def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) 
 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> np.ndarray:
     """The current of each row (n), A, from its published coefficients."""
-    return np.array(
-        [
-            rigs[row.tail].holding_current(
-                math.radians(row.angle_of_attack_deg), row.wind_speed_m_per_s, row.cd, row.cl, row.psi3_rad
-            )
-            for row in rows.itertuples()
-        ]
-    )
+    currents = []
+    row: Any
+    for row in rows.itertuples():
+        angle = math.radians(row.angle_of_attack_deg)
+        current = rigs[row.tail].holding_current(angle, row.wind_speed_m_per_s, row.cd, row.cl, row.psi3_rad)
+        currents.append(current)
+    return np.array(currents)
 
 
 def fit_rig_constants(rows: pd.DataFrame | None = None, seeds: int = 2) -> RigConstants:

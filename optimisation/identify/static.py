@@ -64,6 +64,7 @@ _SEEDS: dict[tuple[str, float, float], dict[str, tuple[float, float, float]]] = 
 
 def _seed_table() -> dict[tuple[str, float, float], dict[str, tuple[float, float, float]]]:
     if not _SEEDS:
+        row: Any
         for row in published("static_seeds").itertuples():
             key = (str(row.tail), float(row.angle_of_attack_deg), float(row.wind_speed_m_per_s))
             _SEEDS.setdefault(key, {})[str(row.variable)] = (float(row.x0), float(row.lb), float(row.ub))

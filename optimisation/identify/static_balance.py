@@ -102,7 +102,7 @@ class StaticBalance:
             gravity=scenario.environment.gravity,
         )
 
-    def changed(self, **values: float) -> StaticBalance:
+    def changed(self, **values: Any) -> StaticBalance:
         """With other numbers, such as a trial of a fit."""
         return replace(self, **values)
 
@@ -117,7 +117,7 @@ class StaticBalance:
             (self.tail_mass, pivot + root + self.tail_com * np.array(hanging_axis(angle + self.kilter))),
         ]
         mass = sum(m for m, _ in bodies)
-        first = sum(m * p for m, p in bodies)
+        first = np.sum([m * p for m, p in bodies], axis=0)
         g = self.gravity
         swinging = sum(m * (p[1] - pivot[1]) for m, p in bodies[1:])
         return np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0]), float(g * swinging)
@@ -178,4 +178,4 @@ def hanging_axis(angle: float) -> Vector3:
 
 def with_slope(value: float) -> Any:
     """A scalar that carries its own derivative (one AutoDiffXd of size 1)."""
-    return AutoDiffXd(value, [1.0])
+    return AutoDiffXd(value, np.array([1.0]))

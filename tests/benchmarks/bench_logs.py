@@ -26,7 +26,7 @@ def _run() -> RunLog:
     names = [column.name for column in car_run_columns([f"q{number}" for number in range(24)])]
     t = np.arange(ROWS) * 0.002
     random = np.random.default_rng(1)
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
     for number, name in enumerate(names):
         values = np.sin(t * random.uniform(0.1, 20.0)) + 1e-3 * random.standard_normal(ROWS)
         columns[name] = np.repeat(values[::5], 5) if number % 3 == 0 else values
