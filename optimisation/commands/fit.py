@@ -1,4 +1,4 @@
-"""`aerodima fit static|springs|throttle|published ...`: from logs and tables to coefficients with intervals."""
+"""`aerodima fit ...`: from logs and tables to coefficients with intervals."""
 
 from __future__ import annotations
 
@@ -26,6 +26,9 @@ def register(app: typer.Typer) -> None:
     group = typer.Typer(no_args_is_help=True, help="Fit coefficients to logs and tables.")
     group.callback()(_group)
     group.command()(static)
+    group.command()(friction)
+    group.command("added-mass")(added_mass)
+    group.command("robot-tail")(robot_tail)
     group.command()(springs)
     group.command()(throttle)
     group.command()(published)
@@ -57,7 +60,56 @@ def static(
         raise FitError(f"--bounds {bounds}: allowed: wide, printed")
     settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
     work = partial(fit_static_log, bounds=bounds, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest)
-    _batch("Static fits", work, logs, out, settings, workers, force)
+    _batch("Static fits", work, logs, out, settings, workers, force, _write_static_sets)
+
+
+def friction(
+    logs: Logs,
+    out: Out,
+    stribeck: Annotated[bool, typer.Option("--stribeck", help="Also a breakaway torque that dies out.")] = False,
+    workers: Workers = 2,
+    force: Force = False,
+) -> None:
+    """Coulomb and viscous friction of bar swings, or of robot swings.
+
+    Example: aerodima fit friction bar_*.parquet --out fits
+    """
+    from optimisation.identify.log_fits import fit_friction_log
+
+    settings = {"fit": "friction", "stribeck": stribeck}
+    _batch("Friction", partial(fit_friction_log, stribeck=stribeck), logs, out, settings, workers, force, _averages)
+
+
+def added_mass(logs: Logs, out: Out, workers: Workers = 2, force: Force = False) -> None:
+    """Added mass of swings, and the quasi-steady model against the one with added mass: position, reactions, verdict.
+
+    Example: aerodima fit added-mass flick_*.parquet --out fits
+    """
+    from optimisation.identify.log_fits import fit_added_mass_log
+
+    settings = {"fit": "added-mass"}
+    _batch("Added mass: QSS against QSS-AM", fit_added_mass_log, logs, out, settings, workers, force, _compared)
+
+
+def robot_tail(
+    logs: Logs,
+    out: Out,
+    shape: Annotated[str, typer.Option(help="C_N as constant, line or bins over the relative speed.")] = "bins",
+    workers: Workers = 2,
+    force: Force = False,
+) -> None:
+    """C_N of the robot tail from its swings.
+
+    Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
+    """
+    from optimisation.errors import FitError
+    from optimisation.identify.log_fits import fit_robot_tail_log
+
+    if shape not in ("constant", "line", "bins"):
+        raise FitError(f"--shape {shape}: allowed: constant, line, bins")
+    settings = {"fit": "robot-tail", "shape": shape}
+    work = partial(fit_robot_tail_log, shape=shape)
+    _batch("Robot tail", work, logs, out, settings, workers, force, _write_robot_set)
 
 
 def springs(logs: Logs, out: Out, workers: Workers = 1, force: Force = False) -> None:
@@ -139,7 +191,7 @@ def _batch(
     settings: dict[str, Any],
     workers: int,
     force: bool,
-    tables: Callable[[list[FitResult]], dict[str, Any]] | None = None,
+    tables: Callable[[list[FitResult], Path], dict[str, Any]] | None = None,
 ) -> BatchResult:
     """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed."""
     from optimisation.fit_batch import fit_logs
@@ -157,12 +209,59 @@ def _batch(
         )
     if batch.reused:
         typer.echo(f"{batch.reused} of {len(logs)} were fitted before")
-    extra = tables(batch.results) if tables is not None and batch.results else {}
+    extra = tables(batch.results, out) if tables is not None and batch.results else {}
     write_report(out, title, batch.results, failed=batch.failed, tables=extra)
     _warn(batch.failed)
     _show(batch.results)
     _finish(out, batch.failed, len(logs))
     return batch
+
+
+def _averages(results: list[FitResult], out: Path) -> dict[str, Any]:
+    """All averages of every parameter over the logs (thesis eqs. 4.29-4.31, and robust ones)."""
+    from dataclasses import asdict
+
+    import numpy as np
+    import pandas as pd
+
+    from optimisation.identify.aggregate import aggregate
+
+    rows = []
+    for name in dict.fromkeys(e.name for result in results for e in result.free if not e.name.startswith("start_")):
+        found = [(result[name].value, result.cost) for result in results if result[name].identifiable]
+        if found:
+            values, costs = (np.array(column) for column in zip(*found, strict=True))
+            rows.append({"parameter": name, **asdict(aggregate(values, 2.0 * np.maximum(costs, 1e-12)))})
+    return {"averages": pd.DataFrame(rows)}
+
+
+def _compared(results: list[FitResult], out: Path) -> dict[str, Any]:
+    """QSS against QSS-AM per log, and the averages per tail, axis and wind speed."""
+    import pandas as pd
+
+    table = pd.DataFrame(
+        [{"log": Path(r.name).name, "added_mass_kg": r["added_mass"].value, **r.facts} for r in results]
+    )
+    cells = table.groupby(["tail", "axis", "wind_speed_m_per_s"])
+    numbers = ["added_mass_kg", "potential_flow_kg", "angle_rms_qss_rad", "angle_rms_qss_am_rad", "most_reynolds"]
+    return {"qss_against_qss_am": table, "by_wind_speed": cells[numbers].median().reset_index()}
+
+
+def _write_static_sets(results: list[FitResult], out: Path) -> dict[str, Any]:
+    from optimisation.identify.surfaces import static_sets, write_sets
+
+    for path in write_sets(out, static_sets(results)):
+        typer.echo(f"wrote {path}")
+    return {}
+
+
+def _write_robot_set(results: list[FitResult], out: Path) -> dict[str, Any]:
+    from optimisation.identify.surfaces import robot_tail_set, write_sets
+
+    found = robot_tail_set(results)
+    for path in write_sets(out, {"robot_tail_bins": found} if found else {}):
+        typer.echo(f"wrote {path}")
+    return _averages(results, out)
 
 
 _MOST_SHOWN = 20

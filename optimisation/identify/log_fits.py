@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from optimisation.identify.added_mass import fit_added_mass
+from optimisation.identify.friction import fit_friction
+from optimisation.identify.robot_tail import Shape, fit_robot_tail
 from optimisation.identify.springs import fit_spring, read_spring_data
 from optimisation.identify.static import Bounds, fit_static
 from optimisation.identify.static_log import static_data
+from optimisation.identify.swing_log import swing_data
 from optimisation.pipeline import FitResult
 from workbench.logs.schema import read_run_log
 
@@ -26,3 +30,21 @@ def fit_static_log(
 def fit_spring_file(path: str) -> FitResult:
     """See `fit_spring`."""
     return fit_spring(read_spring_data(Path(path)), path)
+
+
+def fit_friction_log(path: str, *, stribeck: bool = False) -> FitResult:
+    """See `fit_friction`; the log is of a bar swing or a robot swing."""
+    log = read_run_log(path)
+    kind = log.kind if log.kind in ("bar_swing", "robot_swing") else "bar_swing"
+    return fit_friction(swing_data(log, kind), stribeck)
+
+
+def fit_added_mass_log(path: str) -> FitResult:
+    """See `fit_added_mass`; the reactions are compared too."""
+    log = read_run_log(path)
+    return fit_added_mass(swing_data(log, "swing"), log)
+
+
+def fit_robot_tail_log(path: str, *, shape: Shape = "constant") -> FitResult:
+    """See `fit_robot_tail`."""
+    return fit_robot_tail(swing_data(read_run_log(path), "robot_swing"), shape)

@@ -1,0 +1,126 @@
+"""Fits on swings: friction, added mass, C_N of the robot tail. All are rollouts of the same pendulum.
+
+Residual: angle over its accuracy of Table 4.8 (one encoder count). Start angle and rate are unknowns too, so that one
+noisy sample does not spoil a whole swing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from optimisation.identify.static_log import speed_accuracy
+from optimisation.identify.swing_log import SwingData
+from optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out
+from optimisation.least_squares import Problem, solve_rollout
+from optimisation.parameters import Parameter, Parameters
+from optimisation.pipeline import FitResult, fit
+from optimisation.uncertainty import serial_noise
+from workbench.aero.coefficients import SpeedLine, SpeedTable
+from workbench.aero.laws import NormalForceLaw
+
+Values = Mapping[str, float]
+_START_ANGLE, _START_RATE = 0.02, 1.0
+"""How far the start may lie from what the log says, rad and rad/s."""
+
+
+@dataclass(frozen=True)
+class SwingModel:
+    """How values of parameters become a rollout.
+
+    Attributes:
+        data: the swing.
+        pendulum: its inertia and weight.
+        torques: of the values: air, friction, motor.
+    """
+
+    data: SwingData
+    pendulum: Pendulum
+    torques: Callable[[Values], Sequence[Torque]]
+
+    def motion(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (rad) and rates (rad/s) on the grid of the data (n each)."""
+        return roll_out(
+            self.pendulum,
+            self.torques(values),
+            (values["start_angle"], values["start_rate"]),
+            self.data.step,
+            len(self.data.time),
+            motor=self.data.motor.tolist(),
+            added_mass=values.get("added_mass", 0.0),
+        )
+
+    def problem(self, parameters: Sequence[Parameter]) -> Problem:
+        """The least-squares problem in these parameters and the start."""
+        data = self.data
+        start = (
+            Parameter("start_angle", "rad", data.angle[0], data.angle[0] - _START_ANGLE, data.angle[0] + _START_ANGLE),
+            Parameter(
+                "start_rate", "rad/s", data.start_rate, data.start_rate - _START_RATE, data.start_rate + _START_RATE
+            ),
+        )
+        start = (replace(start[0], scale=0.002), replace(start[1], scale=0.05))
+        everything = Parameters.of([*parameters, *start])
+        weight = speed_accuracy()
+
+        def residual(x: np.ndarray) -> np.ndarray:
+            return (self.motion(everything.values(x))[0] - data.angle) / weight
+
+        return Problem(everything, residual, name=data.name)
+
+    def fit(
+        self, parameters: Sequence[Parameter], seeds: Sequence[Values] = (), facts: Mapping[str, Any] | None = None
+    ) -> FitResult:
+        """Solves and adds the curves of angle and residual."""
+        problem = self.problem(parameters)
+        result = fit(
+            problem,
+            solve_rollout,
+            lambda solution: serial_noise(solution.residual, [slice(None)], len(solution.x)),
+            starts=problem.parameters.starts(seeds),
+            channels={"angle": (slice(None), speed_accuracy())},
+            facts={**self.data.facts, **(facts or {})},
+            warnings=self.data.warnings,
+        )
+        values = {e.name: e.value for e in result.estimates}
+        return replace(result, curves={"angle": self.curve(values)})
+
+    def curve(self, values: Values) -> dict[str, Any]:
+        """Measured and modelled angle over time, for plots."""
+        return {
+            "x": self.data.time.tolist(),
+            "measured": self.data.angle.tolist(),
+            "model": self.motion(values)[0].tolist(),
+            "labels": ["time after the release, s", "angle, rad"],
+        }
+
+
+def friction_parameters(coulomb: float, viscous: float, stribeck: bool = False) -> list[Parameter]:
+    """Cf and Vf from seeds; with `stribeck` also breakaway excess and Stribeck speed."""
+    found = [
+        Parameter("coulomb", "N m", coulomb, 0.0, 2.0, scale=0.05),
+        Parameter("viscous", "N m s/rad", viscous, 0.0, 1.0, scale=0.02),
+    ]
+    if stribeck:
+        found.append(Parameter("breakaway_excess", "N m", 0.01, 0.0, 2.0, scale=0.05))
+        found.append(Parameter("stribeck_speed", "rad/s", 0.5, 0.02, 10.0, scale=0.5))
+    return found
+
+
+def friction_of(values: Values, tanh_gain: float) -> Torque:
+    """The friction law of some values."""
+    stribeck = (values["breakaway_excess"], values["stribeck_speed"]) if "breakaway_excess" in values else ()
+    return friction_torque(values["coulomb"], values["viscous"], tanh_gain, stribeck)
+
+
+def normal_force_law(kind: str, values: Values, speeds: tuple[float, float]) -> NormalForceLaw:
+    """C_N as `constant`, `line` or `bins` over the relative speed."""
+    if kind == "constant":
+        return NormalForceLaw(values["cn"])
+    if kind == "line":
+        return NormalForceLaw(SpeedLine(values["cn_slope"], values["cn_intercept"], speeds))
+    nodes = [(float(name.removeprefix("cn_at_")), value) for name, value in values.items() if name.startswith("cn_at_")]
+    return NormalForceLaw(SpeedTable(tuple(v for v, _ in nodes), tuple(c for _, c in nodes)))

@@ -1,0 +1,159 @@
+"""A swing log as data of a fit: the angle after the release, on the grid of the rollout, and the motor's torque."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from optimisation.errors import FitError
+from workbench.errors import LogError
+from workbench.logs.schema import RunLog
+from workbench.rig_scenario import RigScenario, rig_scenario_from_dict
+from workbench.signals import check_signals
+
+ANGLE, CURRENT = "angle_rad", "current_a"
+LARGEST_STEP = 0.004
+"""Step of the rollouts, s."""
+LEAST_SAMPLES = 50
+_COUNTS_MOVED = 20
+_LARGEST_ANGLE = math.radians(110.0)
+_TRUTH = ("aero", "seed", "name", "schema")
+
+
+@dataclass(frozen=True)
+class SwingData:
+    """One swing from its release on.
+
+    Attributes:
+        name: of the log.
+        scenario: of the rig, with its published coefficients.
+        time: from the release (n), s, evenly spaced.
+        angle: (n), rad.
+        motor: mean torque of the motor during each step (n - 1), N m, from the logged current.
+        start_rate: estimate of the rate at the first sample, rad/s.
+        release: time of the first sample in the log, s.
+        facts: tail, axis, wind_speed_m_per_s.
+        warnings: of the log.
+    """
+
+    name: str
+    scenario: RigScenario
+    time: np.ndarray
+    angle: np.ndarray
+    motor: np.ndarray
+    start_rate: float
+    release: float
+    facts: Mapping[str, Any]
+    warnings: tuple[str, ...]
+
+    @property
+    def step(self) -> float:
+        """Of the grid, s."""
+        return float(self.time[1] - self.time[0])
+
+
+@lru_cache(maxsize=64)
+def _scenario(key: str) -> RigScenario:
+    return rig_scenario_from_dict(json.loads(key))
+
+
+def scenario_of(log: RunLog, kind: str) -> RigScenario:
+    """The rig that a log was made on; what a fit is to find (`aero`) is that of `models/`, not of the log."""
+    content = {key: value for key, value in log.scenario.items() if key not in _TRUTH}
+    experiment = dict(content.get("experiment", {}))
+    experiment["kind"] = kind
+    if kind == "swing":
+        for key, allowed in (("tail", ("1", "2", "3")), ("axis", ("major", "minor"))):
+            if str(log.extra.get(key)) not in allowed:
+                raise FitError(f"metadata {key!r} is {log.extra.get(key)!r}; allowed: {', '.join(allowed)}")
+        experiment |= {"tail": int(log.extra["tail"]), "axis": str(log.extra["axis"])}
+    if kind == "bar_swing":
+        experiment["wind_speed"] = 0.0
+    else:
+        speed = log.extra.get("wind_speed_m_per_s")
+        if not isinstance(speed, int | float) or not 0.0 <= float(speed) <= 40.0:
+            raise FitError(f"metadata 'wind_speed_m_per_s' is {speed!r}; allowed: 0 to 40 m/s")
+        experiment["wind_speed"] = float(speed)
+    return _scenario(json.dumps({**content, "experiment": experiment}, sort_keys=True))
+
+
+def swing_data(log: RunLog, kind: str, longest: float = 20.0) -> SwingData:
+    """Checks a swing log and takes from it what the fits need.
+
+    Args:
+        kind: `swing`, `bar_swing` or `robot_swing`; the log must be of it.
+        longest: use at most this long after the release, s.
+
+    Raises:
+        LogError: unsorted time, gap or NaN, with column and time.
+        FitError: another kind of log, no motion, too short, angles that must be degrees.
+    """
+    name = log.source or kind
+    try:
+        return _swing_data(log, kind, longest, name)
+    except FitError as error:
+        raise FitError(f"{name}: {error}") from error
+    except LogError as error:
+        raise LogError(f"{name}: {error}") from error
+
+
+def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
+    if log.kind != kind:
+        raise FitError(f"is a log of kind {log.kind!r}; this fit needs {kind!r}")
+    scenario = scenario_of(log, kind)
+    time, angle = log.time, log.signal(ANGLE)
+    if len(time) < LEAST_SAMPLES:
+        raise FitError(f"{len(time)} samples; a swing needs at least {LEAST_SAMPLES}")
+    check_signals(time, {ANGLE: angle})
+    if np.max(np.abs(angle)) > _LARGEST_ANGLE:
+        raise FitError(f"column {ANGLE!r} reaches {np.max(np.abs(angle)):g}, beyond 1.92 rad; is it in degrees?")
+    first = _release(time, angle, scenario, log)
+    stride = max(1, round(LARGEST_STEP / float(np.median(np.diff(time)))))
+    last = int(np.searchsorted(time, time[first] + longest, side="right"))
+    picked = np.arange(first, last, stride)
+    if len(picked) < LEAST_SAMPLES:
+        raise FitError(f"only {len(picked)} samples of the motion; at least {LEAST_SAMPLES} are needed")
+    motor, warnings = _motor(log, scenario, picked, stride)
+    t = time[picked] - time[picked[0]]
+    early = slice(0, 8)
+    rate = float(np.polyfit(t[early], angle[picked][early], 2)[1])
+    facts: dict[str, Any] = {"wind_speed_m_per_s": scenario.experiment.wind_speed}
+    if kind == "swing":
+        facts = {"tail": str(scenario.experiment.tail), "axis": scenario.experiment.axis, **facts}
+    grid = np.arange(len(picked)) * float(np.mean(np.diff(t)))
+    return SwingData(name, scenario, grid, angle[picked], motor, rate, float(time[picked[0]]), facts, tuple(warnings))
+
+
+def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: RunLog) -> int:
+    """Row of the release: the end of the rest that the scenario or the metadata tell, else the first motion."""
+    told = log.extra.get("rest_s")
+    if told is not None:
+        return int(np.searchsorted(time, float(told[1])))
+    if "rest" in log.scenario.get("experiment", {}):
+        return int(np.searchsorted(time, time[0] + scenario.experiment.rest - 1e-9))
+    count = 2.0 * math.pi / (scenario.encoder.pulses * scenario.encoder.quadrature * scenario.maxon.gear_ratio)
+    moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * count)
+    if not moved.size:
+        raise FitError(f"the angle stays at {angle[0]:.4f} rad; there is no swing in it")
+    return int(moved[0])
+
+
+def _motor(log: RunLog, scenario: RigScenario, picked: np.ndarray, stride: int) -> tuple[np.ndarray, list[str]]:
+    """Mean torque of the Maxon during each step; zero for a free swing, whose logged current is only noise."""
+    steps = len(picked) - 1
+    if scenario.is_robot:
+        return np.zeros(steps), []
+    if CURRENT not in log.table.columns:
+        return np.zeros(steps), ["no current in the log: taken as a free swing"]
+    current = log.signal(CURRENT)
+    check_signals(log.time, {CURRENT: current}, largest_step=np.inf)
+    moving = current[picked[0] + 1 : picked[-1] + 1].reshape(steps, stride).mean(axis=1)
+    if np.sqrt(np.mean(np.square(moving))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
+        return np.zeros(steps), []
+    return -scenario.maxon.torque_constant * moving, []

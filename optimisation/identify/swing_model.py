@@ -1,0 +1,189 @@
+"""A rig as a pendulum with one degree of freedom, fast enough to be rolled out hundreds of times in a fit.
+
+inertia x acceleration = weight + air + motor - friction, about the motor axis, positive downstream. Inertia and weight
+come from the rig's plant, the force of the air from `workbench.aero`; a test compares the acceleration with the
+plant's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from optimisation.errors import FitError
+from workbench.aero.laws import SectionLaw
+from workbench.aero.polar_law import PolarLaw
+from workbench.aero.sections import SectionLayout
+from workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_jet, rig_law
+from workbench.plants.rig_model import bar_layout, pivot_position, tail_layout
+from workbench.rig_scenario import RigScenario
+
+Torque = Callable[[float, float], float]
+"""Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""
+_FASTEST = 1e3
+"""A rollout that turns faster than this has come apart, rad/s."""
+
+
+@dataclass(frozen=True)
+class Pendulum:
+    """What does not change in a fit.
+
+    Attributes:
+        inertia: about the motor axis without added mass, rotor included, kg m2.
+        weight_sine, weight_cosine: weight torque = sine x sin(angle) + cosine x cos(angle), N m.
+        part_distances: of the five equal parts of the tail from the motor axis, m; empty for the bare bar.
+    """
+
+    inertia: float
+    weight_sine: float
+    weight_cosine: float
+    part_distances: tuple[float, ...]
+
+    @classmethod
+    def of(cls, scenario: RigScenario) -> Pendulum:
+        """The pendulum of a scenario."""
+        rig = Rig(scenario.varied(aero={"added_mass": 0.0}))
+        plant = rig.plant
+        context = plant.CreateDefaultContext()
+        torques = []
+        for angle in (0.5 * math.pi, 0.0):
+            plant.SetPositions(context, [angle])
+            torques.append(float(plant.CalcGravityGeneralizedForces(context)[0]))
+        inertia = float(plant.CalcMassMatrix(context)[0, 0])
+        if scenario.experiment.kind == "bar_swing":
+            return cls(inertia, torques[0], torques[1], ())
+        parts = tail_layout(scenario, ADDED_MASS_PARTS)
+        root = _root_distance(scenario)
+        kilter = 0.0 if scenario.is_robot else scenario.tunnel.kilter
+        places = [(root + s * math.cos(kilter), s * math.sin(kilter)) for s in parts.distances]
+        # Only the motion across the tail's axis counts: the arm along it.
+        arms = [x * math.cos(kilter) + y * math.sin(kilter) for x, y in places]
+        return cls(inertia, torques[0], torques[1], tuple(arms))
+
+    def total_inertia(self, mass_per_part: float) -> float:
+        """Inertia with added mass, kg m2.
+
+        Raises:
+            FitError: it is not above zero; names the least mass that is possible.
+        """
+        arms = sum(s * s for s in self.part_distances)
+        total = self.inertia + mass_per_part * arms
+        if total <= 0.0:
+            raise FitError(
+                f"an added mass of {mass_per_part:.4g} kg per part takes away more inertia than there is (M + M_added "
+                f"is not positive definite); it must be above {-self.inertia / arms:.4g} kg"
+            )
+        return total
+
+
+def _root_distance(scenario: RigScenario) -> float:
+    return 0.0 if scenario.is_robot else scenario.bar.tail_distance + scenario.cheetah_tail.gap
+
+
+def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque | None:
+    """Torque of the air on tail and bar; None for the bare bar.
+
+    Args:
+        law: of the tail; that of the scenario by default.
+    """
+    if scenario.experiment.kind == "bar_swing":
+        return None
+    law = law or rig_law(scenario)[0]
+    jet = rig_jet(scenario)
+    speed, density = scenario.experiment.wind_speed, scenario.environment.air_density
+    wind = tuple(speed * part for part in jet.downstream_W)
+    pivot = tuple(float(x) for x in pivot_position(scenario.mount))
+    root = _root_distance(scenario)
+    kilter = 0.0 if scenario.is_robot else scenario.tunnel.kilter
+    bodies: list[tuple[SectionLaw, SectionLayout, float, float]] = [(law, tail_layout(scenario), root, kilter)]
+    if not scenario.is_robot:
+        bodies.append((PolarLaw(scenario.bar.drag_coefficient), bar_layout(scenario), 0.0, 0.0))
+
+    def torque(angle: float, rate: float) -> float:
+        total = 0.0
+        s, c = math.sin(angle), math.cos(angle)
+        for body_law, layout, start, kink in bodies:
+            a = (0.0, -math.sin(angle + kink), -math.cos(angle + kink))
+            arm_y, arm_z = -start * s, -start * c
+            distances, areas = jet.exposed_sections(layout, (pivot[0], pivot[1] + arm_y, pivot[2] + arm_z), a)
+            if not any(areas):
+                continue
+            # The axis of rotation is -x: a point (y, z) from the pivot moves with rate (z, -y).
+            u = (wind[0], wind[1] - rate * arm_z, wind[2] + rate * arm_y)
+            k = (0.0, -rate * a[2], rate * a[1])
+            n = (0.0, -a[2], a[1])
+            force = body_law.line_force(u, k, a, n, distances, areas, density)
+            total -= force[3] + arm_y * force[2] - arm_z * force[1]
+        return total
+
+    return torque
+
+
+def friction_torque(coulomb: float, viscous: float, tanh_gain: float, stribeck: Sequence[float] = ()) -> Torque:
+    """tau = -(Cf tanh(k w) + Vf w) (eq. 4.12 corrected); `stribeck` adds a breakaway part that dies out with speed.
+
+    Args:
+        stribeck: excess of the breakaway torque over Cf (N m), and the Stribeck speed (rad/s).
+    """
+    if not stribeck:
+        return lambda angle, rate: -(coulomb * math.tanh(tanh_gain * rate) + viscous * rate)
+    excess, speed = stribeck
+
+    def torque(angle: float, rate: float) -> float:
+        size = coulomb + excess * math.exp(-((rate / speed) ** 2))
+        return -(size * math.tanh(tanh_gain * rate) + viscous * rate)
+
+    return torque
+
+
+def roll_out(
+    pendulum: Pendulum,
+    torques: Sequence[Torque],
+    start: tuple[float, float],
+    step: float,
+    count: int,
+    *,
+    motor: Sequence[float] | None = None,
+    added_mass: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and rates (count each) at 0, step, 2 step, ... by the classical Runge-Kutta method.
+
+    Args:
+        torques: of air, friction and a motor that reacts to the state.
+        start: angle and rate.
+        motor: torque during each step (count - 1), N m.
+
+    Raises:
+        FitError: the inertia is not above zero, or the motion comes apart.
+    """
+    inverse = 1.0 / pendulum.total_inertia(added_mass)
+    sine, cosine = pendulum.weight_sine, pendulum.weight_cosine
+
+    def acceleration(q: float, w: float, drive: float) -> float:
+        total = sine * math.sin(q) + cosine * math.cos(q) + drive
+        for torque in torques:
+            total += torque(q, w)
+        return total * inverse
+
+    q, w = start
+    angles, rates = [q], [w]
+    half = 0.5 * step
+    for i in range(count - 1):
+        drive = motor[i] if motor is not None else 0.0
+        a1 = acceleration(q, w, drive)
+        w2 = w + half * a1
+        a2 = acceleration(q + half * w, w2, drive)
+        w3 = w + half * a2
+        a3 = acceleration(q + half * w2, w3, drive)
+        w4 = w + step * a3
+        a4 = acceleration(q + step * w3, w4, drive)
+        q += step / 6.0 * (w + 2.0 * (w2 + w3) + w4)
+        w += step / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        if not abs(w) < _FASTEST:
+            raise FitError(f"the rollout comes apart after {(i + 1) * step:.3g} s")
+        angles.append(q)
+        rates.append(w)
+    return np.array(angles), np.array(rates)

@@ -1,0 +1,75 @@
+"""Swings whose truth is known: the pendulum's rollout, read by the encoder and the current sensor of the rig.
+
+A test shows that the pendulum moves as the rig's plant does; the rollout takes milliseconds where the plant takes
+seconds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out
+from workbench.logs.schema import RunLog, run_log_from_metadata
+from workbench.rig_logs import rig_log_metadata
+from workbench.rig_scenario import RigScenario, load_rig_scenario
+from workbench.sensors.rig_encoder import count_angle
+
+RATE = 1000.0
+
+
+def bar_log(coulomb: float, viscous: float, angle: float = 1.5, duration: float = 5.0) -> RunLog:
+    """A free swing of the bare bar, let go at once."""
+    scenario = load_rig_scenario("bar").varied(experiment={"angle": angle, "duration": duration, "rest": 0.0})
+    return _log(scenario, [friction_torque(coulomb, viscous, 10.0)], 0.0, None)
+
+
+def flick_log(added_mass: float, seed: int, wind_speed: float = 10.0, duration: float = 1.5) -> RunLog:
+    """Tail 1 let go at 60 degrees and driven by a current that is logged with its noise."""
+    scenario = load_rig_scenario("flick").varied(
+        experiment={"angle": math.radians(60.0), "wind_speed": wind_speed, "duration": duration, "rest": 0.0}, seed=seed
+    )
+    air = air_torque(scenario)
+    assert air is not None
+    friction = scenario.friction
+    smooth = friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)
+    time = np.arange(round(duration * RATE)) / RATE
+    rng = np.random.default_rng(seed)
+    current = 1.5 * np.sin(2.0 * math.pi * (1.0 + rng.uniform()) * time)
+    return _log(scenario, [air, smooth], added_mass, current, rng)
+
+
+def _log(
+    scenario: RigScenario,
+    torques,
+    added_mass: float,
+    current: np.ndarray | None,
+    rng: np.random.Generator | None = None,
+) -> RunLog:
+    count = round(scenario.experiment.duration * RATE) + 1
+    motor = None if current is None else (-scenario.maxon.torque_constant * current).tolist()
+    angle, rate = roll_out(
+        Pendulum.of(scenario),
+        torques,
+        (scenario.experiment.angle, 0.0),
+        1.0 / RATE,
+        count,
+        motor=motor,
+        added_mass=added_mass,
+    )
+    # The current of a step is logged at the end of that step.
+    logged = np.zeros(count)
+    if current is not None and rng is not None:
+        logged[1:] = current + scenario.maxon.current_noise * rng.normal(size=count - 1)
+    step = count_angle(scenario)
+    table = pd.DataFrame(
+        {
+            "time_s": np.arange(count) / RATE,
+            "angle_rad": np.round(angle / step) * step,
+            "angular_velocity_rad_per_s": rate,
+            "current_a": logged,
+        }
+    )
+    return run_log_from_metadata(table, rig_log_metadata(scenario))
