@@ -9,6 +9,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from workbench.coefficient_names import require_coefficient_name
 from workbench.quantity import QuantityModel, quantity
 
 
@@ -69,11 +70,25 @@ class TailParameters(QuantityModel):
     hub_mass: float = quantity("kg", "moving part of the pitch joint", gt=0, le=2)
     mount_x: float = quantity("m", "tail joints ahead of the rear axle", ge=-0.5, le=0.5)
     mount_height: float = quantity("m", "tail joints above the ground", gt=0, le=1)
-    normal_force_coefficient: float = quantity("1", "C_N of the sail, constant", ge=0, le=10)
-    sail: Literal["locked"] = quantity("1", "sail joint: locked with its normal in the direction of the roll swing")
+    coefficients: str = quantity("1", "of the sail: constant, an embedded set, or the path of a coefficient file")
+    normal_force_coefficient: float = quantity("1", "C_N of the sail with coefficients constant", ge=0, le=10)
+    sail: Literal["locked", "free"] = quantity("1", "sail joint: locked, normal along the roll swing; or free")
+    sail_centre_of_pressure: float = quantity("m", "of a free sail behind its axis; ahead when negative", ge=-2, le=2)
+    sail_bearing_damping: float = quantity("N m s/rad", "damping of a free sail's bearing", ge=0, le=1)
+    added_mass: float = quantity("kg", "added mass of the air on each of five parts of the tail", ge=-1, le=10)
     sections: int = quantity("1", "number of equal sections of the sail", ge=1, le=100)
     roll_limit: float = quantity("rad", "tail roll range to either side", gt=0, le=3.1416)
     pitch_limit: float = quantity("rad", "tail pitch range to either side", gt=0, le=3.1416)
+
+    @model_validator(mode="after")
+    def _air_is_known(self) -> "TailParameters":
+        require_coefficient_name(self.coefficients)
+        if self.sail == "free" and abs(self.sail_centre_of_pressure) > self.sail_width:
+            raise ValueError(
+                f"sail_centre_of_pressure: {self.sail_centre_of_pressure:g} m; allowed: within one sail_width, "
+                f"{self.sail_width:g} m, of the axis"
+            )
+        return self
 
 
 class TailMotorParameters(QuantityModel):
@@ -157,6 +172,27 @@ class EnvironmentParameters(QuantityModel):
     gravity: float = quantity("m/s2", "gravitational acceleration", ge=0, le=30)
     air_density: float = quantity("kg/m3", "air density", gt=0, le=10)
     air_viscosity: float = quantity("kg/(m s)", "dynamic viscosity of the air", gt=0, le=1e-3)
+
+
+class WindParameters(QuantityModel):
+    """Motion of the air over the ground, everywhere the same: mean, gust and turbulence, in world axes.
+
+    The car starts along +x. Only its tail feels the wind.
+    """
+
+    mean_x: float = quantity("m/s", "steady wind towards the car's first heading: a tail wind", ge=-40, le=40)
+    mean_y: float = quantity("m/s", "steady wind towards the left of that heading", ge=-40, le=40)
+    mean_z: float = quantity("m/s", "steady wind upwards", ge=-40, le=40)
+    gust_amplitude: float = quantity("m/s", "amplitude of the sinusoidal gust, which starts at zero", ge=0, le=40)
+    gust_period: float = quantity("s", "period of the gust", gt=0, le=600)
+    gust_direction: float = quantity("rad", "where its first half blows to, from x towards y", ge=-3.1416, le=3.1416)
+    turbulence: float = quantity("m/s", "standard deviation of the filtered noise in each axis", ge=0, le=20)
+    turbulence_time_constant: float = quantity("s", "of the first-order filter of that noise", gt=0, le=60)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the air stands still."""
+        return not any((self.mean_x, self.mean_y, self.mean_z, self.gust_amplitude, self.turbulence))
 
 
 class ControllerParameters(QuantityModel):

@@ -17,9 +17,10 @@ from workbench.logs.journal import JournalWriter
 from workbench.logs.recorder import RunRecorder, recorded_columns
 from workbench.logs.schema import RunLog, read_run_log, run_metadata
 from workbench.scenario import Scenario
+from workbench.section_watch import SectionWatch
 from workbench.sensors.roll_estimator import RollEstimator, RollFilterSettings
 from workbench.station import InterfaceFactory, make_car_station, simulated_car
-from workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH
+from workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH, WIND_TRUTH
 
 Progress = Callable[[float, float], None]
 """Called with the time of the run (s) and its length (s) about ten times per simulated second."""
@@ -74,6 +75,8 @@ def truth_signals(station: Diagram) -> Signals:
         names = [column.name for column in plant_position_columns(plant.GetPositionNames())]
         names += [f"plant_velocity_{name}" for name in plant.GetVelocityNames()]
         signals.append((state, names))
+    if "wind_truth" in present:
+        signals.append((station.GetOutputPort("wind_truth"), list(WIND_TRUTH.fields)))
     return signals
 
 
@@ -106,6 +109,7 @@ def run_scenario(
     columns = recorded_columns(car.signals)
     with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
         RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)
+        watch = SectionWatch.add_to_builder(car.builder, car.station)
         simulator = Simulator(car.builder.Build())
         simulator.set_target_realtime_rate(real_time_rate)
         length = run_time(scenario)
@@ -113,6 +117,8 @@ def run_scenario(
             simulator.set_monitor(_monitor(progress, length))
         simulator.Initialize()
         simulator.AdvanceTo(length)
+        if watch is not None:
+            journal.add_facts(watch.facts())
     return read_run_log(log_path)
 
 
@@ -120,7 +126,7 @@ def _plant_facts(station: Diagram) -> dict[str, float]:
     car = simulated_car(station)
     context = car.plant.CreateDefaultContext()
     tail_mass = 0.0 if car.tail is None else car.plant.CalcTotalMass(context, [car.tail])
-    return {"tail_mass_kg": tail_mass, "total_mass_kg": car.plant.CalcTotalMass(context)}
+    return {"tail_mass_kg": tail_mass, "total_mass_kg": car.plant.CalcTotalMass(context, car.instances)}
 
 
 def _monitor(progress: Progress, length: float) -> Callable:

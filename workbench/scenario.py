@@ -30,6 +30,7 @@ from workbench.parameters import (
     SimulationParameters,
     TailMotorParameters,
     TailParameters,
+    WindParameters,
 )
 from workbench.resources import model_path, models_dir
 
@@ -54,6 +55,7 @@ class Scenario(BaseModel):
     gps: GpsParameters
     sail_encoder: SailEncoderParameters
     environment: EnvironmentParameters
+    wind: WindParameters
     controller: ControllerParameters
     manoeuvre: ManoeuvreParameters
     simulation: SimulationParameters

@@ -17,8 +17,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multipl
 from workbench.actuators.drive import Drive, shaft_gain
 from workbench.actuators.servo import SteeringServo
 from workbench.actuators.tail_drive import add_tail_drive
-from workbench.aero.sections import Air, SectionLayout
-from workbench.aero.tail_force import add_to_builder as add_tail_force
+from workbench.car_air import add_sail_force, add_wind_source
 from workbench.errors import UserError
 from workbench.plants.car import CarPlant, add_car_plant
 from workbench.plants.car_model import axle_statics
@@ -97,7 +96,11 @@ class _SimulatedCar:
     def __init__(self, builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None):
         self._builder = builder
         self._scenario = scenario
-        self._car = add_car_plant(builder, scenario)
+        self._wind = add_wind_source(builder, scenario)
+        gusts = self._wind is not None and scenario.wind.gust_amplitude > 0.0
+        self._car = add_car_plant(
+            builder, scenario, self._wind.GetOutputPort("wind_acceleration") if self._wind and gusts else None
+        )
         self._plant = self._car.plant
         chassis = self._plant.GetBodyByName("chassis")
         drive = self._add_drive()
@@ -167,14 +170,7 @@ class _SimulatedCar:
         motors = add_tail_drive(builder, plant, arm, scenario)
         for name in ("tail_pitch_command", "tail_roll_command"):
             builder.ExportInput(motors.GetInputPort(name), name)
-        self._tail_force = add_tail_force(
-            builder,
-            plant,
-            "tail_sail",
-            sail_layout(scenario),
-            scenario.tail.normal_force_coefficient,
-            air=Air(scenario.environment.air_density, scenario.environment.air_viscosity),
-        )
+        self._tail_force = add_sail_force(builder, plant, scenario, self._wind)
         return self._add_tail_sensors(motors.GetOutputPort("torque"))
 
     def _add_tail_sensors(self, torque: OutputPort) -> _TailPorts:
@@ -243,10 +239,13 @@ class _SimulatedCar:
         if self._car.tail is not None:
             builder.Connect(tail.torque, truth.GetInputPort("tail_torque"))
             builder.Connect(self._tail_force.GetOutputPort("wrench"), truth.GetInputPort("tail_wrench"))
-            builder.ExportOutput(self._tail_force.GetOutputPort("sections"), "tail_sections_truth")
+            for name in ("sections", "validity"):
+                builder.ExportOutput(self._tail_force.GetOutputPort(name), f"tail_{name}_truth")
             names.append("tail_truth")
         for name in names:
             builder.ExportOutput(truth.GetOutputPort(name), name)
+        if self._wind is not None:
+            builder.ExportOutput(self._wind.GetOutputPort("wind_velocity"), "wind_truth")
 
     def _constant(self, name: str, value: list[float] | np.ndarray) -> OutputPort:
         return self._builder.AddNamedSystem(name, ConstantVectorSource(np.array(value, dtype=float))).get_output_port()
@@ -255,14 +254,6 @@ class _SimulatedCar:
         system = self._builder.AddNamedSystem(name, MatrixGain(matrix))
         self._builder.Connect(source, system.get_input_port())
         self._builder.Connect(system.get_output_port(), sink)
-
-
-def sail_layout(scenario: Scenario) -> SectionLayout:
-    """Aerodynamic sections of the car's sail, in the frame of the body `tail_sail`."""
-    tail = scenario.tail
-    return SectionLayout.robot_tail(
-        start=tail.length - tail.sail_length, length=tail.sail_length, width=tail.sail_width, number=tail.sections
-    )
 
 
 def simulated_car(station: Diagram) -> CarPlant:

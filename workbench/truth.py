@@ -9,7 +9,13 @@ from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from workbench.logs.columns import GROUND_CONTACTS, body_truth_columns, contact_truth_columns, tail_truth_columns
+from workbench.logs.columns import (
+    GROUND_CONTACTS,
+    body_truth_columns,
+    contact_truth_columns,
+    tail_truth_columns,
+    wind_truth_columns,
+)
 from workbench.plants.car import CarPlant
 from workbench.plants.car_model import WHEELS
 from workbench.ports import PortFields
@@ -19,6 +25,7 @@ from workbench.sensors.imu import motion_at_imu
 BODY_TRUTH = PortFields("BodyTruth", tuple(column.name for column in body_truth_columns()))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(column.name for column in contact_truth_columns()))
 TAIL_TRUTH = PortFields("TailTruth", tuple(column.name for column in tail_truth_columns()))
+WIND_TRUTH = PortFields("WindTruth", tuple(column.name for column in wind_truth_columns()))
 
 
 class CarTruth(LeafSystem):
@@ -41,7 +48,7 @@ class CarTruth(LeafSystem):
         super().__init__()
         plant = self._plant = car_plant.plant
         self._tail = car_plant.tail
-        self._instances = [car_plant.car] + ([] if self._tail is None else [self._tail])
+        self._instances = car_plant.instances
         self._kinematics = plant.CreateDefaultContext()
         self._chassis = plant.GetBodyByName("chassis")
         self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
@@ -132,7 +139,7 @@ def contact_slots(car_plant: CarPlant) -> dict:
     plant = car_plant.plant
     inspector = car_plant.scene_graph.model_inspector()
     slots = {}
-    for instance in [car_plant.car] + ([] if car_plant.tail is None else [car_plant.tail]):
+    for instance in car_plant.instances:
         for index in plant.GetBodyIndices(instance):
             body = plant.get_body(index)
             for geometry in plant.GetCollisionGeometriesForBody(body):

@@ -120,11 +120,15 @@ class AddedMass:
         rng = np.random.default_rng(0)
         lower = np.clip(plant.GetPositionLowerLimits(), -math.pi, math.pi)
         upper = np.clip(plant.GetPositionUpperLimits(), -math.pi, math.pi)
-        free = set(plant.GetFloatingBaseBodies())
+        default = plant.GetPositions(context)
+        bases = [plant.get_body(index).floating_positions_start() for index in plant.GetFloatingBaseBodies()]
+        base = [index for start in bases for index in range(start, start + 7)]  # quaternion and position
         own = self._own_velocities()
         for sample in range(_POSITION_SAMPLES):
-            if sample and not free:
-                plant.SetPositions(context, rng.uniform(lower, upper))
+            if sample:
+                positions = rng.uniform(lower, upper)
+                positions[base] = default[base]  # inertia does not depend on where the whole vehicle is
+                plant.SetPositions(context, positions)
             bare = plant.CalcMassMatrix(context)
             for body_index in plant.GetBodyIndices(self.instance):
                 body = plant.get_body(body_index)

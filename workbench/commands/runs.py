@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -164,4 +164,18 @@ def summary_lines(run_log: RunLog) -> list[str]:
         f"yaw rate max {raw.max_yaw_rate_rad_per_s:.2f}, mean {raw.average_yaw_rate_rad_per_s:.2f} rad/s; lateral "
         f"acceleration max {raw.max_linear_acceleration_m_per_s2:.2f}, mean "
         f"{raw.average_linear_acceleration_m_per_s2:.2f} m/s2",
+        *_air_lines(run_log.extra),
     ]
+
+
+def _air_lines(extra: dict[str, Any]) -> list[str]:
+    """What the sail's sections met, for a simulated car with a tail."""
+    if "largest_reynolds_number" not in extra:
+        return []
+    outside, fast = extra["sections_outside_measured_range"], extra["sections_above_quasi_steady_limit"]
+    line = f"sail: Reynolds number up to {extra['largest_reynolds_number']:.0f}"
+    if outside > 0.0:
+        line += f"; outside the measured range of its coefficients {outside:.0%} of the time (edge value held)"
+    if fast > 0.0:
+        line += f"; faster than the quasi-steady model was shown to hold {fast:.0%} of the time"
+    return [line]

@@ -116,6 +116,11 @@ def tail_truth_columns() -> list[Column]:
     ]
 
 
+def wind_truth_columns() -> list[Column]:
+    """Motion of the air over the ground. Present in a run with wind only."""
+    return _vector("wind", "truth_m_per_s", "m/s", "velocity of the air, W axes")
+
+
 def contact_truth_columns() -> list[Column]:
     """Ground on the wheels and on the parts that should not touch it; power of the drive."""
     columns: list[Column] = []

@@ -118,6 +118,10 @@ class JournalWriter:
         if self._filled == len(self._buffer) or time.monotonic() >= self._flush_due:
             self.flush()
 
+    def add_facts(self, facts: Mapping[str, Any]) -> None:
+        """Add to `extra` of the log what only the end of the run knows; the journal itself goes without."""
+        self._metadata["extra"] = {**self._metadata.get("extra", {}), **facts}
+
     def flush(self) -> None:
         """Hand the rows so far to the operating system; LogError when it does not take them (disk full)."""
         if not self._open:

@@ -25,8 +25,10 @@ from pydrake.multibody.plant import (
     MultibodyPlant,
 )
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from workbench.aero.added_mass import AddedMass, add_added_mass
+from workbench.aero.sections import SectionLayout
 from workbench.drake_log import drop_message
 from workbench.errors import ModelError
 from workbench.plants.car_model import car_sdf
@@ -46,29 +48,44 @@ HALF_SPACE_WARNING = (
 
 MODELS_PACKAGE = "aerodima_models"
 
+ADDED_MASS_PARTS = 5
+"""Equal parts of the whole tail, `tail.added_mass` each (design section 5)."""
+
 
 @dataclass(frozen=True)
 class CarPlant:
-    """A finalised plant with its scene graph; `tail` is None for the car without tail arm."""
+    """A finalised plant with its scene graph; `tail` is None for the car without tail arm.
+
+    Added mass of the air is neither car nor tail but a model instance of its own: sums over the vehicle go over these
+    two.
+    """
 
     plant: MultibodyPlant
     scene_graph: SceneGraph
     car: ModelInstanceIndex
     tail: ModelInstanceIndex | None
 
+    @property
+    def instances(self) -> list[ModelInstanceIndex]:
+        """Car and tail arm, without the added mass of the air."""
+        return [self.car] if self.tail is None else [self.car, self.tail]
 
-def add_car_plant(builder: DiagramBuilder, scenario: Scenario) -> CarPlant:
+
+def add_car_plant(builder: DiagramBuilder, scenario: Scenario, wind_acceleration: OutputPort | None = None) -> CarPlant:
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
+    Args:
+        wind_acceleration: of the air in W (3), m/s2; it pushes the added mass. Steady wind without it.
+
     Raises:
-        ModelError: a model file is missing or does not load with these numbers; names the file.
+        ModelError: a model file is missing or does not load with these numbers, or `tail.added_mass` is too negative.
     """
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, scenario.simulation.step)
     plant.set_name("plant")
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -scenario.environment.gravity])
     _add_ground(plant, scenario.car.tyre_friction)
     car = parse_model(plant, car_sdf(scenario))
-    tail = None
+    tail, added = None, None
     if scenario.tail.mode != "none":
         arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
         if scenario.tail.sail == "locked":
@@ -78,18 +95,33 @@ def add_car_plant(builder: DiagramBuilder, scenario: Scenario) -> CarPlant:
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
         plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))
         plant.GetJointByName("tail_pitch").set_default_angle(scenario.controller.pitch_angle)
+        added = _added_mass(plant, scenario)
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
     plant.Finalize()
-    instances = [car] if tail is None else [car, tail]
-    _let_parts_pass_each_other(plant, scene_graph, instances)
-    return CarPlant(plant, scene_graph, car, tail)
+    result = CarPlant(plant, scene_graph, car, tail)
+    _let_parts_pass_each_other(plant, scene_graph, result.instances)
+    if added is not None:
+        try:
+            added.add_to_builder(builder, wind_acceleration=wind_acceleration)
+        except ModelError as error:
+            raise ModelError(f"tail.added_mass: {error}") from None
+    return result
 
 
 def resting_roll(scenario: Scenario) -> float:
     """Tail roll (rad) before the turn: on its inside, that is to the left (negative) for a left turn."""
     angle = scenario.controller.hold_angle
     return -angle if scenario.manoeuvre.direction == "left" else angle
+
+
+def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
+    """Added mass of the whole tail, on the rod: it does not turn with a free sail."""
+    tail = scenario.tail
+    if tail.added_mass == 0.0:
+        return None
+    layout = SectionLayout.robot_tail(start=0.0, length=tail.length, width=tail.sail_width, number=ADDED_MASS_PARTS)
+    return add_added_mass(plant, plant.GetBodyByName("tail_rod"), layout, tail.added_mass)
 
 
 def parse_model(plant: MultibodyPlant, model: SdfModel) -> ModelInstanceIndex:

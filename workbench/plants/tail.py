@@ -59,7 +59,7 @@ def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameter
     """The tail model with the numbers of a scenario.
 
     The rod is a uniform thin rod from the roll axis to the tip, the sail a uniform flat plate of the given length and
-    width that ends at the tip.
+    width that ends at the tip, balanced about the tail's axis.
     """
     model = SdfModel(model_path(TAIL_SDF))
     sail_mass = tail.mass * tail.sail_mass_fraction
@@ -87,6 +87,7 @@ def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameter
     for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_limit)):
         model.set_joint(joint, lower=-limit, upper=limit, effort=motor.torque_limit)
         model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
+    model.set_joint("tail_sail_turn", damping=tail.sail_bearing_damping)
     return model
 
 

@@ -124,6 +124,7 @@ def _joints(names: list[str], signals: dict[str, FloatArray]) -> dict[int, Float
     sources = {
         "tail_tail_pitch_q": "tail_pitch_angle_rad",
         "tail_tail_roll_q": "tail_roll_angle_rad",
+        "tail_tail_sail_turn_q": "sail_angle_rad",
         "car_front_left_steering_q": "steering_command_rad",
         "car_front_right_steering_q": "steering_command_rad",
     }
