@@ -83,13 +83,13 @@ def _recorded_inputs(scenario: Scenario) -> dict[str, PiecewisePolynomial]:
         plant_context = plant.GetMyContextFromRoot(context)
         times.append(context.get_time())
         for name, port in ports.items():
-            values[name].append(np.array(port.Eval(plant_context)))
+            values[name].append(np.array(port.Eval(plant_context)).reshape(-1, 1))
         return EventStatus.Succeeded()
 
     simulator.set_monitor(record)
     simulator.Initialize()
     simulator.AdvanceTo(scenario.manoeuvre.duration)
-    return {name: PiecewisePolynomial.ZeroOrderHold(times, np.column_stack(rows)) for name, rows in values.items()}
+    return {name: PiecewisePolynomial.ZeroOrderHold(times, rows) for name, rows in values.items()}
 
 
 def _driven_ports(plant: Any) -> list[Any]:
