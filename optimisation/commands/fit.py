@@ -53,13 +53,11 @@ def static(
 
     Example: aerodima fit static logs/*.parquet --out fits
     """
-    from optimisation.errors import FitError
     from optimisation.identify.log_fits import fit_static_log
 
-    if bounds not in ("wide", "printed"):
-        raise FitError(f"--bounds {bounds}: allowed: wide, printed")
+    chosen: Any = _choice("--bounds", bounds, ("wide", "printed"))
     settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
-    work = partial(fit_static_log, bounds=bounds, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest)
+    work = partial(fit_static_log, bounds=chosen, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest)
     _batch("Static fits", work, logs, out, settings, workers, force, _write_static_sets)
 
 
@@ -102,13 +100,11 @@ def robot_tail(
 
     Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
     """
-    from optimisation.errors import FitError
     from optimisation.identify.log_fits import fit_robot_tail_log
 
-    if shape not in ("constant", "line", "bins"):
-        raise FitError(f"--shape {shape}: allowed: constant, line, bins")
+    chosen: Any = _choice("--shape", shape, ("constant", "line", "bins"))
     settings = {"fit": "robot-tail", "shape": shape}
-    work = partial(fit_robot_tail_log, shape=shape)
+    work = partial(fit_robot_tail_log, shape=chosen)
     _batch("Robot tail", work, logs, out, settings, workers, force, _write_robot_set)
 
 
@@ -287,3 +283,12 @@ def _finish(out: Path, failed: dict[str, str], total: int) -> None:
     if failed:
         typer.echo(f"error: {len(failed)} of {total} could not be fitted; the others are done", err=True)
         raise typer.Exit(2)
+
+
+def _choice(flag: str, given: str, allowed: tuple[str, ...]) -> str:
+    """`given`, when it is one of the allowed words; FitError otherwise."""
+    from optimisation.errors import FitError
+
+    if given not in allowed:
+        raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
+    return given

@@ -50,7 +50,7 @@ class Pendulum:
         context = plant.CreateDefaultContext()
         torques = []
         for angle in (0.5 * math.pi, 0.0):
-            plant.SetPositions(context, [angle])
+            plant.SetPositions(context, np.array([angle]))
             torques.append(float(plant.CalcGravityGeneralizedForces(context)[0]))
         inertia = float(plant.CalcMassMatrix(context)[0, 0])
         if scenario.experiment.kind == "bar_swing":
