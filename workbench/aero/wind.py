@@ -93,7 +93,8 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             self._turbulent = max(model.turbulence) > 0.0
             if self._turbulent:
                 self.DeclareDiscreteState(model.turbulence_step(0, None))
-                self.DeclarePeriodicDiscreteUpdateEvent(model.update_period, model.update_period, self._update)
+                # Offset 0, where the update changes nothing: another one would miss the plant's steps by its rounding.
+                self.DeclarePeriodicDiscreteUpdateEvent(model.update_period, 0.0, self._update)
             self.DeclareVectorOutputPort("wind_velocity", 3, self._calc)
             self.DeclareVectorOutputPort("wind_acceleration", 3, self._calc_acceleration)
 

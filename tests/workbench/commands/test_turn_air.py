@@ -1,0 +1,46 @@
+"""`aerodima turn` with a free sail and with a coefficient table, from the run to its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from workbench.logs.schema import read_run_log
+
+SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
+
+
+@pytest.mark.parametrize("scenario", ["turn_swing_free_sail", "turn_swing_wind"])
+def test_shipped_scenario_goes_from_run_to_replay_and_strip(call: Callable, tmp_path: Path, scenario: str) -> None:
+    log, page, strip = (tmp_path / f"run.{ending}" for ending in ("parquet", "html", "png"))
+    words = ["turn", "--scenario", scenario, "--speed", 1.5, *SHORT, "--log", log, "--replay", page]
+    result = call(*words)
+    assert result.exit_code == 0, result.output
+    assert "sail: Reynolds number up to" in result.stdout
+    assert page.stat().st_size > 100_000
+    assert call("replay", log, "--strip", strip).exit_code == 0
+    assert strip.read_bytes().startswith(b"\x89PNG")
+    run = read_run_log(log)
+    assert ("plant_position_tail_tail_sail_turn_q" in run.table.columns) == (run.scenario["tail"]["sail"] == "free")
+    assert ("wind_x_truth_m_per_s" in run.table.columns) == (scenario == "turn_swing_wind")
+
+
+def test_turn_says_when_a_table_was_left(call: Callable) -> None:
+    left = call("turn", "--speed", 1.0, *SHORT, "--set", "tail.coefficients=robot_tail_line")
+    assert "outside the measured range of its coefficients 9" in left.stdout
+    assert "% of the time (edge value held)" in left.stdout
+    constant = call("turn", "--speed", 1.0, *SHORT)
+    assert "measured range" not in constant.stdout
+    assert "sail:" not in call("turn", "--speed", 1.0, "--tail", "none", *SHORT).stdout
+
+
+def test_settings_of_the_air_are_refused_in_one_line(refused: Callable) -> None:
+    assert "did you mean 'robot_tail_line'?" in refused("turn", "--set", "tail.coefficients=robot_tail_lime")
+    assert "above -0.0" in refused("turn", "--set", "tail.added_mass=-0.1")
+    assert "'winds'" in refused("turn", "--set", "winds.mean_x=1")
+
+
+def test_coefficients_are_a_command(call: Callable) -> None:
+    assert "robot_tail_line" in call("coefficients", "list").stdout

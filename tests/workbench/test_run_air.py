@@ -1,0 +1,93 @@
+"""Runs in moving air: what the log says about it, and that it replays."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from workbench.logs.columns import wind_truth_columns
+from workbench.logs.schema import read_run_log, signals_equal
+from workbench.replay.logged_car import add_logged_car
+from workbench.run import run_scenario
+from workbench.scenario import load_scenario
+
+SHORT = ["manoeuvre.duration=0.3"]
+STANDING = ["manoeuvre.speed=0.0", "manoeuvre.duration=0.2"]
+UPRIGHT = ["controller.hold_angle=0.01", "controller.travel=0.01"]
+WIND = [column.name for column in wind_truth_columns()]
+
+
+@pytest.fixture
+def run(tmp_path):
+    def make(*settings, scenario="turn_swing", name="run"):
+        return run_scenario(load_scenario(scenario, list(settings)), tmp_path / f"{name}.parquet")
+
+    return make
+
+
+def test_wind_has_columns_in_a_run_with_wind_only(run, standard_runs):
+    log = run("wind.mean_y=2.0", "wind.turbulence=0.4", *SHORT)
+    assert [f"wind_{axis}_truth_m_per_s" for axis in "xyz"] == WIND
+    assert list(log.table.columns)[-3:] == WIND
+    # The noise is kept for 10 ms, five rows, and wanders about the mean.
+    assert np.all(np.flatnonzero(np.diff(log.signal(WIND[0]))) % 5 == 0)
+    assert 0.0 < log.signal(WIND[0]).std() < 1.2
+    assert not set(WIND) & set(standard_runs["swing"].table.columns)
+
+
+def test_run_in_wind_repeats_bit_for_bit_and_another_seed_is_other_weather(run):
+    settings = ["wind.turbulence=0.4", *SHORT]
+    one, again, other = run(*settings, name="a"), run(*settings, name="b"), run(*settings, "seed=2", name="c")
+    assert signals_equal(one, again)
+    assert not np.any(one.signal(WIND[1]) == other.signal(WIND[1]))
+    assert np.abs(one.signal("tail_force_z_truth_n") - other.signal("tail_force_z_truth_n")).max() > 1e-3
+
+
+@pytest.mark.parametrize("settings", [["tail.sail=free"], ["tail.added_mass=0.05"], ["tail.added_mass=-0.01"]])
+def test_replay_rebuilds_the_car_with_its_sail_and_its_added_mass(run, settings):
+    log = run(*settings, *SHORT)
+    logged = add_logged_car(DiagramBuilder(), log)
+    plant = logged.car.plant
+    assert logged.positions.shape == (len(log.table), plant.num_positions())
+    context = plant.CreateDefaultContext()
+    logged.move(context, -1)
+    com = plant.CalcCenterOfMassPositionInWorld(context, logged.car.instances)
+    np.testing.assert_allclose(com, log.vector("com", "truth_m")[-1], atol=1e-9)
+    tip = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("tail_rod")) @ np.array([0.0, 0.0, 0.9])
+    np.testing.assert_allclose(tip, log.vector("tail_tip", "truth_m")[-1], atol=1e-9)
+
+
+def test_added_mass_counts_in_no_mass_of_the_log(run):
+    log = run("tail.added_mass=0.1", *SHORT)
+    assert log.extra["tail_mass_kg"] == pytest.approx(0.201, abs=1e-9)
+    assert log.extra["total_mass_kg"] == pytest.approx(6.201, rel=1e-8)
+
+
+def test_added_mass_stays_beside_the_tail_through_a_whole_swing(run):
+    log = run("tail.added_mass=0.05")
+    (slide,) = [name for name in log.table.columns if name.startswith("plant_position_added_mass")]
+    assert np.abs(log.signal(slide)).max() < 2e-3  # of a tail of 0.9 m
+
+
+def test_log_says_how_long_the_coefficients_were_outside_their_range(run):
+    # Standing in a cross wind the sail meets the wind itself; the line of the robot tail is measured from 3 to 15 m/s.
+    table = ["tail.coefficients=robot_tail_line", *UPRIGHT, *STANDING]
+    for wind, outside in ((0.0, 1.0), (5.0, 0.0), (18.0, 1.0)):
+        log = run(*table, f"wind.mean_y={wind}", name=f"wind_{wind}")
+        assert log.extra["sections_outside_measured_range"] == outside
+        assert log.extra["sections_above_quasi_steady_limit"] == 0.0  # not shown twice
+        # rho v w / mu; the tail sways a little in the wind.
+        assert log.extra["largest_reynolds_number"] == pytest.approx(1.225 * wind * 0.2 / 1.849e-5, rel=0.15, abs=4000)
+    fast = run("wind.mean_y=18.0", *UPRIGHT, *STANDING, name="constant")
+    assert fast.extra["sections_outside_measured_range"] == 0.0  # a number has no range
+    assert fast.extra["sections_above_quasi_steady_limit"] == 1.0
+    assert read_run_log(fast.source).extra == fast.extra
+
+
+def test_share_of_a_run_in_which_the_edge_value_was_held(run, standard_runs):
+    log = run("tail.coefficients=robot_tail_line")
+    shares = log.extra["sections_outside_measured_range"]
+    # The car is slower than 3 m/s for 0.9 of the 2 s in which it gains speed, and never faster than 15 m/s.
+    slow = np.mean(log.signal("velocity_x_truth_m_per_s") < 3.0)
+    assert 0.15 < shares < slow + 0.1
+    assert standard_runs["swing"].extra["sections_outside_measured_range"] == 0.0
+    assert "largest_reynolds_number" not in standard_runs["none"].extra
