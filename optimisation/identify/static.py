@@ -16,7 +16,7 @@ from optimisation.errors import FitError
 from optimisation.identify.published_tables import published
 from optimisation.identify.static_balance import REACTIONS
 from optimisation.identify.static_log import StaticData, accuracies, speed_accuracy
-from optimisation.least_squares import Problem, Solution, solve_algebraic
+from optimisation.least_squares import Problem, Solution, solve_formula
 from optimisation.parameters import Parameter, Parameters
 from optimisation.pipeline import FitResult, fit
 from optimisation.uncertainty import Noise
@@ -183,7 +183,7 @@ def fit_static(
     facts["exposed_length_m"] = data.balance.exposed_length(data.angle)
     return fit(
         problem,
-        solve_algebraic,
+        solve_formula,
         residual.noise,
         starts=parameters.starts(random=random_seeds),
         channels=residual.channels,

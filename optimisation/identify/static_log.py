@@ -33,6 +33,8 @@ COLUMNS = dict(
 )
 ANGLE, RATE, CURRENT = "angle_rad", "angular_velocity_rad_per_s", "current_a"
 LEAST_SAMPLES = 100
+_MOST_CORRELATED = 8192
+"""Samples that the correlation time of the noise is taken from."""
 _LARGEST_ANGLE = math.radians(110.0)
 _LARGEST_WANDER = math.radians(1.0)
 _LARGEST_SPEED = 60.0
@@ -278,43 +280,30 @@ def _mean_wrench(
     angle: float,
     offsets: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Mean wrench of the hold (6), variance of its error (6), effective samples."""
-    wrench, variance = np.full(6, np.nan), np.zeros(6)
-    effective = math.inf
-    weight = balance.hanging(angle)[0]
-    for i, channel in enumerate(REACTIONS):
-        if channel not in columns:
-            continue
-        values = columns[channel]
-        held = values[hold]
-        if rest is None:
-            line = np.polyfit(time[hold] - time[hold].mean(), held, 1)
-            scatter = held - np.polyval(line, time[hold] - time[hold].mean())
-            lag = correlation_time(scatter)
-            wrench[i] = held.mean() + offsets[i]
-            variance[i] = np.var(scatter) * lag / len(held) + accuracies()[i] ** 2
-        else:
-            wrench[i], variance[i], lag = _above_rest(time, values, hold, rest)
-            wrench[i] += weight[i]
-        effective = min(effective, len(held) / lag)
-    return wrench, variance, effective
+    """Mean wrench of the hold (6), variance of its error (6), effective samples.
 
-
-def _above_rest(
-    time: np.ndarray, values: np.ndarray, hold: np.ndarray, rest: tuple[float, float]
-) -> tuple[float, float, float]:
-    """What the wind adds: mean of the hold above the line of the rest phase, its variance, the correlation time.
-
-    The drift of the hold itself helps to find the slope: one slope and two levels are fitted to both parts.
+    A line of time, and with a rest phase a step at its end, are fitted to all of the readings: the drift of the hold
+    helps to find the slope too.
     """
-    resting = (time >= rest[0]) & (time <= rest[1])
-    used = resting | hold
-    t = time[used]
-    step = hold[used].astype(float)
-    design = np.column_stack([np.ones_like(t), t - t.mean(), step])
-    solution = np.linalg.lstsq(design, values[used], rcond=None)[0]
-    scatter = values[used] - design @ solution
-    lag = correlation_time(scatter)
-    noise = float(scatter @ scatter) / max(len(t) / lag - 3.0, 1.0)
-    covariance = np.linalg.inv(design.T @ design)[2, 2] * noise
-    return float(solution[2]), float(covariance), lag
+    channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
+    values = np.stack([columns[REACTIONS[i]] for i in channels])
+    used = hold if rest is None else hold | ((time >= rest[0]) & (time <= rest[1]))
+    if not np.all(used):
+        values = values[:, used]
+    centred = time[used] - time[used].mean()
+    basis = [np.ones_like(centred), centred] + ([] if rest is None else [hold[used].astype(float)])
+    design = np.stack(basis)
+    inverse = np.linalg.inv(design @ design.T)
+    found = values @ design.T @ inverse
+    scatter = values - found @ design
+    lags = np.array([correlation_time(row[:_MOST_CORRELATED]) for row in scatter])
+    samples = values.shape[1]
+    noise = np.sum(np.square(scatter), axis=1) / np.maximum(samples / lags - design.shape[0], 1.0)
+    wrench, variance = np.full(6, np.nan), np.zeros(6)
+    if rest is None:
+        wrench[channels] = found[:, 0] + offsets[channels]
+        variance[channels] = noise * inverse[0, 0] + accuracies()[channels] ** 2
+    else:
+        wrench[channels] = found[:, 2] + balance.hanging(angle)[0][channels]
+        variance[channels] = noise * inverse[2, 2]
+    return wrench, variance, float(np.count_nonzero(hold) / lags.max())

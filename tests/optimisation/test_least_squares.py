@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from optimisation.errors import FitError
-from optimisation.least_squares import Problem, Solver, solve, solve_algebraic, solve_rollout
+from optimisation.least_squares import Problem, Solver, solve, solve_algebraic, solve_formula, solve_rollout
 from optimisation.parameters import Parameter, Parameters
 
-METHODS = [solve_algebraic, solve_rollout]
+METHODS = [solve_algebraic, solve_rollout, solve_formula]
 TIME = np.linspace(0.0, 3.0, 40)
 
 
@@ -110,3 +110,13 @@ def test_batch_residuals_are_used_for_the_differences() -> None:
     solution = solve(Problem(problem.parameters, problem.residual, batch=batch), solve_rollout)
     assert solution.x == pytest.approx(solve(problem, solve_rollout).x, rel=1e-9)
     assert rows[-1] == 6  # both sides of three unknowns
+
+
+def test_a_bent_valley_that_stops_gauss_newton_is_followed_by_snopt() -> None:
+    # Rosenbrock's valley with a weight of 1e5: Gauss-Newton from here needs many short steps.
+    parameters = Parameters.of([Parameter("x", "1", -1.5, -5.0, 5.0), Parameter("y", "1", 2.0, -5.0, 5.0)])
+    problem = Problem(parameters, lambda x: np.array([1e5 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
+    assert not solve_rollout(problem, parameters.seed, 8).success
+    solution = solve(problem, solve_formula)
+    assert "SNOPT" in solution.best.status
+    assert solution.x == pytest.approx([1.0, 1.0], abs=1e-4)

@@ -1,0 +1,61 @@
+"""Every fit is a least-squares problem in `MathematicalProgram`: no other optimiser, no second way."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import optimisation.least_squares as solvers
+from optimisation.identify.aggregate import huber_location
+from optimisation.identify.published_check import robot_tail_line
+from optimisation.identify.springs import fit_spring
+from optimisation.identify.throttle import SteadyPoint, fit_throttle
+
+ROOT = Path(solvers.__file__).parent
+
+
+def _imports(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def test_identification_uses_no_other_optimiser() -> None:
+    modules = [*(ROOT / "identify").glob("*.py"), *ROOT.glob("*.py")]
+    assert len(modules) > 15
+    for path in modules:
+        assert not [name for name in _imports(path) if name.startswith("scipy.optimize")], path.name
+    users = {path.name for path in (ROOT / "identify").glob("*.py") if "MathematicalProgram" in path.read_text()}
+    assert not users  # only the solvers know it
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        robot_tail_line,
+        lambda: huber_location(np.array([1.0, 2.0, 2.5, 9.0])),
+        lambda: fit_spring(pd.DataFrame({"displacement_m": np.arange(9.0), "force_n": np.arange(9.0) ** 1.1})),
+        lambda: fit_throttle([SteadyPoint(x, 9.0 * x + 0.1 * x**2, 0.0, 0.0, 1.0) for x in (0.2, 0.4, 0.5, 0.7)]),
+    ],
+    ids=["line", "huber", "spring", "throttle"],
+)
+def test_a_fit_is_solved_in_mathematical_program(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> None:
+    programs = []
+
+    class Counted(solvers.MathematicalProgram):
+        def __init__(self) -> None:
+            super().__init__()
+            programs.append(self)
+
+    monkeypatch.setattr(solvers, "MathematicalProgram", Counted)
+    act()
+    assert programs
