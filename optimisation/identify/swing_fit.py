@@ -14,11 +14,11 @@ import numpy as np
 
 from optimisation.identify.static_log import speed_accuracy
 from optimisation.identify.swing_log import SwingData
-from optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out
-from optimisation.least_squares import Problem, solve_rollout
+from optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out, torque_response
+from optimisation.least_squares import Problem, Solution, solve_rollout
 from optimisation.parameters import Parameter, Parameters
 from optimisation.pipeline import FitResult, fit
-from optimisation.uncertainty import serial_noise
+from optimisation.uncertainty import Noise, serial_noise
 from workbench.aero.coefficients import SpeedLine, SpeedTable
 from workbench.aero.laws import NormalForceLaw
 
@@ -79,7 +79,7 @@ class SwingModel:
         result = fit(
             problem,
             solve_rollout,
-            lambda solution: serial_noise(solution.residual, [slice(None)], len(solution.x)),
+            lambda solution: self.noise(solution, problem.parameters),
             starts=problem.parameters.starts(seeds),
             channels={"angle": (slice(None), speed_accuracy())},
             facts={**self.data.facts, **(facts or {})},
@@ -87,6 +87,30 @@ class SwingModel:
         )
         values = {e.name: e.value for e in result.estimates}
         return replace(result, curves={"angle": self.curve(values)})
+
+    def noise(self, solution: Solution, parameters: Parameters) -> Noise:
+        """Of a free swing what the residual shows; of a driven one the encoder's rounding and the current's noise.
+
+        Noise of the current pushes the tail off its path for good, so the residual wanders: too few of its wanderings
+        fit into a swing to judge them by the residual alone.
+        """
+        data = self.data
+        seen = serial_noise(solution.residual, [slice(None)], len(solution.x))
+        if data.motor_deviation == 0.0:
+            return seen
+        values = parameters.values(solution.x)
+        torques = self.torques(values)
+        response = torque_response(
+            self.pendulum, torques, self.motion(values), data.step, data.motor.tolist(), values.get("added_mass", 0.0)
+        )
+        pushed = response * (data.motor_deviation / speed_accuracy())
+        covariance = pushed @ pushed.T + np.eye(len(data.angle)) / 12.0
+        # A residual larger than these two explain is the model's: it widens the intervals.
+        expected = float(
+            np.trace(covariance) - np.trace(np.linalg.pinv(solution.jacobian) @ covariance @ solution.jacobian)
+        )
+        excess = max(1.0, float(solution.residual @ solution.residual) / max(expected, 1e-12) / 3.0)
+        return Noise(covariance * excess, np.inf, seen.effective_samples)
 
     def curve(self, values: Values) -> dict[str, Any]:
         """Measured and modelled angle over time, for plots."""

@@ -36,6 +36,7 @@ class SwingData:
         time: from the release (n), s, evenly spaced.
         angle: (n), rad.
         motor: mean torque of the motor during each step (n - 1), N m, from the logged current.
+        motor_deviation: standard deviation of its error from the noise of the current, N m; zero for a free swing.
         start_rate: estimate of the rate at the first sample, rad/s.
         release: time of the first sample in the log, s.
         facts: tail, axis, wind_speed_m_per_s.
@@ -47,6 +48,7 @@ class SwingData:
     time: np.ndarray
     angle: np.ndarray
     motor: np.ndarray
+    motor_deviation: float
     start_rate: float
     release: float
     facts: Mapping[str, Any]
@@ -126,8 +128,11 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
     facts: dict[str, Any] = {"wind_speed_m_per_s": scenario.experiment.wind_speed}
     if kind == "swing":
         facts = {"tail": str(scenario.experiment.tail), "axis": scenario.experiment.axis, **facts}
+    noise = scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride) if np.any(motor) else 0.0
     grid = np.arange(len(picked)) * float(np.mean(np.diff(t)))
-    return SwingData(name, scenario, grid, angle[picked], motor, rate, float(time[picked[0]]), facts, tuple(warnings))
+    return SwingData(
+        name, scenario, grid, angle[picked], motor, noise, rate, float(time[picked[0]]), facts, tuple(warnings)
+    )
 
 
 def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: RunLog) -> int:

@@ -187,3 +187,33 @@ def roll_out(
         angles.append(q)
         rates.append(w)
     return np.array(angles), np.array(rates)
+
+
+def torque_response(
+    pendulum: Pendulum,
+    torques: Sequence[Torque],
+    motion: tuple[np.ndarray, np.ndarray],
+    step: float,
+    motor: Sequence[float],
+    added_mass: float = 0.0,
+) -> np.ndarray:
+    """How the angles (n) answer to one more newton metre during each step (n - 1): an n x (n - 1) matrix, rad / N m.
+
+    Linear about a motion: the one-step maps are differentiated by finite differences and multiplied up.
+    """
+    angles, rates = motion
+    count, small = len(angles), 1e-6
+    maps = np.empty((count - 1, 2, 2))
+    for i in range(count - 1):
+        for column, (dq, dw) in enumerate(((small, 0.0), (0.0, small))):
+            start = (angles[i] + dq, rates[i] + dw)
+            moved = roll_out(pendulum, torques, start, step, 2, motor=[motor[i]], added_mass=added_mass)
+            maps[i, :, column] = (moved[0][1] - angles[i + 1]) / small, (moved[1][1] - rates[i + 1]) / small
+    push = np.array([0.5 * step * step, step]) / pendulum.total_inertia(added_mass)
+    response = np.zeros((count, count - 1))
+    state = np.zeros((2, count - 1))
+    for i in range(count - 1):
+        state[:, :i] = maps[i] @ state[:, :i]
+        state[:, i] = push
+        response[i + 1] = state[0]
+    return response
