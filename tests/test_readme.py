@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import matplotlib
+import matplotlib.pyplot as plt
 import pytest
 from typer.testing import CliRunner
 
@@ -45,7 +46,11 @@ def test_commands_of_the_first_steps_come_out_as_the_readme_says(
 def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
+    before = plt.get_fignums()
     (block,) = re.findall(r"```python\n(.*?)```", FIRST_STEPS, re.DOTALL)
     names: dict[str, object] = {}
     exec(compile(block, "README.md", "exec"), names)
     assert (tmp_path / "swing.parquet").exists()
+    (figure,) = set(plt.get_fignums()) - set(before)
+    assert len(plt.figure(figure).axes[0].lines) == 3
+    plt.close(figure)

@@ -144,7 +144,7 @@ def scenario_from_dict(overrides: dict[str, Any], where: str = "scenario") -> Sc
 def load_scenario(name_or_path: str | Path, settings: list[str] | None = None) -> Scenario:
     """Loads a scenario by path, or by name from `models/scenarios`, with overrides such as `car.com_height=0.21`."""
     path = Path(name_or_path)
-    if not path.suffix:
+    if not path.suffix and path.name == str(name_or_path) and not path.exists():
         path = model_path(f"scenarios/{name_or_path}.yaml")
     data = read_yaml(path)
     for setting in settings or []:

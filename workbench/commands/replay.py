@@ -34,6 +34,8 @@ def replay(
     from workbench.logs.schema import read_run_log
     from workbench.replay.reckoned_motion import replayable
 
+    if strip is not None and strip.suffix.lower() != ".png":
+        raise UserError(f"--strip {strip}: ending {strip.suffix!r}; allowed: .png")
     for path in (html, strip):
         if path is not None:
             refuse_existing(path, force, UserError)

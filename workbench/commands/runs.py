@@ -12,6 +12,7 @@ import typer
 if TYPE_CHECKING:
     from workbench.logs.schema import RunLog
     from workbench.run import Progress
+    from workbench.scenario import Scenario
 
 Speed = Annotated[float | None, typer.Option(help="Commanded speed, m/s.")]
 Tail = Annotated[str | None, typer.Option(help="none, held or swing.")]
@@ -99,7 +100,7 @@ def _run(
     port: int | None,
     force: bool,
 ) -> None:
-    from workbench.atomic_write import refuse_existing
+    from workbench.atomic_write import make_folder, refuse_existing
     from workbench.errors import UserError
     from workbench.logs.journal import journal_path
     from workbench.replay import open_meshcat, write_replay_html
@@ -110,8 +111,12 @@ def _run(
         raise UserError("--port: it names the port of the live view; allowed together with --live")
     given = [f"{key}={value}" for key, value in flags.items() if value is not None]
     scenario = load_scenario(name, [*given, *(settings or [])])
+    _refuse_cut_off_turn(scenario)
     if replay is not None:
+        if log is not None and log.resolve() == replay.resolve():
+            raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")
         refuse_existing(replay, force, UserError)
+        make_folder(replay.parent, UserError)
     meshcat = open_meshcat(port) if live else None
     if meshcat is not None:
         typer.echo(f"watch: {meshcat.web_url()}", err=True)
@@ -133,6 +138,16 @@ def _run(
     if replay is not None:
         write_replay_html(run_log, replay, force=force)
         typer.echo(f"replay: {replay}")
+
+
+def _refuse_cut_off_turn(scenario: Scenario) -> None:
+    """A run that ends before its turn does has no metrics to print."""
+    from workbench.errors import UserError
+
+    manoeuvre = scenario.manoeuvre
+    end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
+    if manoeuvre.kind == "turn" and manoeuvre.duration < end:
+        raise UserError(f"manoeuvre.duration: {manoeuvre.duration:g} s; allowed: >= {end:g} s, the end of the turn")
 
 
 def show_progress() -> Progress | None:

@@ -58,10 +58,16 @@ def test_existing_output_is_refused_before_anything_is_written(
     refused: Callable, log: Path, untouched: Path, tmp_path: Path, option: str
 ) -> None:
     other = {"--html": "--strip", "--strip": "--html"}[option]
-    message = refused("replay", log, other, tmp_path / "other", option, untouched)
+    present = untouched.rename(untouched.with_suffix(".png"))
+    message = refused("replay", log, other, tmp_path / "other.png", option, present)
     assert "exists already" in message
-    assert untouched.read_text() == "precious"
-    assert not (tmp_path / "other").exists()
+    assert present.read_text() == "precious"
+    assert not (tmp_path / "other.png").exists()
+
+
+def test_strip_is_a_png(refused: Callable, log: Path, tmp_path: Path) -> None:
+    assert "'.jpg'; allowed: .png" in refused("replay", log, "--strip", tmp_path / "strip.jpg")
+    assert not (tmp_path / "strip.jpg").exists()
 
 
 def test_file_that_is_no_log_is_refused(refused: Callable, untouched: Path) -> None:

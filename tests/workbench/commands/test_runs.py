@@ -82,3 +82,33 @@ def test_wrong_input_is_one_clear_line(refused: Callable, words: tuple[str, ...]
     for part in named:
         assert part in message
     assert "\n" not in message
+
+
+def test_log_and_replay_cannot_be_one_file(refused: Callable, tmp_path: Path) -> None:
+    out = tmp_path / "run.parquet"
+    assert "--log" in refused("turn", *SHORT, "--log", out, "--replay", out, "--force")
+    assert not out.exists()
+
+
+def test_replay_below_a_file_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
+    log = untouched.parent / "run.parquet"
+    assert str(untouched) in refused("turn", *SHORT, "--log", log, "--replay", untouched / "run.html")
+    assert not log.exists()
+
+
+def test_run_that_ends_before_its_turn_names_the_duration(refused: Callable) -> None:
+    message = refused("turn", "--set", "manoeuvre.duration=1")
+    assert "manoeuvre.duration: 1 s" in message
+    assert ">= 2.64 s" in message
+
+
+def test_scenario_file_may_have_no_ending(call: Callable, tmp_path: Path) -> None:
+    path = tmp_path / "mine"
+    path.write_text("manoeuvre: {speed: 1.0, turn_start: 0.4, speed_ramp: 0.3, duration: 1.2}\n")
+    assert call("turn", "--scenario", path).exit_code == 0
+
+
+def test_slalom_of_the_thesis_rolls_the_provisional_car_over_and_a_slow_one_does_not(call: Callable) -> None:
+    """The README and the scenario say so; tyres slide above 1.7 m/s at 30 degrees."""
+    assert "outcome: flipped" in call("slalom").stdout
+    assert "outcome: survived, clean" in call("slalom", "--speed", 1.5).stdout
