@@ -9,7 +9,9 @@ from pathlib import Path
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from workbench.errors import ModelError, UserError
+from workbench.parameter_files import load_entries_without_model
 from workbench.plants.car import MODELS_PACKAGE
 from workbench.plants.car_model import car_sdf
 from workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
@@ -64,6 +66,13 @@ def check_shipped_models() -> Iterator[CheckResult]:
                 f"parameters/rig/{section}.yaml: unit and source of every number",
                 partial(load_rig_parameter_entries, section),
             )
+    for path in sorted((root / "parameters" / "hardware").glob("*.yaml")):
+        yield _attempt(
+            f"parameters/hardware/{path.name}: unit and source of every number",
+            partial(load_entries_without_model, path),
+        )
+    for name in embedded_sets():
+        yield _attempt(f"coefficients/{name}.yaml: reads and makes a law", partial(_make_law, name))
     for model in nominal_models():
         yield CheckResult(
             f"{model.path.relative_to(root)}: numbers equal the parameters", tuple(sdf_differences(model))
@@ -161,6 +170,10 @@ def nominal_models() -> list[SdfModel]:
         cheetah_rig_sdf(rig),
         robot_rig_sdf(rig),
     ]
+
+
+def _make_law(coefficients: str) -> None:
+    load_coefficients(coefficients).law()
 
 
 def _attempt(subject: str, check: Callable[[], object]) -> CheckResult:

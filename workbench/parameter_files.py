@@ -59,23 +59,36 @@ def load_parameter_file(path: Path, model: type[BaseModel]) -> dict[str, Paramet
     Raises:
         ScenarioError: names file, key and what is allowed.
     """
-    data = read_yaml(path)
-    if data.pop("schema", None) != PARAMETER_SCHEMA:
-        raise ScenarioError(f"{path}: schema: allowed is {PARAMETER_SCHEMA!r}")
     entries = {}
-    for key, raw in data.items():
+    for key, raw in _raw_entries(path).items():
         if key not in model.model_fields:
             raise ScenarioError(f"{path}: {key}: unknown key; {nearest(str(key), list(model.model_fields))}")
-        try:
-            entries[key] = ParameterEntry.model_validate(raw)
-        except ValidationError as error:
-            raise explain(error, f"{path}: {key}", ParameterEntry) from None
+        entries[key] = _entry(path, key, raw)
         if entries[key].unit != unit_of(model, key):
             raise ScenarioError(f"{path}: {key}: unit {entries[key].unit!r}; allowed is {unit_of(model, key)!r}")
     missing = set(model.model_fields) - set(entries)
     if missing:
         raise ScenarioError(f"{path}: missing: {', '.join(sorted(missing))}")
     return entries
+
+
+def load_entries_without_model(path: Path) -> dict[str, ParameterEntry]:
+    """Reads a parameter file whose section another package describes: value, unit and source of every number."""
+    return {key: _entry(path, key, raw) for key, raw in _raw_entries(path).items()}
+
+
+def _raw_entries(path: Path) -> dict[str, Any]:
+    data = read_yaml(path)
+    if data.pop("schema", None) != PARAMETER_SCHEMA:
+        raise ScenarioError(f"{path}: schema: allowed is {PARAMETER_SCHEMA!r}")
+    return data
+
+
+def _entry(path: Path, key: str, raw: Any) -> ParameterEntry:
+    try:
+        return ParameterEntry.model_validate(raw)
+    except ValidationError as error:
+        raise explain(error, f"{path}: {key}", ParameterEntry) from None
 
 
 def resolve(

@@ -5,6 +5,7 @@ makes a left turn and its mirror image in a right turn equal: yaw rate and later
 turn, roll and roll rate are positive outwards (to the right in a left turn: a positive rotation about x of B).
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -118,21 +119,40 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     """
     kind = _manoeuvre(run_log, "kind")
     if kind in ("straight", "slalom"):
-        first, start, last = float(run_log.time[0]), float(_manoeuvre(run_log, "turn_start")), float(run_log.time[-1])
+        first, start, last = (
+            float(run_log.time[0]),
+            _number(run_log, "manoeuvre", "turn_start"),
+            float(run_log.time[-1]),
+        )
         return (start if first < start < last else first), last
-    steer_angle = float(_manoeuvre(run_log, "steer_angle"))
-    start = float(_manoeuvre(run_log, "turn_start"))
+    steer_angle = _number(run_log, "manoeuvre", "steer_angle")
+    start = _number(run_log, "manoeuvre", "turn_start")
     if kind == "auto_turn":
         steering = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle)
         if steering.size == 0:
             raise LogError(f"{run_log.source or 'run log'}: no steering command in the run, so no turn to measure")
         start = float(run_log.time[steering[0]])
-    transit = steer_angle / float(_scenario_value(run_log, "servo", "rate"))
-    return start, start + float(_manoeuvre(run_log, "turn_hold")) + transit
+    rate = _number(run_log, "servo", "rate")
+    if rate <= 0.0:
+        raise LogError(f"{run_log.source or 'run log'}: its scenario has servo.rate {rate:g}, but it must be above 0")
+    return start, start + _number(run_log, "manoeuvre", "turn_hold") + steer_angle / rate
 
 
 def _manoeuvre(run_log: RunLog, key: str) -> Any:
     return _scenario_value(run_log, "manoeuvre", key)
+
+
+def _number(run_log: RunLog, section: str, key: str) -> float:
+    value = _scenario_value(run_log, section, key)
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise LogError(
+            f"{run_log.source or 'run log'}: its scenario has {section}.{key} {value!r}, but it must be a finite number"
+        )
+    return number
 
 
 def _scenario_value(run_log: RunLog, section: str, key: str) -> Any:

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -232,6 +233,19 @@ def test_a_scenario_without_a_needed_key_is_named() -> None:
     run = made_up_run()
     with pytest.raises(LogError, match=r"no servo\.rate"):
         metrics_of(dataclasses.replace(run, scenario={**run.scenario, "servo": {}}))
+
+
+@pytest.mark.parametrize("key", ["steer_angle", "turn_start", "turn_hold"])
+@pytest.mark.parametrize("value", ["x", None, [1.0], math.nan])
+def test_a_scenario_value_that_is_no_number_is_named(key: str, value: Any) -> None:
+    with pytest.raises(LogError, match=rf"manoeuvre\.{key} .*must be a finite number"):
+        metrics_of(made_up_run(**{key: value}))
+
+
+def test_a_servo_that_stands_still_is_refused() -> None:
+    run = made_up_run()
+    with pytest.raises(LogError, match=r"servo\.rate 0, but it must be above 0"):
+        metrics_of(dataclasses.replace(run, scenario={**run.scenario, "servo": {"rate": 0.0}}))
 
 
 def degrees(*corners: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,11 +11,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import yaml
 
 from workbench.aero.coefficients import (
+    LEAST_DRAG,
     PolynomialSurface,
     RegularTable,
     SpeedLine,
@@ -39,6 +40,8 @@ _KEYS: dict[tuple[str, str], set[str]] = {
     ("polar", "table"): {"nodes"},
     ("polar", "surface"): {"cd", "cl", "speed_scale_m_per_s", "angle_scale_rad"},
 }
+_SCALES = {"speed_scale_m_per_s", "angle_scale_rad"}
+_NOT_NEGATIVE = {"cn", "cn_round_side", "cn_hollow_side", "cd"}
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,8 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ModelError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path}: cannot be read: {error}") from error
     return coefficients_from_dict(content, str(path))
 
 
@@ -182,6 +187,11 @@ def _from_csv(path: Path) -> CoefficientSet:
     missing = [column for column in needed if column not in nodes]
     if missing:
         raise ModelError(f"{path}: missing columns {', '.join(missing)} (a table has {', '.join(needed)})")
+    for column in needed[:-1]:
+        try:
+            nodes[column] = nodes[column].astype(float)
+        except (TypeError, ValueError) as error:
+            raise ModelError(f"{path}: column {column}: {error}") from None
     if "status" not in nodes:
         nodes["status"] = "measured"
     measured = nodes[nodes.status == "measured"]
@@ -218,11 +228,18 @@ def coefficients_from_dict(content: Any, where: str) -> CoefficientSet:
     _require_keys(ranges, {"speed_m_per_s"} | ({"angle_rad"} if law == "polar" else set()), f"{where}: range")
     speed_range = _range(ranges["speed_m_per_s"], f"{where}: range.speed_m_per_s")
     angle_range = _range(ranges["angle_rad"], f"{where}: range.angle_rad") if law == "polar" else None
-    for key in _KEYS[law, kind] - {"nodes"}:
-        _require_numbers(content[key], f"{where}: {key}")
+    for key in sorted(_KEYS[law, kind] - {"nodes"}):
+        if kind == "surface" and key in ("cd", "cl"):
+            _require_rows(content[key], f"{where}: {key}")
+        elif _require_number(content[key], f"{where}: {key}") <= 0.0 and key in _SCALES:
+            raise ModelError(f"{where}: {key} is {content[key]!r}, but it must be above 0")
+        elif key in _NOT_NEGATIVE and content[key] < 0.0:
+            raise ModelError(f"{where}: {key} is {content[key]!r}, but a negative coefficient would add energy")
+    if kind == "speed_line":
+        _refuse_negative_line(content, speed_range, where)
     nodes = _nodes(content, law, where) if "nodes" in _KEYS[law, kind] else pd.DataFrame()
     _warn_of_degrees([*(angle_range or ()), *nodes.get("angle_rad", ())], where)
-    limit = _require_numbers(content["quasi_steady_limit_m_per_s"], f"{where}: quasi_steady_limit_m_per_s")
+    limit = _require_number(content["quasi_steady_limit_m_per_s"], f"{where}: quasi_steady_limit_m_per_s")
     if not str(content["source"]).strip():
         raise ModelError(f"{where}: source is empty; name the table, data sheet or run that the numbers come from")
     return CoefficientSet(
@@ -241,27 +258,58 @@ def _require_keys(content: Any, wanted: set[str], where: str) -> None:
         )
 
 
-def _require_numbers(value: Any, where: str) -> float:
-    try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):
-        raise ModelError(f"{where} is {value!r}, but it must be a number") from None
-    if not np.all(np.isfinite(array)):
+def _require_number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ModelError(f"{where} is {value!r}, but it must be a number")
+    if not abs(value) <= sys.float_info.max:
         raise ModelError(f"{where} is {value!r}, but it must be finite")
-    return float(array) if array.ndim == 0 else math.nan
+    return float(value)
+
+
+def _require_rows(value: Any, where: str) -> None:
+    """The coefficients of a surface: rows of numbers, all of one length."""
+    rows: list[Any] = value if isinstance(value, list) else []
+    if not rows or not all(isinstance(row, list) and row and len(row) == len(rows[0]) for row in rows):
+        raise ModelError(f"{where} is {value!r}, but it must be a list of rows of numbers, all of one length")
+    for p, row in enumerate(rows):
+        for q, part in enumerate(row):
+            _require_number(part, f"{where}[{p}][{q}]")
+
+
+def _refuse_negative_line(content: Mapping[str, Any], speed_range: tuple[float, float], where: str) -> None:
+    """Checked here and not in `SpeedLine`, because a fit may pass through negative lines on its way."""
+    line = SpeedLine(float(content["cn_slope_s_per_m"]), float(content["cn_intercept"]), speed_range)
+    for speed in speed_range:
+        if line(speed) < 0.0:
+            raise ModelError(
+                f"{where}: cn_slope_s_per_m and cn_intercept give {line(speed):g} at {speed:g} m/s, "
+                "but a negative coefficient would add energy"
+            )
+
+
+def _refuse_negative(nodes: pd.DataFrame, column: str, least: float, where: str) -> None:
+    for i, value in enumerate(nodes[column]):
+        if value < least:
+            raise ModelError(f"{where}: nodes[{i}].{column} is {value}, but a negative coefficient would add energy")
 
 
 def _range(value: Any, where: str) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise ModelError(f"{where} is {value!r}, but it must be [lowest, highest]")
-    low, high = (_require_numbers(part, where) for part in value)
+    low, high = (_require_number(part, where) for part in value)
     require_increasing("range", (low, high), where)
     return low, high
 
 
 def _nodes(content: Mapping[str, Any], law: str, where: str) -> pd.DataFrame:
     """The nodes as a table, checked: no NaN, no doubles, in increasing order."""
-    nodes = pd.DataFrame(content["nodes"])
+    listed = content["nodes"]
+    if not isinstance(listed, list) or not listed:
+        raise ModelError(f"{where}: nodes is {listed!r}, but it must be a list of nodes with keys and values")
+    for i, node in enumerate(listed):
+        if not isinstance(node, dict):
+            raise ModelError(f"{where}: nodes[{i}] is {node!r}, but it must hold keys and values")
+    nodes = pd.DataFrame(listed)
     needed = ["speed_m_per_s", "angle_rad", "cd", "cl", "status"] if law == "polar" else ["speed_m_per_s", "cn"]
     missing = [column for column in needed if column not in nodes]
     if missing:
@@ -270,16 +318,17 @@ def _nodes(content: Mapping[str, Any], law: str, where: str) -> pd.DataFrame:
     for column in numbers:
         try:
             nodes[column] = nodes[column].astype(float)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise ModelError(f"{where}: nodes.{column}: {error}") from None
         require_finite(f"nodes.{column}", nodes[column].to_numpy(), where)
+    _refuse_negative(nodes, "cd" if law == "polar" else "cn", LEAST_DRAG if law == "polar" else 0.0, where)
     if law != "polar":
         require_increasing("nodes.speed_m_per_s", nodes.speed_m_per_s.tolist(), where)
         return nodes
     for column in ("speed_m_per_s", "angle_rad"):
         if (nodes[column] < 0.0).any():
             raise ModelError(f"{where}: nodes.{column} must not be negative (the coefficients are even in the angle)")
-    if set(nodes.status) - {"measured", "seed"}:
+    if set(map(str, nodes.status)) - {"measured", "seed"}:
         raise ModelError(
             f"{where}: nodes.status must be measured or seed, found {', '.join(sorted(set(map(str, nodes.status))))}"
         )

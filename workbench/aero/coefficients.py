@@ -17,6 +17,9 @@ import numpy as np
 from workbench.aero.laws import Scalar, float_of
 from workbench.errors import ModelError
 
+LEAST_DRAG = -0.05
+"""Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published C_D is -0.012."""
+
 
 def require_increasing(name: str, values: Sequence[float], where: str) -> None:
     """Refuses a grid with fewer than two points, NaN, negative values or without strict increase."""
@@ -190,6 +193,10 @@ class PolynomialSurface:
         require_increasing("speed_range", self.speed_range, where)
         require_increasing("angle_range", self.angle_range, where)
         require_finite("coefficients", np.asarray(self.coefficients, float), where)
+        for name in ("speed_scale", "angle_scale"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ModelError(f"{where}: {name} is {value}, but it must be a finite number above 0")
 
     @property
     def degree(self) -> tuple[int, int]:

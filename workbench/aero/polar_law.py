@@ -10,7 +10,7 @@ from typing import Any
 
 from pydrake.math import arctan2
 
-from workbench.aero.coefficients import RegularTable
+from workbench.aero.coefficients import LEAST_DRAG, RegularTable
 from workbench.aero.laws import STILL, Scalar, Vector, dot
 from workbench.errors import ModelError
 
@@ -45,6 +45,10 @@ class PolarLaw:
                 raise ModelError(f"polar law: the {name} coefficient is {value}, but it must be a finite number")
         if not callable(self.drag) and self.drag < 0.0:
             raise ModelError(f"polar law: the drag coefficient is {self.drag}, but negative drag would add energy")
+        if isinstance(self.drag, RegularTable) and min(map(min, self.drag.values)) < LEAST_DRAG:
+            raise ModelError(
+                f"{self.drag.where}: holds {min(map(min, self.drag.values))}, but negative drag would add energy"
+            )
         if not 0.0 <= self.lift_blend <= math.pi / 4 or not 0.0 < self.lift_end <= math.pi / 4:
             raise ModelError(
                 "polar law: lift_blend must lie in 0 .. 0.785 rad and lift_end in 0 .. 0.785 rad (above 0)"

@@ -27,6 +27,15 @@ from workbench.logs.columns import TIME, missing_columns
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
 _METADATA_FIELDS = ("scenario", "seed", "versions", "created", "kind", "extra")
+_METADATA_TYPES: dict[str, type] = {
+    "scenario": dict,
+    "seed": int,
+    "versions": dict,
+    "created": str,
+    "kind": str,
+    "extra": dict,
+}
+_TYPE_WORDS: dict[type, str] = {dict: "keys with values", int: "a whole number", str: "a text"}
 
 
 @dataclass(frozen=True)
@@ -191,7 +200,19 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
     found = metadata.get("schema") if isinstance(metadata, dict) else None
     if found != SCHEMA:
         raise LogError(f"{source}: schema {found!r} cannot be read; this version reads {SCHEMA!r}")
+    _refuse_odd_types(metadata, source)
     return dict(metadata)
+
+
+def _refuse_odd_types(metadata: Mapping[str, Any], source: str) -> None:
+    """Raises LogError for a field that is there and of another type than `run_metadata` writes."""
+    for name, kind in _METADATA_TYPES.items():
+        value = metadata.get(name, kind())
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise LogError(f"{source}: metadata: {name} is {value!r}, but it must be {_TYPE_WORDS[kind]}")
+    tail = metadata.get("scenario", {}).get("tail")
+    if tail is not None and not isinstance(tail, dict):
+        raise LogError(f"{source}: metadata: scenario.tail is {tail!r}, but it must be {_TYPE_WORDS[dict]}")
 
 
 def signals_equal(a: RunLog, b: RunLog) -> bool:

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from workbench.aero.coefficient_files import coefficients_from_dict, embedded_sets, load_coefficients
-from workbench.aero.coefficients import RegularTable, SpeedLine, SpeedTable, fit_surface
+from workbench.aero.coefficients import PolynomialSurface, RegularTable, SpeedLine, SpeedTable, fit_surface
 from workbench.aero.laws import NormalForceLaw
 from workbench.aero.polar_law import PolarLaw
 from workbench.aero.published_coefficients import robot_tail_rows, weighted, write_sets
@@ -56,6 +56,8 @@ def test_speed_functions_hold_their_edge_values() -> None:
         (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0, math.nan), (1.0, 1.0))), r"values\[0\]\[1\]"),
         (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0,), (1.0, 1.0))), "2 rows"),
         (lambda: NormalForceLaw(-1.0), "coefficient is -1"),
+        (lambda: PolarLaw(RegularTable((5.0, 9.0), (0.0, 1.0), ((1.0, -1.0), (1.0, 1.0)))), "-1.0.*add energy"),
+        (lambda: PolynomialSurface(((1.0,),), (5.0, 9.0), (0.0, 1.0), 0.0), "speed_scale is 0.0"),
     ],
 )
 def test_unsorted_tables_holes_and_nan_are_refused(make, message) -> None:
@@ -142,6 +144,38 @@ def example() -> dict:
     }
 
 
+def as_normal(kind: str, **keys):
+    """Changes the example to the normal-force law with these keys."""
+
+    def change(content: dict) -> None:
+        del content["range"]["angle_rad"], content["nodes"]
+        content.update(law="normal_force", kind=kind, **keys)
+
+    return change
+
+
+def as_surface(**keys):
+    """Changes the example to a surface with these keys."""
+
+    def change(content: dict) -> None:
+        del content["nodes"]
+        surface = {"cd": [[1.0, 0.1]], "cl": [[0.0]], "speed_scale_m_per_s": 10.0, "angle_scale_rad": 1.0}
+        content.update({"kind": "surface", **surface, **keys})
+
+    return change
+
+
+def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
+    """The lowest C_D of the published fits is -0.012."""
+    content = example()
+    content["nodes"][1]["cd"] = -0.012
+    content["nodes"][0]["cl"] = -0.3
+    assert coefficients_from_dict(content, "tail.yaml").law().lift(5.0, 0.0) == -0.3
+    surface = example()
+    as_surface()(surface)
+    assert coefficients_from_dict(surface, "tail.yaml").law().drag(5.0, 1.0) == pytest.approx(1.1)
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -156,6 +190,28 @@ def example() -> dict:
         (lambda c: c["range"].update(speed_m_per_s=[10.0, 5.0]), "range.speed_m_per_s"),
         (lambda c: c.update(kind="spline"), "polar/spline"),
         (lambda c: c["nodes"][0].update(status="guessed"), "measured or seed"),
+        (lambda c: c["nodes"][0].update(status=["seed"]), "measured or seed"),
+        (lambda c: c["nodes"][1].update(cd=-3.0), r"nodes\[1\].cd is -3.0.*add energy"),
+        (lambda c: c.update(nodes=3), "nodes is 3.*list of nodes"),
+        (lambda c: c.update(nodes=[]), "nodes is .*list of nodes"),
+        (lambda c: c["nodes"].append(4), r"nodes\[4\] is 4.*keys and values"),
+        (lambda c: c["range"].update(speed_m_per_s=[[1.0], 2.0]), r"range.speed_m_per_s is \[1.0\].*a number"),
+        (lambda c: c.update(quasi_steady_limit_m_per_s=[1.0]), r"limit_m_per_s is \[1.0\].*a number"),
+        (as_normal("constant", cn=[1, 2]), r"cn is \[1, 2\].*a number"),
+        (as_normal("constant", cn="2"), "cn is '2'.*a number"),
+        (as_normal("constant", cn=True), "cn is True.*a number"),
+        (as_normal("constant", cn=math.inf), "cn is inf.*finite"),
+        (as_normal("constant", cn=-1), "cn is -1.*add energy"),
+        (as_normal("speed_line", cn_slope_s_per_m=-0.2, cn_intercept=1.5), "give -0.5 at 10 m/s.*add energy"),
+        (
+            as_normal("speed_table", nodes=[{"speed_m_per_s": v, "cn": c} for v, c in ((1.0, 2.0), (2.0, -3.0))]),
+            r"nodes\[1\].cn is -3.0.*add energy",
+        ),
+        (as_surface(speed_scale_m_per_s=0), "speed_scale_m_per_s is 0.*above 0"),
+        (as_surface(angle_scale_rad=-1.0), "angle_scale_rad is -1.0.*above 0"),
+        (as_surface(cd=3), "cd is 3.*rows of numbers"),
+        (as_surface(cl=[[1.0, 2.0], [1.0]]), "cl is .*one length"),
+        (as_surface(cl=[["x"]]), r"cl\[0\]\[0\] is 'x'.*a number"),
     ],
 )
 def test_bad_files_are_refused_with_their_place(spoil, message) -> None:
@@ -188,3 +244,9 @@ def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path) -> None:
         load_coefficients("robot_tale")
     with pytest.raises(ModelError, match="no file"):
         load_coefficients(tmp_path / "none.yaml")
+    path.write_text(path.read_text().replace("9,0,2", "fast,0,2"))
+    with pytest.raises(ModelError, match=r"mine\.csv: column speed_m_per_s: .*fast"):
+        load_coefficients(path)
+    (tmp_path / "latin.yaml").write_bytes(b"name: \xe9\xe8\n")
+    with pytest.raises(ModelError, match=r"latin\.yaml: cannot be read"):
+        load_coefficients(tmp_path / "latin.yaml")

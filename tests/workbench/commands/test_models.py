@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from workbench.model_check import check_shipped_models
+from workbench.resources import models_dir
 
 LINK = """
 <link name="{name}"><inertial><mass>{mass}</mass>
@@ -41,8 +43,29 @@ def test_everything_that_ships_passes() -> None:
         "tail.sdf: numbers equal",
         "parameters/car.yaml",
         "scenarios/turn_none.yaml",
+        "parameters/hardware/motor_safety.yaml",
+        "coefficients/robot_tail_line.yaml",
+        "coefficients/half_cylinder.yaml",
     ):
         assert part in subjects
+
+
+def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    models = tmp_path / "models"
+    shutil.copytree(models_dir(), models)
+    for name, old, new in (
+        ("coefficients/robot_tail_line.yaml", "cn_intercept: 1.58", "cn_intercept: -9.58"),
+        ("parameters/hardware/motor_safety.yaml", "unit: degC, source: chosen", "unit: degC, source: hearsay"),
+    ):
+        text = (models / name).read_text()
+        assert old in text
+        (models / name).write_text(text.replace(old, new))
+    for module in ("workbench.model_check", "workbench.aero.coefficient_files"):
+        monkeypatch.setattr(f"{module}.models_dir", lambda: models)
+    monkeypatch.setattr("workbench.model_check.nominal_models", list)
+    problems = " ".join(problem for result in check_shipped_models() for problem in result.problems)
+    assert "robot_tail_line.yaml: cn_slope" in problems
+    assert "motor_safety.yaml: temperature_limit" in problems
 
 
 def test_good_model_of_a_user_passes(call: Callable, tmp_path: Path) -> None:

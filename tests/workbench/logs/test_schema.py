@@ -159,6 +159,28 @@ def test_other_schema_version_says_which_is_read(tmp_path: Path) -> None:
         read_run_log(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("scenario", [1], r"scenario is \[1\].*keys with values"),
+        ("scenario", None, "scenario is None.*keys with values"),
+        ("scenario", {"tail": 3}, r"scenario\.tail is 3.*keys with values"),
+        ("extra", None, "extra is None.*keys with values"),
+        ("versions", "1.0", "versions is '1.0'.*keys with values"),
+        ("seed", "seven", "seed is 'seven'.*a whole number"),
+        ("seed", True, "seed is True.*a whole number"),
+        ("kind", 3, "kind is 3.*a text"),
+    ],
+)
+def test_metadata_of_another_type_are_named(tmp_path: Path, name: str, value: object, message: str) -> None:
+    run = made_up_run()
+    encoded = encode_metadata({**run.metadata(), name: value})
+    table = pa.Table.from_pandas(run.table).replace_schema_metadata({METADATA_KEY: encoded})
+    pq.write_table(table, tmp_path / "odd.parquet")
+    with pytest.raises(LogError, match=rf"odd\.parquet: metadata: {message}"):
+        read_run_log(tmp_path / "odd.parquet")
+
+
 def test_foreign_parquet_is_refused(tmp_path: Path) -> None:
     pq.write_table(pa.table({"time_s": [0.0]}), tmp_path / "foreign.parquet")
     with pytest.raises(LogError, match="not a run log"):
