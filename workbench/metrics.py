@@ -18,7 +18,7 @@ from workbench.logs.columns import GROUND_CONTACTS
 from workbench.logs.schema import RunLog
 from workbench.published import Comparison, PublishedFigures, TurnMetrics, compare_figures, published_figures
 from workbench.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
-from workbench.tail_impulses import Impulses, TailImpulses, tail_impulses
+from workbench.tail_impulses import FLIP_TILT, Impulses, TailImpulses, tail_impulses
 from workbench.turn_signals import TurnSignals, turn_signals
 
 __all__ = [
@@ -41,8 +41,6 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-FLIP_TILT = math.radians(75.0)
-"""Beyond this tilt the car has rolled over, rad."""
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
 LOADED_FORCE = 0.1

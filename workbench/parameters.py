@@ -164,6 +164,7 @@ class SailEncoderParameters(QuantityModel):
     rate: float = quantity("Hz", "rate at which the reading reaches the station", gt=0, le=10000)
     delay: float = quantity("s", "age of a sample when it appears", ge=0, le=1)
     bits: int = quantity("1", "word length", ge=4, le=20)
+    noise: float = quantity("rad", "standard deviation of the angle before quantisation", ge=0, le=0.1)
 
 
 class EnvironmentParameters(QuantityModel):

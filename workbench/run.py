@@ -109,7 +109,7 @@ def run_scenario(
     columns = recorded_columns(car.signals)
     with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
         RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)
-        watch = SectionWatch.add_to_builder(car.builder, car.station)
+        watch = SectionWatch.add_to_builder(car.builder, car.station, scenario.controller.rate)
         simulator = Simulator(car.builder.Build())
         simulator.set_target_realtime_rate(real_time_rate)
         length = run_time(scenario)

@@ -9,36 +9,37 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 
 from workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
 
-RATE = 100.0
-"""Looks per second: the controller's rate, and every fifth step of the plant."""
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
 
 
 class SectionWatch(LeafSystem):
     """Counts the looks at which a section was outside its coefficients' range; keeps the largest Reynolds number.
 
+    The counts are those of one run: initialisation starts them anew.
+
     Input ports:
         sections (4 n), validity (n): of a `TailForce`.
 
     Args:
         number: of sections.
+        rate: looks per second, Hz.
     """
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, rate: float) -> None:
         super().__init__()
         self._sections = self.DeclareVectorInputPort("sections", len(SECTION_COLUMNS) * number)
         self._validity = self.DeclareVectorInputPort("validity", number)
-        self._looks = self._outside = self._too_fast = 0
-        self._reynolds = 0.0
-        self.DeclarePeriodicPublishEvent(1.0 / RATE, 0.0, self._look)
+        self._clear()
+        self.DeclareInitializationPublishEvent(self._start)
+        self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._look)
 
     @classmethod
-    def add_to_builder(cls, builder: DiagramBuilder, station: Diagram) -> SectionWatch | None:
-        """Adds a watch on the sail of a simulated station; None where the car has no tail."""
+    def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float) -> SectionWatch | None:
+        """Adds a watch, at `rate` Hz, on the sail of a simulated station; None where the car has no tail."""
         if not station.HasOutputPort("tail_sections_truth"):
             return None
         validity = station.GetOutputPort("tail_validity_truth")
-        watch = cls(validity.size())
+        watch = cls(validity.size(), rate)
         builder.AddNamedSystem("section_watch", watch)
         builder.Connect(station.GetOutputPort("tail_sections_truth"), watch.GetInputPort("sections"))
         builder.Connect(validity, watch.GetInputPort("validity"))
@@ -60,6 +61,14 @@ class SectionWatch(LeafSystem):
             "sections_above_quasi_steady_limit": self._too_fast / looks,
             "largest_reynolds_number": self._reynolds,
         }
+
+    def _clear(self) -> None:
+        self._looks = self._outside = self._too_fast = 0
+        self._reynolds = 0.0
+
+    def _start(self, context: Context) -> EventStatus:
+        self._clear()
+        return EventStatus.Succeeded()
 
     def _look(self, context: Context) -> EventStatus:
         sections: Any = self._sections.Eval(context)

@@ -189,7 +189,11 @@ class _SimulatedCar:
             angle, rate, sail_age = zero, zero, encoders.GetOutputPort("age")
         else:
             encoder = SailEncoder.add_to_builder(
-                builder, scenario.sail_encoder, plant=plant, joint=plant.GetJointByName("tail_sail_turn")
+                builder,
+                scenario.sail_encoder,
+                plant=plant,
+                joint=plant.GetJointByName("tail_sail_turn"),
+                seed=scenario.seed,
             )
             angle, rate, sail_age = (encoder.GetOutputPort(name) for name in ("angle", "rate", "age"))
         state = builder.AddNamedSystem("tail_state", Multiplexer([2, 1, 2, 1]))

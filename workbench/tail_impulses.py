@@ -30,7 +30,8 @@ from workbench.turn_signals import TurnSignals, turn_signals
 
 FloatArray = NDArray[np.float64]
 
-_COUNTED_AS_FLIPPED = math.radians(75.0)
+FLIP_TILT = math.radians(75.0)
+"""Beyond this tilt the car has rolled over, rad."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ def _inertial_growth(about_point: FloatArray, momentum: FloatArray, point: Float
 
 def _peak_roll_time(signals: TurnSignals) -> float:
     after = np.flatnonzero(signals.from_start)
-    flipped = after[signals.tilt[after] > _COUNTED_AS_FLIPPED]
+    flipped = after[signals.tilt[after] > FLIP_TILT]
     return float(signals.time[flipped[0] if flipped.size else after[np.argmax(signals.roll[after])]])
 
 

@@ -11,13 +11,13 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from workbench.logs.columns import (
     GROUND_CONTACTS,
+    WHEELS,
     body_truth_columns,
     contact_truth_columns,
     tail_truth_columns,
     wind_truth_columns,
 )
 from workbench.plants.car import CarPlant
-from workbench.plants.car_model import WHEELS
 from workbench.ports import PortFields
 from workbench.scenario import Scenario
 from workbench.sensors.imu import motion_at_imu

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from workbench.plants.car_model import WHEELS
+from workbench.logs.columns import WHEELS
 from workbench.plants.sdf_model import SdfModel
 from workbench.ports import STATION_INPUTS
 from workbench.scenario import Scenario

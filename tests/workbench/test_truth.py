@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from workbench.plants.car_model import WHEELS
+from workbench.logs.columns import WHEELS
 
 STEP = 0.002
 G = 9.81

@@ -44,7 +44,9 @@ class SwingState(IntEnum):
 
 @dataclass(frozen=True)
 class SwingSettings:
-    """Numbers of the law. Angles rad, rates rad/s, kp N m/rad, kd N m s/rad, times s; the defaults are Table 6.4.
+    """Numbers of the law. Angles rad, rates rad/s, kp N m/rad, kd N m s/rad, times s.
+
+    The defaults are those of models/parameters/controller.yaml, and a test holds them together.
 
     Args:
         mode: "none" gives no command, "held" never swings, "swing" is the thesis' law.
@@ -73,7 +75,7 @@ class SwingSettings:
     trigger_yaw_rate: float = 1.0
     delay: float = 0.0
     travel: float = math.radians(130.0)
-    recock_speed: float = 1.5
+    recock_speed: float = 1.0
     pitch_angle: float = 0.0
     rate: float = 100.0
     stall_factor: float = 3.0

@@ -8,8 +8,12 @@ origin on the ground under the rear axle; W is the world, z up. Tail roll is 0 u
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-STATUS_SOURCES = ("tail_pitch", "tail_roll", "sail", "imu", "speed", "operator")
+from workbench.ports import STATUS_SOURCES
+
+AXLES = ("front", "rear")
+SIDES = ("left", "right")
+WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)
+"""front_left, front_right, rear_left, rear_right: the order of every quantity per wheel."""
 GROUND_CONTACTS = ("cage", "board", "tail")
 PLANT_POSITION_PREFIX = "plant_position_"
 RIG_KINDS = ("static", "swing", "bar_swing", "robot_swing")

@@ -7,6 +7,7 @@ without its tail arm, and the wheel centres sit one static tyre deflection below
 from dataclasses import dataclass
 
 from workbench.errors import ModelError
+from workbench.logs.columns import AXLES, SIDES
 from workbench.parameters import CarParameters, DriveParameters, TailParameters
 from workbench.plants.sdf_model import Inertial, SdfModel
 from workbench.plants.tail import ground_partner_friction
@@ -14,10 +15,6 @@ from workbench.resources import model_path
 from workbench.scenario import Scenario
 
 CAR_SDF = "car/car.sdf"
-AXLES = ("front", "rear")
-SIDES = ("left", "right")
-WHEELS = tuple(f"{axle}_{side}" for axle in AXLES for side in SIDES)
-"""front_left, front_right, rear_left, rear_right: the order of every quantity per wheel."""
 
 SHAFT_MASS = 0.02
 """Mass (kg) of the motor shaft link; the drive's inertia is the rotor inertia of its actuator."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from workbench.errors import LogError
 from workbench.logs.schema import RunLog
-from workbench.metrics import FLIP_TILT
+from workbench.tail_impulses import FLIP_TILT
 from workbench.turn_signals import TurnSignals, turn_signals
 
 FloatArray = NDArray[np.float64]

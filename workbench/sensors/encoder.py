@@ -11,18 +11,19 @@ from pydrake.systems.framework import Context, DiagramBuilder, State
 
 from workbench.discrete_vector import DiscreteVector
 from workbench.errors import UserError
+from workbench.sensors.noise import CounterNoise
 from workbench.sensors.sampled import SampledSensor
 
 TURN = 2.0 * math.pi
 
 
 class SailEncoder(SampledSensor):
-    """Absolute magnetic encoder of the freely turning sail: quantised angle, and the rate from its differences.
+    """Absolute magnetic encoder of the freely turning sail: noisy, quantised angle, and the rate from its differences.
 
-    A word of n bits has 2^n equal steps per turn; the reading is the step that the angle lies in, from 0 to below
-    2 pi (thesis 5.4.5 maps it to 0-360 degrees; 12 bit there, the named part has 10, ERRATA E30). The rate is the
-    difference between the reading and the one `rate_window` earlier, by the shorter way round: it is right up to half
-    a turn per window, resolves one step per window, and lags by half the window.
+    A word of n bits has 2^n equal steps per turn; the reading is the step that the angle with its noise lies in, from 0
+    to below 2 pi (thesis 5.4.5 maps it to 0-360 degrees; 12 bit there, the named part has 10, ERRATA E30). The rate is
+    the difference between the reading and the one `rate_window` earlier, by the shorter way round: it is right up to
+    half a turn per window, resolves one step per window, and lags by half the window.
 
     Input ports:
         plant_state (state_size): positions and velocities of the plant.
@@ -32,7 +33,8 @@ class SailEncoder(SampledSensor):
         sample_time (1), age (1): s, see `SampledSensor`.
 
     Args:
-        settings: `scenario.sail_encoder`: rate Hz, delay s, bits.
+        settings: `scenario.sail_encoder`: rate Hz, delay s, bits, noise rad (standard deviation before quantisation).
+        seed: of the noise.
         position_index: of the joint's angle in plant_state.
         state_size: of the plant.
         step: of the plant, s.
@@ -46,6 +48,7 @@ class SailEncoder(SampledSensor):
         self,
         settings: Any,
         *,
+        seed: int = 0,
         position_index: int = 0,
         state_size: int = 1,
         step: float | None = None,
@@ -58,6 +61,7 @@ class SailEncoder(SampledSensor):
             raise UserError(f"sail_encoder.bits: {settings.bits}; allowed: 4 to 20")
         self._steps = 2**settings.bits
         self._position_index = position_index
+        self._noise, self._deviation = CounterNoise(seed, "sail_encoder", 1), settings.noise
         self._plant_state = self.DeclareVectorInputPort("plant_state", state_size)
         samples = max(1, round(rate_window * settings.rate))
         self._window = samples / settings.rate
@@ -65,11 +69,19 @@ class SailEncoder(SampledSensor):
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, settings: Any, *, plant: MultibodyPlant, joint: Joint, rate_window: float = 0.02
+        cls,
+        builder: DiagramBuilder,
+        settings: Any,
+        *,
+        plant: MultibodyPlant,
+        joint: Joint,
+        seed: int = 0,
+        rate_window: float = 0.02,
     ) -> "SailEncoder":
         """Adds the encoder on a revolute joint of a plant and connects it."""
         encoder = cls(
             settings,
+            seed=seed,
             position_index=joint.position_start(),
             state_size=plant.num_multibody_states(),
             step=plant.time_step() or None,
@@ -81,21 +93,23 @@ class SailEncoder(SampledSensor):
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (2,): angle rad, rate rad/s (0 until the window is filled)."""
-        angle = self._reading(context)
+        angle = self._reading(context, index)
         earlier = self._past.read(context)[0]
         if math.isnan(earlier):
             return np.array([angle, 0.0])
         return np.array([angle, math.remainder(angle - earlier, TURN) / self._window])
 
-    def _reading(self, context: Context) -> float:
+    def _reading(self, context: Context, index: int) -> float:
         state: Any = self._plant_state.Eval(context)
-        angle = state[self._position_index]
+        angle = state[self._position_index] + self._deviation * self._noise.at(index)[0]
         return float(np.floor(angle / TURN * self._steps) % self._steps * (TURN / self._steps))
 
     def _sample(self, context: Context, state: State) -> None:
         super()._sample(context, state)
         past = self._past.read(context)
-        self._past.write(state.get_mutable_discrete_state(), np.append(past[1:], self._reading(context)))
+        self._past.write(
+            state.get_mutable_discrete_state(), np.append(past[1:], self._reading(context, self.sample_index(context)))
+        )
 
 
 @dataclass(frozen=True)

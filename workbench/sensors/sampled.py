@@ -95,11 +95,15 @@ class SampledSensor(LeafSystem):
         """One sample (size,) of the inputs at this instant, with noise and resolution; samples are counted from 0."""
         raise NotImplementedError
 
+    def sample_index(self, context: Context) -> int:
+        """Number of the sample that is taken at this instant, from 0."""
+        return max(0, round(context.get_time() * self._rate))
+
     def _row(self, context: Context) -> np.ndarray:
         """One row of the queue: the sample, then the time at which it was taken."""
         time = context.get_time()
         row = np.empty(self._row_size)
-        row[:-1] = self.measure(context, max(0, round(time * self._rate)))
+        row[:-1] = self.measure(context, self.sample_index(context))
         row[-1] = time
         return row
 

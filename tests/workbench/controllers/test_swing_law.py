@@ -53,6 +53,12 @@ def memory_in(state, settings=SETTINGS, plan=LEFT):
     return memory
 
 
+def test_defaults_are_those_of_the_parameter_file():
+    settings = SwingSettings.from_scenario(load_scenario("turn_swing"))
+    for field in dataclasses.fields(SwingSettings):
+        assert getattr(SETTINGS, field.name) == getattr(settings, field.name), field.name
+
+
 def test_defaults_are_table_6_4_read_with_the_errata():
     with model_path("published/tail_controller_states.csv").open() as file:
         rows = {int(row["sequence_no"]): row for row in csv.DictReader(file)}
@@ -209,13 +215,13 @@ def test_next_turn_to_the_same_side_recocks_slowly_then_swings_again():
     memory = memory_in(SwingState.SETTLE)
     states, _, memory = run([see(3.0, outside, plan=NONE)], memory=memory)
     assert states == [SwingState.SETTLE]
-    on_the_way = [see(4.0 + 0.5 * k, outside - 0.75 * k, yaw_rate=4.0) for k in range(5)]
+    on_the_way = [see(4.0 + 0.5 * k, outside - 0.5 * k, yaw_rate=4.0) for k in range(5)]
     states, commands, memory = run(on_the_way, memory=memory)
     assert set(states) == {SwingState.RECOCK}, "a tail that is not on the inside must not swing"
-    np.testing.assert_allclose(commands[:, 0], outside - 1.5 * 0.5 * np.arange(5))
-    np.testing.assert_allclose(commands[:, 1], -1.5)
+    np.testing.assert_allclose(commands[:, 0], outside - SETTINGS.recock_speed * 0.5 * np.arange(5))
+    np.testing.assert_allclose(commands[:, 1], -SETTINGS.recock_speed)
     np.testing.assert_allclose(commands[:, 2:], [[5.0, 2.0, 0.0]] * 5)
-    end = 4.0 + math.pi / 1.5
+    end = 4.0 + math.pi / SETTINGS.recock_speed
     states, commands, memory = run([see(end - 0.01, -1.5), see(end + 0.01, -1.5)], memory=memory)
     assert states == [SwingState.RECOCK, SwingState.HOLD]
     np.testing.assert_allclose(commands[1], [-math.pi / 2, 0.0, 17.0, 5.0, 0.0])
@@ -237,8 +243,8 @@ def test_change_of_plan_turns_the_recock_round_without_a_jump():
     states, commands, memory = run([see(0.4, math.pi / 2 - 0.6)], memory=memory)
     states, commands, memory = run([see(0.41, 0.95, plan=RIGHT), see(0.51, 1.0, plan=RIGHT)], memory=memory)
     assert states == [SwingState.RECOCK, SwingState.RECOCK]
-    np.testing.assert_allclose(commands[:, 0], [0.95, 0.95 + 0.15])
-    assert commands[1][1] == 1.5
+    np.testing.assert_allclose(commands[:, 0], [0.95, 0.95 + 0.1 * SETTINGS.recock_speed])
+    assert commands[1][1] == SETTINGS.recock_speed
 
 
 @pytest.mark.parametrize(("roll", "side"), [(-1.4, -1.0), (1.4, 1.0), (0.0, -1.0)])
@@ -251,7 +257,7 @@ def test_without_any_plan_the_tail_is_held_on_the_side_where_it_is(roll, side):
 def test_tail_far_from_the_inside_is_led_there_at_the_start():
     states, commands, _ = run([see(0.0, 0.0)])
     assert states == [SwingState.RECOCK]
-    np.testing.assert_allclose(commands[0], [0.0, -1.5, 5.0, 2.0, 0.0])
+    np.testing.assert_allclose(commands[0], [0.0, -SETTINGS.recock_speed, 5.0, 2.0, 0.0])
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03])

@@ -10,8 +10,9 @@ from pydrake.multibody.tree import BodyIndex
 
 from tests.workbench.stands import CarStand, edited
 from workbench.errors import ModelError
+from workbench.logs.columns import WHEELS
 from workbench.plants.car import parse_model
-from workbench.plants.car_model import WHEELS, car_sdf
+from workbench.plants.car_model import car_sdf
 from workbench.scenario import load_scenario, scenario_from_dict
 
 G = 9.81

@@ -7,8 +7,8 @@ import pytest
 from pydrake.math import RigidTransform
 
 from tests.workbench.stands import CarStand
+from workbench.logs.columns import WHEELS
 from workbench.metrics import metrics_of
-from workbench.plants.car_model import WHEELS
 from workbench.run import run_scenario
 from workbench.scenario import load_scenario, scenario_from_dict
 

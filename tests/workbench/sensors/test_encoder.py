@@ -14,8 +14,8 @@ from workbench.ports import TAIL_STATE
 from workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
 
 
-def sail_encoder(bits=12, rate=500.0, delay=0.0, **arguments):
-    return SailEncoder(SimpleNamespace(bits=bits, rate=rate, delay=delay), **arguments)
+def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):
+    return SailEncoder(SimpleNamespace(bits=bits, rate=rate, delay=delay, noise=noise), **arguments)
 
 
 def reading(angle, bits=12):
@@ -74,6 +74,30 @@ def test_two_words_lengths_differ_in_rate_resolution():
     assert turning(0.2, 0.3, bits=10)[1] in (0.0, pytest.approx(2 * math.pi / 1024 / 0.02))
 
 
+def noisy_readings(seed, noise=0.01, samples=400):
+    """Angles and rates of a 20 bit encoder at a shaft at rest, a sample apart."""
+    encoder = sail_encoder(bits=20, noise=noise, seed=seed)
+    simulator = Simulator(encoder)
+    context = simulator.get_mutable_context()
+    encoder.GetInputPort("plant_state").FixValue(context, [1.0])
+    simulator.Initialize()
+    shown = []
+    for k in range(samples):
+        simulator.AdvanceTo(0.002 * k + 0.001)
+        shown.append([encoder.GetOutputPort(name).Eval(context)[0] for name in ("angle", "rate")])
+    return np.array(shown).T
+
+
+def test_noise_has_its_standard_deviation_and_belongs_to_the_seed():
+    angle, rate = noisy_readings(seed=3)
+    assert np.mean(angle) == pytest.approx(1.0, abs=0.002)
+    assert np.std(angle) == pytest.approx(0.01, rel=0.15)
+    np.testing.assert_array_equal(noisy_readings(seed=3)[0], angle)
+    assert np.any(noisy_readings(seed=4)[0] != angle)
+    assert np.ptp(noisy_readings(seed=3, noise=0.0)[0]) == 0.0
+    np.testing.assert_allclose(rate[10:], (angle[10:] - angle[:-10]) / 0.02, atol=1e-9)  # of the shown angles
+
+
 @pytest.mark.parametrize("bits", [3, 21])
 def test_impossible_word_length_is_refused(bits):
     with pytest.raises(UserError, match=rf"sail_encoder.bits: {bits}; allowed: 4 to 20"):
@@ -121,7 +145,7 @@ def test_encoders_of_a_plant_make_the_tail_state():
         builder, 100.0, plant=plant, pitch_joint=joints["pitch"], roll_joint=joints["roll"]
     )
     sail = SailEncoder.add_to_builder(
-        builder, SimpleNamespace(bits=12, rate=100.0, delay=0.0), plant=plant, joint=joints["sail"]
+        builder, SimpleNamespace(bits=12, rate=100.0, delay=0.0, noise=0.0), plant=plant, joint=joints["sail"]
     )
     multiplexer = builder.AddSystem(Multiplexer([2, 1, 2, 1]))
     for source, port, index in ((motors, "angles", 0), (sail, "angle", 1), (motors, "rates", 2), (sail, "rate", 3)):
