@@ -113,10 +113,20 @@ def test_bad_flag_is_status_2_without_traceback(aerodima: Run, arguments: tuple[
     assert "Error: " in done.stderr
 
 
+def listen_to_ctrl_c() -> None:
+    """A shell starts background jobs deaf to Ctrl-C, and their children inherit it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_ctrl_c_is_one_line_and_status_130(environment: dict[str, str]) -> None:
     command = [sys.executable, "-m", "workbench.cli", "probe", "wait"]
     with subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=listen_to_ctrl_c,
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "waiting\n"
