@@ -11,7 +11,7 @@ from workbench.aero.added_mass import added_mass_matrix
 from workbench.aero.sail import FreeSail
 from workbench.aero.sections import SectionLayout
 from workbench.errors import ModelError
-from workbench.plants.car import ADDED_MASS_PARTS
+from workbench.plants.tail import ADDED_MASS_PARTS
 from workbench.ports import TAIL_STATE
 from workbench.scenario import scenario_from_dict
 from workbench.station import make_car_station
@@ -234,6 +234,12 @@ def test_too_negative_added_mass_is_refused_by_name_with_the_limit():
         ModelError, match=r"tail\.added_mass: .*-0\.2 kg per part on body 'tail_rod'.*above -0\.0\d+ kg"
     ):
         stand({"added_mass": -0.2})
+
+
+def test_added_mass_that_leaves_next_to_no_inertia_is_refused():
+    # M + M_added is positive definite, but Drake's solver does not get through a swing with it.
+    with pytest.raises(ModelError, match=r"-0\.041 kg per part .* less than 3% of an inertia; .*above -0\.0400\d* kg"):
+        stand({"added_mass": -0.041})
 
 
 def test_wind_of_a_scenario_is_a_port_of_the_station():

@@ -78,7 +78,12 @@ class AddedMass:
     slides: tuple[tuple[Joint, float], ...]
 
     def add_to_builder(
-        self, builder: DiagramBuilder, *, wind_acceleration: OutputPort | None = None, rate: float | None = None
+        self,
+        builder: DiagramBuilder,
+        *,
+        wind_acceleration: OutputPort | None = None,
+        rate: float | None = None,
+        least_left: float = 0.0,
     ) -> System | None:
         """Checks that M + M_added is positive definite and adds the `SlideKeeper`, if there is anything for it to do.
 
@@ -86,13 +91,14 @@ class AddedMass:
             builder: that owns the finalised plant.
             wind_acceleration: of the air in W (3), m/s2; steady wind without it.
             rate: of the keeper, rad/s; default 0.2 / time step, or 100 in a continuous plant.
+            least_left: share of every inertia that a negative mass must leave, see `require_positive_definite`.
 
         Raises:
             ModelError: the mass is too negative, see `require_positive_definite`; or the plant is not finalised.
         """
         if not self.plant.is_finalized():
             raise ModelError("added mass: the plant is not finalised; call plant.Finalize() first")
-        self.require_positive_definite()
+        self.require_positive_definite(least_left)
         if not self.slides and wind_acceleration is None:
             return None
         step = self.plant.time_step()
@@ -108,8 +114,11 @@ class AddedMass:
         connect_spatial_forces(builder, self.plant, keeper.GetOutputPort("spatial_forces"))
         return keeper
 
-    def require_positive_definite(self) -> None:
+    def require_positive_definite(self, least_left: float = 0.0) -> None:
         """Refuses a negative added mass that takes more inertia away than there is, at any of 64 sampled positions.
+
+        Args:
+            least_left: share of every inertia that must be left; 0 asks for no more than a positive definite matrix.
 
         Raises:
             ModelError: names the body, the value and the least value that is allowed there.
@@ -136,11 +145,15 @@ class AddedMass:
             unit = added_mass_matrix(plant, context, self.body, self.layout, 1.0)
             keep = np.setdiff1d(np.arange(plant.num_velocities()), own)
             largest = scipy.linalg.eigh(unit[np.ix_(keep, keep)], bare[np.ix_(keep, keep)], eigvals_only=True)[-1]
-            if self.mass_per_part * largest <= -1.0 + 1e-9:
+            if self.mass_per_part * largest <= least_left - 1.0 + 1e-9:
+                too_much = (
+                    f"leaves less than {least_left:.0%} of an inertia"
+                    if self.mass_per_part * largest > -1.0
+                    else "takes more inertia away than there is (M + M_added is not positive definite)"
+                )
                 raise ModelError(
-                    f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' takes more inertia "
-                    "away than there is (M + M_added is not positive definite); "
-                    f"it must be above {-1.0 / largest:.4g} kg"
+                    f"added mass: {self.mass_per_part} kg per part on body '{self.body.name()}' {too_much}; "
+                    f"it must be above {(least_left - 1.0) / largest:.4g} kg"
                 )
 
     def _own_velocities(self) -> list[int]:

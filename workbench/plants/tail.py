@@ -7,6 +7,7 @@ about the tail's own axis (design section 4). The sail's normal is the body y ax
 import math
 from dataclasses import dataclass
 
+from workbench.aero.sections import SectionLayout
 from workbench.parameters import CarParameters, TailMotorParameters, TailParameters
 from workbench.plants.sdf_model import Inertial, SdfModel
 from workbench.resources import model_path
@@ -21,10 +22,13 @@ SAIL_TIP_MARGIN = 0.01
 TAIL_CONTACT_STIFFNESS = 1.0e4
 """Contact stiffness (N/m) of the sail's corners: a foam edge, soft against the tyres; acts in a crash only."""
 
+ADDED_MASS_PARTS = 5
+"""Equal parts of the whole tail, `tail.added_mass` each (design section 5)."""
+
 
 @dataclass(frozen=True)
 class ArmInertia:
-    """Inertia (kg m2) of the moving arm about its joints, without the rotors.
+    """Inertia (kg m2) of the moving arm about its joints with the added mass of the air, without the rotors.
 
     Args:
         roll: rod and sail about the roll axis.
@@ -43,7 +47,11 @@ class ArmInertia:
 
 
 def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> ArmInertia:
-    """Inertia of the arm as `tail_sdf` builds it."""
+    """Inertia of the arm as `tail_sdf` builds it, with the added mass on it.
+
+    Added mass acts across the tail only: about the roll axis and about the pitch axis of an upright arm it counts with
+    its distance from the joints; an arm along the pitch axis turns about itself and moves no air.
+    """
     model = tail_sdf(tail, motor, car)
     hub = model.inertial("tail_hub")
     about_root = [0.0, 0.0, 0.0]
@@ -52,7 +60,13 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
         lever = part.mass * part.com[2] ** 2
         for axis, moment in enumerate((part.moments[0] + lever, part.moments[1] + lever, part.moments[2])):
             about_root[axis] += moment
-    return ArmInertia(about_root[0], hub.moments[1] + about_root[1], hub.moments[1] + about_root[2])
+    air = tail.added_mass * sum(distance**2 for distance in added_mass_layout(tail).distances)
+    return ArmInertia(about_root[0] + air, hub.moments[1] + about_root[1] + air, hub.moments[1] + about_root[2])
+
+
+def added_mass_layout(tail: TailParameters) -> SectionLayout:
+    """Parts of the tail that carry added mass, in the frame of the body `tail_rod`: z along the tail."""
+    return SectionLayout.robot_tail(start=0.0, length=tail.length, width=tail.sail_width, number=ADDED_MASS_PARTS)
 
 
 def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> SdfModel:
