@@ -23,3 +23,7 @@ class SwingFileError(UserError, ValueError):
 
 class HardwareError(UserError):
     """A device, a bus, a frame or a wiring of the real car is not as it must be."""
+
+
+class EnsembleError(UserError, ValueError):
+    """An ensemble file is missing, malformed, of another schema, or one of its members is no possible car."""
