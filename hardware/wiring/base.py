@@ -1,0 +1,128 @@
+"""What the computer tells the car and hears of it once per cycle, whichever way it is wired (design section 14).
+
+`direct_can` has the motors on a CAN adapter of the computer and the Teensy for servo, throttle and sail; in
+`teensy_bridge` everything goes through the strings of the Teensy. Both are a `Wiring`, with the same readings, the same
+faults and the same way out. Plain NumPy: it runs where Drake has no wheel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+
+from hardware.protocol.radio import OperatorCommand, RadioMode
+from workbench.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
+
+WiringName = Literal["direct_can", "teensy_bridge"]
+WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
+
+
+class SourceFault(IntEnum):
+    """Fault codes of sail, imu, speed and operator on `status`; those of the tail motors are `MotorFault`."""
+
+    NONE = 0
+    NO_SAMPLE_YET = 1
+    SILENT = 2
+    LOST = 3
+    """Its port has gone."""
+    REPORTED = 4
+    """The device itself reports a fault: error of the IMU, watchdog of the Teensy."""
+    NO_FIX = 5
+    """The GPS receiver lives and knows no speed."""
+    NOT_FITTED = 6
+    STOPPED = 7
+    """The operator asked for an emergency stop."""
+
+
+def _off() -> np.ndarray:
+    return np.zeros(TAIL_COMMAND.size)
+
+
+@dataclass(frozen=True)
+class CarCommand:
+    """One cycle's commands, in the units and signs of the station's input ports; the default asks for nothing.
+
+    Attributes:
+        steering_angle: rad, positive to the left. throttle: -1 to 1.
+        tail_pitch, tail_roll: (5,) as `workbench.ports.TAIL_COMMAND`.
+    """
+
+    steering_angle: float = 0.0
+    throttle: float = 0.0
+    tail_pitch: np.ndarray = field(default_factory=_off)
+    tail_roll: np.ndarray = field(default_factory=_off)
+
+    @property
+    def finite(self) -> bool:
+        """Whether every number of it is."""
+        numbers = np.concatenate(([self.steering_angle, self.throttle], self.tail_pitch, self.tail_roll))
+        return bool(np.all(np.isfinite(numbers)))
+
+
+def _zeros(size: int) -> np.ndarray:
+    return np.zeros(size)
+
+
+@dataclass(frozen=True)
+class CarReading:
+    """What is known after a cycle, as the station's output ports give it. Values hold their last sample.
+
+    Attributes:
+        tail_state: (6,) `workbench.ports.TAIL_STATE`, rad and rad/s.
+        tail_torque: (2,) N m. imu: (9,) `workbench.ports.IMU`. speed: (1,) m/s.
+        status: (13,) `workbench.ports.STATUS`: ages in s (infinite before the first sample), fault codes, armed.
+        operator: the operator's last command, for driving by radio.
+        fault_text: the worst fault in words, empty while there is none.
+    """
+
+    tail_state: np.ndarray = field(default_factory=lambda: _zeros(TAIL_STATE.size))
+    tail_torque: np.ndarray = field(default_factory=lambda: _zeros(TAIL_TORQUE.size))
+    imu: np.ndarray = field(default_factory=lambda: _zeros(IMU.size))
+    speed: np.ndarray = field(default_factory=lambda: _zeros(1))
+    status: np.ndarray = field(default_factory=lambda: _zeros(STATUS.size))
+    operator: OperatorCommand = OperatorCommand(RadioMode.IDLE)
+    fault_text: str = ""
+
+
+class Wiring(Protocol):
+    """The car at the end of its cables. None of these calls waits for a device, apart from `start` and `stop`."""
+
+    @property
+    def name(self) -> WiringName:
+        """Which of the two it is."""
+        ...
+
+    def start(self) -> None:
+        """Opens the ports and starts the threads; commands nothing. `HardwareError` names the port that failed."""
+        ...
+
+    def arm(self) -> None:
+        """Begins to switch the tail motors on; they take commands when `armed` of the status is 1.
+
+        Raises:
+            HardwareError: no watchdog test is recorded for this wiring, or a motor or the bus has a fault.
+        """
+        ...
+
+    def exchange(self, command: CarCommand, now: float) -> CarReading:
+        """One cycle, every 10 ms: takes in what came, sends the command; never blocks.
+
+        Args:
+            command: finite; anything else is a fault of both motors and leaves throttle 0 and steering 0.
+            now: `time.monotonic()`, s.
+        """
+        ...
+
+    def hold(self, now: float) -> None:
+        """Holds the tail where it is, until the next command that is not all zeros."""
+        ...
+
+    def stop(self, reason: str) -> None:
+        """Exit frames several times, throttle 0, steering 0, then everything is closed; from every state, at any time.
+
+        Never raises and may be called twice.
+        """
+        ...
