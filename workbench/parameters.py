@@ -104,6 +104,7 @@ class TailMotorParameters(QuantityModel):
     speed_constant: float = quantity("rad/s/V", "no-load rotor speed per volt", gt=0, le=1000)
     winding_resistance: float = quantity("ohm", "resistance that the torque-speed line is built with", gt=0, le=10)
     pack_voltage: float = quantity("V", "voltage of the tail battery", ge=24, le=48)
+    torque_error: float = quantity("1", "relative error of the torque that a command gives", gt=-1, le=1)
 
 
 class FrictionParameters(QuantityModel):
@@ -213,6 +214,8 @@ class ControllerParameters(QuantityModel):
     travel: float = quantity("rad", "roll travel after which position control takes over", gt=0, le=6.3)
     recock_speed: float = quantity("rad/s", "roll rate of the slow return before the next turn", gt=0, le=50)
     pitch_angle: float = quantity("rad", "tail pitch that is held all the time", ge=-3.1416, le=3.1416)
+    swing_file: str = quantity("1", "swing that is played: none (the law above), a name in models/swings, or a path")
+    tracking: Literal["automatic", "feedback", "torque", "joint_pd", "open_loop"] = quantity("1", "how it is played")
 
 
 class ManoeuvreParameters(QuantityModel):

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 import yaml
@@ -41,6 +41,9 @@ _SAMPLES_PER_INTERVAL = 16
 Row = Annotated[tuple[float, ...], Field(strict=False)]
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
 Direction = Literal["left", "right"]
+FeedbackState = Literal["car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate", "tail_pitch", "tail_pitch_rate"]
+FEEDBACK_STATES: tuple[str, ...] = get_args(FeedbackState)
+"""rad and rad/s; roll positive to the right."""
 
 
 class _Strict(BaseModel):
@@ -96,17 +99,44 @@ class GainPhase(_Strict):
 
 
 class Feedback(_Strict):
-    """Time-varying linear feedback (finite-horizon LQR): torque = -gain (x - x_knots)."""
+    """Time-varying linear feedback around a motion of the car: torque = nominal torque - gain (x - nominal x).
 
-    states: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = Field(description="names of the states")
-    time_s: Samples = Field(description="times since the release, s")
-    roll_gains: Annotated[tuple[Row, ...], Field(strict=False)] = Field(description="(times, states)")
+    States are those of `FEEDBACK_STATES`, in the turn direction of the file: car roll and rate positive to the right,
+    as its IMU estimates them, and the tail's joints. Roll of the car and roll of the tail are mirrored together.
+    Between the times everything is linear. A state that is further from its nominal value than `funnel` is out of the
+    reach of the feedback: the tracker then gives the swing up.
+    """
+
+    states: Annotated[tuple[FeedbackState, ...], Field(strict=False, min_length=1)] = Field(description="their names")
+    time_s: Samples = Field(description="times since the release, s, strictly increasing, the first 0")
+    nominal: Annotated[tuple[Row, ...], Field(strict=False)] = Field(description="(times, states), rad and rad/s")
+    roll_torque_n_m: Samples = Field(description="nominal torque of the roll motor, N m")
+    roll_gains: Annotated[tuple[Row, ...], Field(strict=False)] = Field(description="(times, states), N m per state")
+    pitch_torque_n_m: Samples | None = Field(None, description="nominal torque of the pitch motor, N m")
+    pitch_gains: Annotated[tuple[Row, ...], Field(strict=False)] | None = Field(
+        None, description="(times, states); without them pitch follows the knots"
+    )
+    funnel: Row = Field(description="largest deviation of each state, rad and rad/s")
 
     @model_validator(mode="after")
     def _shaped(self) -> Self:
-        shape = (len(self.time_s), len(self.states))
-        if len(self.roll_gains) != shape[0] or any(len(row) != shape[1] for row in self.roll_gains):
-            raise ValueError(f"roll_gains: must be {shape[0]} rows (times) of {shape[1]} values (states)")
+        count, width = len(self.time_s), len(self.states)
+        if self.time_s[0] != 0.0 or any(b <= a for a, b in pairwise(self.time_s)):
+            raise ValueError("time_s: allowed: 0 first, then strictly increasing times")
+        if len(set(self.states)) != width:
+            raise ValueError(f"states: {list(self.states)}; allowed: each state once")
+        for name in ("nominal", "roll_gains", "pitch_gains"):
+            rows = getattr(self, name)
+            if rows is not None and (len(rows) != count or any(len(row) != width for row in rows)):
+                raise ValueError(f"{name}: must be {count} rows (times) of {width} values (states)")
+        for name in ("roll_torque_n_m", "pitch_torque_n_m"):
+            torques = getattr(self, name)
+            if torques is not None and len(torques) != count:
+                raise ValueError(f"{name}: {len(torques)} values; allowed: {count}, as many as time_s")
+        if (self.pitch_gains is None) != (self.pitch_torque_n_m is None):
+            raise ValueError("pitch_gains: allowed together with pitch_torque_n_m")
+        if len(self.funnel) != width or min(self.funnel) <= 0.0:
+            raise ValueError(f"funnel: {list(self.funnel)}; allowed: {width} values above 0, one per state")
         return self
 
 
@@ -135,11 +165,17 @@ class Limits(_Strict):
 
 
 class Trigger(_Strict):
-    """What releases the swing: the yaw rate into the planned turn passes the threshold."""
+    """What releases the swing: the yaw rate into the planned turn, or a time since that turn was announced."""
 
-    kind: Literal["yaw_rate"] = "yaw_rate"
-    threshold_rad_per_s: float = Field(description="yaw rate into the planned turn, rad/s", gt=0)
-    delay_s: float = Field(0.0, description="time from the trigger to the release, s", ge=0)
+    kind: Literal["yaw_rate", "time"] = "yaw_rate"
+    threshold_rad_per_s: float | None = Field(None, description="yaw_rate: into the planned turn, rad/s", gt=0)
+    delay_s: float = Field(0.0, description="from the trigger to the release, s; time: since the announcement", ge=0)
+
+    @model_validator(mode="after")
+    def _has_threshold(self) -> Self:
+        if (self.kind == "yaw_rate") != (self.threshold_rad_per_s is not None):
+            raise ValueError("threshold_rad_per_s: allowed and needed with kind yaw_rate only")
+        return self
 
 
 class Provenance(_Strict):

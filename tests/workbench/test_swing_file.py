@@ -91,9 +91,7 @@ def test_a_cubic_is_met_exactly_and_the_rate_is_its_derivative() -> None:
 
 def test_what_is_written_comes_back_equal_and_is_not_overwritten(tmp_path: Path) -> None:
     data = changed("car", {"car.mass": 6.1, "tail.length": 0.9})
-    data["gains"]["feedback"] = {
-        "states": ["roll", "roll_rate"], "time_s": [0.0, 0.5], "roll_gains": [[1.0, 0.1], [2.0, 0.2]],
-    }  # fmt: skip
+    data["gains"]["feedback"] = feedback()
     swing = swing_from_dict(data)
     path = write_swing(swing, tmp_path / "new" / "swing.yaml")
     assert read_swing(path) == swing
@@ -151,11 +149,39 @@ def test_a_curve_that_overshoots_its_limit_between_the_knots_is_refused() -> Non
         swing_from_dict(data)
 
 
-def test_feedback_of_the_wrong_shape_is_refused() -> None:
+def feedback(**changes) -> dict:
+    """Gains on the tail's roll and rate at two times."""
+    return {
+        "states": ["tail_roll", "tail_roll_rate"], "time_s": [0.0, 0.5], "nominal": [[-1.5, 8.0], [1.5, 0.0]],
+        "roll_torque_n_m": [2.0, 0.0], "roll_gains": [[1.0, 0.1], [2.0, 0.2]], "funnel": [0.5, 10.0],
+    } | changes  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"roll_gains": [[1.0], [2.0]]}, r"roll_gains: must be 2 rows \(times\) of 2 values \(states\)"),
+        ({"nominal": [[1.0, 2.0]]}, "nominal: must be 2 rows"),
+        ({"time_s": [0.0, 0.0]}, "time_s: allowed: 0 first, then strictly increasing"),
+        ({"roll_torque_n_m": [1.0, 2.0, 3.0]}, "roll_torque_n_m: 3 values; allowed: 2"),
+        ({"roll_gains": [[1.0, math.nan], [2.0, 0.2]]}, r"roll_gains.0.1: nan is not allowed"),
+        ({"states": ["tail_roll", "tail_roll"]}, "states: .* allowed: each state once"),
+        ({"states": ["tail_roll", "yaw"]}, "states.1: 'yaw' is not allowed"),
+        ({"funnel": [0.5, 0.0]}, "funnel: .* allowed: 2 values above 0"),
+        ({"pitch_gains": [[0.0, 0.0], [0.0, 0.0]]}, "pitch_gains: allowed together with pitch_torque_n_m"),
+    ],
+)
+def test_feedback_that_cannot_be_followed_is_refused(changes: dict, message: str) -> None:
     data = thesis_data()
-    data["gains"]["feedback"] = {"states": ["roll"], "time_s": [0.0, 0.5], "roll_gains": [[1.0, 0.1], [2.0, 0.2]]}
-    with pytest.raises(SwingFileError, match=r"gains\.feedback\.roll_gains: must be 2 rows .* of 1 values"):
+    data["gains"]["feedback"] = feedback(**changes)
+    with pytest.raises(SwingFileError, match=rf"gains\.feedback\.{message}"):
         swing_from_dict(data)
+
+
+@pytest.mark.parametrize("trigger", [{"kind": "yaw_rate"}, {"kind": "time", "threshold_rad_per_s": 1.0}])
+def test_a_trigger_has_a_threshold_if_it_looks_at_the_yaw_rate(trigger: dict) -> None:
+    with pytest.raises(SwingFileError, match=r"trigger\.threshold_rad_per_s: allowed and needed with kind yaw_rate"):
+        swing_from_dict(changed("trigger", trigger))
 
 
 @pytest.mark.parametrize(

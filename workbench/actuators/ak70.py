@@ -51,8 +51,9 @@ def mit_torque(
 ) -> float:
     """Torque (N m) of one motor in MIT mode, positive along the joint axis.
 
-    tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, then held inside the peak
-    torque and the torque-speed line: near the no-load speed the motor cannot push further, braking stays possible.
+    tau = kp (q_d - q) + kd (qd_d - qd) + tau_ff with gains clipped to the frame's range, all of it wrong by the error
+    of the torque constant, then held inside the peak torque and the torque-speed line: near the no-load speed the motor
+    cannot push further, braking stays possible.
 
     The firmware closes this loop at kHz, the plant steps at 2 ms: damping that acts on the rate of the beginning of a
     step would push a light joint back and forth (kd h / I > 2 for the pitch joint of a tail that lies sideways). So
@@ -67,11 +68,12 @@ def mit_torque(
         ahead: step of the plant; by default the law holds at this instant.
     """
     q_d, qd_d, kp, kd, feedforward = command
-    kp = min(max(kp, 0.0), motor.kp_max)
-    kd = min(max(kd, 0.0), motor.kd_max)
+    scale = 1.0 + motor.torque_error
+    kp = scale * min(max(kp, 0.0), motor.kp_max)
+    kd = scale * min(max(kd, 0.0), motor.kd_max)
     step, inertia, load = ahead
     coasting = speed + step * load / inertia
-    torque = kp * (q_d - position - step * coasting) + kd * (qd_d - coasting) + feedforward
+    torque = kp * (q_d - position - step * coasting) + kd * (qd_d - coasting) + scale * feedforward
     torque /= 1.0 + step * (kd + step * kp) / inertia
     stall, no_load = line
     upper = min(motor.torque_limit, max(0.0, stall * (1.0 - speed / no_load)))

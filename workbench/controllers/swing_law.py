@@ -24,13 +24,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from workbench.controllers.checks import check_range
+from workbench.controllers.tail_law import EPSILON, NO_COMMAND, Observation, sign
 from workbench.errors import UserError
 
 MODES = ("none", "held", "swing")
 
 
 class SwingState(IntEnum):
-    """States in the numbering of Table 6.4; OFF and RECOCK are ours."""
+    """States in the numbering of Table 6.4; OFF, RECOCK and FALLBACK are ours."""
 
     OFF = 0
     """No command is given: there is no tail, or its angle is not known yet."""
@@ -40,6 +41,8 @@ class SwingState(IntEnum):
     SETTLE = 4
     RECOCK = 5
     """Slow return to the inside before the next turn to the same side."""
+    FALLBACK = 6
+    """A tracked swing left its funnel: this law finishes it (`swing_tracker_law`)."""
 
 
 @dataclass(frozen=True)
@@ -122,27 +125,6 @@ class SwingSettings:
         )
 
 
-@dataclass(frozen=True)
-class Observation:
-    """What the law sees at one tick. NaN means "not known".
-
-    Args:
-        time: s.
-        yaw_rate: rad/s, positive to the left.
-        roll_angle: tail roll, rad, positive to the right.
-        pitch_angle: tail pitch, rad.
-        planned_turn: +1 left, -1 right, 0 none.
-        imu_valid: the yaw rate is fresh and without fault.
-    """
-
-    time: float
-    yaw_rate: float
-    roll_angle: float
-    pitch_angle: float
-    planned_turn: float
-    imu_valid: bool
-
-
 class SwingMemory(NamedTuple):
     """What the law remembers between ticks; `tuple(memory)` and `SwingMemory(*values)` carry it through a vector.
 
@@ -165,12 +147,6 @@ class SwingMemory(NamedTuple):
 
 FRESH = SwingMemory()
 """Memory before the first tick."""
-
-NO_COMMAND = np.zeros(5)
-NO_COMMAND.flags.writeable = False
-
-EPSILON = 1e-9
-"""s; a tick that falls on a limit up to rounding counts as having reached it."""
 
 
 def step(
@@ -206,7 +182,7 @@ def step(
 
 def _advance(memory: SwingMemory, observation: Observation, settings: SwingSettings) -> SwingMemory:
     """The state machine for a known time, roll angle and plan."""
-    plan = _sign(observation.planned_turn)
+    plan = sign(observation.planned_turn)
     if memory.state != SwingState.SWING and (memory.state == SwingState.OFF or plan != memory.turn):
         return _plan(memory, plan, observation, settings)
     time_in_state = observation.time - memory.since + EPSILON
@@ -234,7 +210,7 @@ def _plan(memory: SwingMemory, plan: float, observation: Observation, settings: 
     memory = memory._replace(turn=plan)
     if plan == 0.0 and memory.state != SwingState.OFF:
         return _enter(SwingState.HOLD, memory, observation.time) if memory.state == SwingState.DELAY else memory
-    side = -plan if plan != 0.0 else (_sign(memory.roll_angle) or -1.0)
+    side = -plan if plan != 0.0 else (sign(memory.roll_angle) or -1.0)
     memory = memory._replace(side=side)
     ready = abs(memory.roll_angle - side * settings.hold_angle) <= settings.ready_angle
     return _enter(SwingState.HOLD if ready else SwingState.RECOCK, memory, observation.time)
@@ -275,10 +251,6 @@ def _recock_reference(memory: SwingMemory, time: float, settings: SwingSettings)
 
 def _enter(state: SwingState, memory: SwingMemory, time: float) -> SwingMemory:
     return memory._replace(state=float(state), since=time, start_angle=memory.roll_angle)
-
-
-def _sign(value: float) -> float:
-    return float(value > 0.0) - float(value < 0.0)
 
 
 @dataclass(frozen=True)

@@ -1,33 +1,16 @@
 """The tail controller as a Drake system: samples the station's signals at its rate and runs a law on them."""
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
 from workbench.controllers.checks import check_range
-from workbench.controllers.swing_law import Observation, SwingLaw, SwingSettings
+from workbench.controllers.law_of_scenario import law_of_scenario
+from workbench.controllers.tail_law import UNKNOWN_IMU, Observation, TailLaw
 from workbench.discrete_vector import DiscreteVector
-from workbench.ports import IMU, PLANNED_TURN, STATUS, TAIL_COMMAND, TAIL_STATE
-
-
-class TailLaw(Protocol):
-    """A control law for the tail, free of Drake: the thesis' swing, or a player of optimised swings."""
-
-    @property
-    def rate(self) -> float:
-        """Controller rate, Hz."""
-
-    @property
-    def memory_size(self) -> int:
-        """Number of floats that the law carries from tick to tick."""
-
-    def start(self) -> np.ndarray:
-        """Memory (memory_size,) before the first tick."""
-
-    def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick: new memory, pitch command (5), roll command (5), state number. Must not change its arguments."""
+from workbench.ports import IMU, PLANNED_TURN, SPEED, STATUS, TAIL_COMMAND, TAIL_STATE
 
 
 class TailController(LeafSystem):
@@ -39,13 +22,14 @@ class TailController(LeafSystem):
     Input ports:
         tail_state (6), imu (9), status (13): as the station gives them, see `workbench.ports`.
         planned_turn (1): +1 left, -1 right, 0 none, from the driver.
+        speed (1, optional): m/s, from the station; unknown when not connected.
     Output ports:
         tail_pitch_command (5), tail_roll_command (5): `ports.TAIL_COMMAND`, in rad, rad/s, N m/rad,
             N m s/rad, N m.
         state (1): number of the law's state.
 
     Args:
-        law: a `TailLaw`; `SwingLaw(SwingSettings.from_scenario(scenario))` is the thesis' one.
+        law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
 
     Raises:
@@ -63,6 +47,7 @@ class TailController(LeafSystem):
         self._imu = self.DeclareVectorInputPort("imu", IMU.size)
         self._status = self.DeclareVectorInputPort("status", STATUS.size)
         self._planned_turn = self.DeclareVectorInputPort("planned_turn", PLANNED_TURN.size)
+        self._speed = self.DeclareVectorInputPort("speed", SPEED.size)
         self._memory = DiscreteVector(self, law.start())
         self._pitch_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_pitch_command")
         self._roll_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_roll_command")
@@ -71,12 +56,12 @@ class TailController(LeafSystem):
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, scenario: Any, *, station: System, driver: System
+        cls, builder: DiagramBuilder, scenario: Any, *, station: System, driver: System, law: TailLaw | None = None
     ) -> "TailController":
-        """Adds the thesis' controller of a scenario between the ports of a station and of a driver."""
-        controller = cls(SwingLaw(SwingSettings.from_scenario(scenario)))
+        """Adds a law, by default that of the scenario, between the ports of a station and of a driver."""
+        controller = cls(law or law_of_scenario(scenario))
         builder.AddSystem(controller)
-        for port in ("tail_state", "imu", "status"):
+        for port in ("tail_state", "imu", "status", "speed"):
             builder.Connect(station.GetOutputPort(port), controller.GetInputPort(port))
         builder.Connect(driver.GetOutputPort("planned_turn"), controller.GetInputPort("planned_turn"))
         for port in ("tail_pitch_command", "tail_roll_command"):
@@ -89,14 +74,27 @@ class TailController(LeafSystem):
         imu: Any = self._imu.Eval(context)
         status: Any = self._status.Eval(context)
         planned_turn: Any = self._planned_turn.Eval(context)
+        roll_known, pitch_known = self._fresh(status, ROLL_AGE), self._fresh(status, PITCH_AGE)
+        imu_valid = self._fresh(status, IMU_AGE)
         return Observation(
             time=context.get_time(),
             yaw_rate=float(imu[GYRO_Z]),
-            roll_angle=float(tail[ROLL_ANGLE]) if self._fresh(status, ROLL_AGE) else math.nan,
-            pitch_angle=float(tail[PITCH_ANGLE]) if self._fresh(status, PITCH_AGE) else math.nan,
+            roll_angle=float(tail[ROLL_ANGLE]) if roll_known else math.nan,
+            pitch_angle=float(tail[PITCH_ANGLE]) if pitch_known else math.nan,
             planned_turn=float(planned_turn[0]),
-            imu_valid=self._fresh(status, IMU_AGE),
+            imu_valid=imu_valid,
+            roll_rate=float(tail[ROLL_RATE]) if roll_known else math.nan,
+            pitch_rate=float(tail[PITCH_RATE]) if pitch_known else math.nan,
+            imu=tuple(imu.tolist()) if imu_valid else UNKNOWN_IMU,
+            speed=self._known_speed(context, status),
         )
+
+    def _known_speed(self, context: Context, status: np.ndarray) -> float:
+        """A GPS is late by nature: its speed counts until its fault code is set."""
+        if not self._speed.HasValue(context) or status[SPEED_FAULT] != 0.0:
+            return math.nan
+        speed: Any = self._speed.Eval(context)
+        return float(speed[0])
 
     def _fresh(self, status: np.ndarray, age_index: int) -> bool:
         """False for NaN too; the fault code stands right behind the age."""
@@ -111,5 +109,8 @@ class TailController(LeafSystem):
 
 
 GYRO_Z = IMU.index("gyro_z")
-ROLL_ANGLE, PITCH_ANGLE = TAIL_STATE.index("roll_angle"), TAIL_STATE.index("pitch_angle")
+ROLL_ANGLE, PITCH_ANGLE, ROLL_RATE, PITCH_RATE = (
+    TAIL_STATE.index(name) for name in ("roll_angle", "pitch_angle", "roll_rate", "pitch_rate")
+)
+SPEED_FAULT = STATUS.index("speed_fault")
 ROLL_AGE, PITCH_AGE, IMU_AGE = (STATUS.index(f"{source}_age") for source in ("tail_roll", "tail_pitch", "imu"))

@@ -7,12 +7,12 @@ import pytest
 
 from workbench.controllers.swing_law import (
     FRESH,
-    Observation,
     SwingLaw,
     SwingSettings,
     SwingState,
     step,
 )
+from workbench.controllers.tail_law import Observation
 from workbench.errors import UserError
 from workbench.resources import model_path
 from workbench.scenario import load_scenario

@@ -20,7 +20,8 @@ else:
     raise SystemExit("the block does not work")
 
 from workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
-from workbench.controllers.swing_law import FRESH, Observation, SwingSettings, SwingState, step
+from workbench.controllers.swing_law import FRESH, SwingSettings, SwingState, step
+from workbench.controllers.tail_law import Observation
 from workbench.ports import TAIL_COMMAND
 
 schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)

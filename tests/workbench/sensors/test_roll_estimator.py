@@ -5,7 +5,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from workbench.errors import UserError
-from workbench.sensors.roll_estimator import RollEstimate, RollEstimator, RollFilterSettings, estimate_roll
+from workbench.sensors.roll_estimator import RollEstimator
+from workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 
 RATE = 100.0
 G = 9.81

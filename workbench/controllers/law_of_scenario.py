@@ -1,0 +1,42 @@
+"""The control law that a scenario names: the thesis' swing, or the tracker of a swing file. Plain Python."""
+
+from pathlib import Path
+from typing import Any
+
+from workbench.controllers.swing_law import SwingLaw, SwingSettings
+from workbench.controllers.swing_tracker_law import SwingTracker
+from workbench.controllers.tail_law import TailLaw
+from workbench.resources import model_path
+from workbench.swing_file import SwingFile, read_swing
+
+NO_SWING = "none"
+
+
+def find_swing(name_or_path: str | Path) -> SwingFile:
+    """Reads a swing by path, or by name from `models/swings`.
+
+    Raises:
+        SwingFileError: missing or malformed.
+    """
+    path = Path(name_or_path)
+    if not path.suffix and path.name == str(name_or_path) and not path.exists():
+        path = model_path(f"swings/{name_or_path}.yaml")
+    return read_swing(path)
+
+
+def swing_of_scenario(scenario: Any) -> SwingFile | None:
+    """The swing that `scenario.controller.swing_file` names; None for the thesis' law, or when no tail swings."""
+    name = scenario.controller.swing_file
+    return None if name == NO_SWING or scenario.tail.mode != "swing" else find_swing(name)
+
+
+def law_of_scenario(scenario: Any) -> TailLaw:
+    """The law of `scenario.controller` and `scenario.tail.mode` (any object with these attributes).
+
+    Raises:
+        UserError: a setting out of range, a swing file that is missing, malformed or without the gains it needs.
+    """
+    swing = swing_of_scenario(scenario)
+    if swing is None:
+        return SwingLaw(SwingSettings.from_scenario(scenario))
+    return SwingTracker.from_scenario(swing, scenario)
