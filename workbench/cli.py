@@ -72,7 +72,7 @@ def build_app() -> typer.Typer:
         name="aerodima",
         cls=ErrorBoundary,
         no_args_is_help=True,
-        add_completion=False,
+        add_completion=True,
         rich_markup_mode=None,  # importing Rich takes as long as all the rest of `--help`
         pretty_exceptions_enable=False,  # a bug report needs the plain traceback
     )

@@ -143,3 +143,10 @@ def test_package_that_fails_to_register_is_named(environment: dict[str, str], tm
     assert done.returncode == 1
     assert "no module named gears" in done.stderr
     assert "while registering the commands of 'probe' (probe_commands:register)" in done.stderr
+
+
+def test_shell_completes_commands(environment: dict[str, str]) -> None:
+    asked = {"_AERODIMA_COMPLETE": "complete_bash", "COMP_WORDS": "aerodima tur", "COMP_CWORD": "1"}
+    program = Path(sys.executable).with_name("aerodima")
+    done = subprocess.run([program], env={**environment, **asked}, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == ["turn"]

@@ -6,7 +6,17 @@ from importlib import import_module
 
 import typer
 
-COMMAND_MODULES: tuple[str, ...] = ("demo", "runs", "replay", "logs", "models", "coefficients", "scenarios", "rig")
+COMMAND_MODULES: tuple[str, ...] = (
+    "demo",
+    "runs",
+    "replay",
+    "compare",
+    "logs",
+    "models",
+    "coefficients",
+    "scenarios",
+    "rig",
+)
 """Modules of this package in the order of the help page; each has `register(app)`."""
 
 

@@ -1,7 +1,6 @@
-"""The replay as one HTML page that needs nothing else: Meshcat with the animation, and a title over it."""
+"""The replay as one HTML page that needs nothing else: Meshcat with the animation, a title over it, a bar below."""
 
 import html
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from workbench.atomic_write import refuse_existing, write_atomically
 from workbench.errors import UserError
 from workbench.logs.schema import RunLog
 from workbench.replay.caption import Caption, caption_of, speed_and_roll
+from workbench.replay.controls import page_controls
 from workbench.replay.forces import AIR_COLOUR, AIR_SCALE, WHEEL_COLOUR, WHEEL_SCALE
 from workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
 from workbench.replay.viewer import open_meshcat
@@ -25,24 +25,6 @@ _STYLE = """
   #run-now { font-variant-numeric: tabular-nums; white-space: pre; }
   #run .key { font-size: 13px; } #run i { font-style: normal; font-weight: bold; }
 </style>
-"""
-
-# Meshcat's animator knows the time it shows; without it the line stays empty and the replay plays all the same.
-_SCRIPT = """
-<script>
-  const run = RUN_DATA;
-  function tell() {
-    const animator = typeof viewer === "undefined" ? undefined : viewer.animator;
-    if (animator && Number.isFinite(animator.time)) {
-      const frame = Math.min(Math.max(Math.round(animator.time * run.frames_per_second), 0), run.time.length - 1);
-      const number = (value, digits, width) => value.toFixed(digits).padStart(width, "\\u2007");
-      document.getElementById("run-now").textContent = `t = ${number(run.time[frame], 2, 5)} s   ` +
-        `${number(run.speed[frame], 2, 5)} m/s   roll ${number(run.roll[frame], 1, 6)}\\u00b0`;
-    }
-    requestAnimationFrame(tell);
-  }
-  tell();
-</script>
 """
 
 
@@ -103,7 +85,7 @@ def _readout(run_log: RunLog, rate: float) -> str:
         "speed": speed[rows].round(3).tolist(),
         "roll": np.degrees(roll[rows]).round(2).tolist(),
     }
-    return _SCRIPT.replace("RUN_DATA", json.dumps(data))
+    return page_controls(data)
 
 
 def _rgb(colour: Rgba) -> tuple[float, float, float]:

@@ -1,0 +1,151 @@
+"""Runs beside one another as one page: what was set differently, the metrics, the signals, the replays in step."""
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from workbench.errors import LogError
+from workbench.logs.schema import RunLog
+from workbench.metrics import metrics_of
+from workbench.plots.overlay import RUN_STYLES, plot_overlay
+from workbench.replay.controls import CONTROLS_SCRIPT, CONTROLS_STYLE, controls_bar
+from workbench.replay.page import replay_page
+from workbench.replay.reckoned_motion import replayable
+from workbench.report.page import Markup, Section, figure, finding, page, paragraph, table
+
+MOST_RUNS = len(RUN_STYLES)
+_CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
+"""Sections of a scenario that say which car it is; a difference in one of them is named first."""
+
+_NOTHING = 1e-12
+"""Rounding of a sum that is zero; shown as such."""
+
+_REPLAY_STYLE = """
+<style>
+  .replays { display: grid; grid-template-columns: repeat(auto-fit, minmax(480px, 1fr)); gap: 8px; margin: 12px 0; }
+  .replays iframe { width: 100%; aspect-ratio: 16 / 11; border: 1px solid #c8ccd2; }
+  #both.replay-bar { position: static; border: 1px solid #c8ccd2; }
+</style>
+"""
+_REPLAY_SCRIPT = """
+<script>
+  window.addEventListener("load", () => {
+    const frames = [...document.querySelectorAll(".replays iframe")];
+    const replays = frames.map((frame) => frame.contentWindow.eval("replay"));
+    for (const replay of replays) { replay.follow(); }
+    const duration = Math.max(...replays.map((replay) => replay.duration));
+    replayClock(document.getElementById("both"), duration, (seconds) => replays.forEach((r) => r.show(seconds)));
+  });
+</script>
+"""
+
+
+def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
+    """Metric with its unit -> value per run (None where a run has none).
+
+    Raises:
+        LogError: a log ends before its turn does, or has no sensor columns.
+    """
+    rows = [metrics_of(run_log).as_row() for run_log in run_logs]
+    return {name: [row[name] for row in rows] for name in rows[0] if not name.startswith("filtered_")}
+
+
+def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
+    """Key of the scenario -> value per run, for what was not the same in all; the car's own keys first."""
+    flat = [_flat(run_log.scenario) for run_log in run_logs]
+    keys = {key for scenario in flat for key in scenario}
+    differing = [key for key in keys if len({json.dumps(scenario.get(key)) for scenario in flat}) > 1]
+    differing.sort(key=lambda key: (key.split(".")[0] not in _CAR_SECTIONS, key))
+    return {key: [scenario.get(key) for scenario in flat] for key in differing}
+
+
+def _flat(scenario: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in scenario.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def different_cars(differences: Mapping[str, Sequence[Any]]) -> list[str]:
+    """Those keys that make another car of it; how a car's tail is used (`tail.mode`) does not."""
+    return [key for key in differences if key.split(".")[0] in _CAR_SECTIONS and key != "tail.mode"]
+
+
+def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> str:
+    """The page as text; it needs no other file.
+
+    Args:
+        run_logs: 2 to `MOST_RUNS` runs with a turn.
+        names: of the runs, all different.
+
+    Raises:
+        LogError: wrong number of runs, or one of them has no turn or cannot be replayed.
+    """
+    if not 2 <= len(run_logs) <= MOST_RUNS:
+        raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
+    differences = scenario_differences(run_logs)
+    columns = list(range(1, len(names) + 1))
+    sections = (
+        Section("settings", "What was set differently", _settings(differences, names)),
+        Section(
+            "metrics",
+            "Metrics",
+            (
+                paragraph("Raw metrics of each run; units are at the end of the names. The turn is positive."),
+                table(
+                    ["metric", *names],
+                    [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()],
+                    numbers=columns,
+                ),
+            ),
+        ),
+        Section(
+            "signals",
+            "Signals",
+            (
+                figure(
+                    plot_overlay(run_logs, names),
+                    "IMU signals after the car's zero-phase filter; roll and torque as logged.",
+                    "Yaw rate, lateral acceleration, speed, roll, tail angle and tail torque of the runs over time",
+                ),
+            ),
+        ),
+        Section("replay", "Replays in step", (_replays(run_logs, names),)),
+    )
+    return page("Comparison of runs: " + ", ".join(names), "", sections)
+
+
+def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str]) -> tuple[Markup, ...]:
+    if not differences:
+        return (paragraph("Nothing: the scenarios are equal, the seed included."),)
+    rows = table(["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()])
+    other = different_cars(differences)
+    if not other:
+        return (rows,)
+    warning = f"These are different cars: {', '.join(other)}. What differs between the runs may come from that alone."
+    return finding(paragraph(warning)), rows
+
+
+def shown_value(value: Any) -> str:
+    """A cell of a table: four digits, a dash for nothing."""
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{0.0 if abs(value) < _NOTHING else value:.4g}"
+    return "none" if value == "" else str(value)
+
+
+def _replays(run_logs: Sequence[RunLog], names: Sequence[str]) -> Markup:
+    frames = "".join(
+        f'<iframe title="replay of {html.escape(name, quote=True)}" '
+        f'srcdoc="{html.escape(replay_page(replayable(run_log)), quote=True)}"></iframe>'
+        for run_log, name in zip(run_logs, names, strict=True)
+    )
+    bar = controls_bar("both")
+    return Markup(
+        f'{_REPLAY_STYLE}{CONTROLS_STYLE}<div class="replays">{frames}</div>{bar}{CONTROLS_SCRIPT}{_REPLAY_SCRIPT}'
+    )
