@@ -1,0 +1,190 @@
+#include "core.h"
+
+#include <cstring>
+
+namespace aerodima {
+namespace {
+
+bool is_neutral(const Command& command) {
+  return command.orders[0].request == Request::kExit && command.orders[1].request == Request::kExit &&
+         command.throttle == kThrottle.idle;
+}
+
+}  // namespace
+
+TeensyCore::TeensyCore(const Config& config, uint32_t now) : config_(config), reader_(config.checked), fresh_(now) {
+  if (valid_id(config.motor_ids[0]) && valid_id(config.motor_ids[1])) {
+    reports_[0].motor_id = config.motor_ids[0];
+    reports_[1].motor_id = config.motor_ids[1];
+  }
+  make_safe(now);
+}
+
+void TeensyCore::feed(const char* data, size_t size, uint32_t now) {
+  Command command;
+  for (size_t i = 0; i < size; ++i) {
+    if (!reader_.feed(data[i], &command)) continue;
+    if (can_be_obeyed(command)) {
+      obey(command, now);
+    } else {
+      ++refused_;
+    }
+  }
+}
+
+// Other motors than before are a new session, which must begin neutral; a frame must exist for every command.
+bool TeensyCore::can_be_obeyed(const Command& command) const {
+  const bool same = command.orders[0].motor_id == reports_[0].motor_id && command.orders[1].motor_id == reports_[1].motor_id;
+  if (!is_neutral(command) && !same) return false;
+  for (const Order& order : command.orders) {
+    CanFrame frame;
+    if (order.request == Request::kCommand && !make_command(order.motor_id, order.command, config_.profile, &frame)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void TeensyCore::obey(const Command& command, uint32_t now) {
+  fresh_ = now;
+  for (int i = 0; i < 2; ++i) {
+    if (reports_[i].motor_id == command.orders[i].motor_id) continue;
+    if (config_.owns_can && valid_id(reports_[i].motor_id)) push(make_special(reports_[i].motor_id, Special::kExit));
+    reports_[i] = Report();
+    reports_[i].motor_id = command.orders[i].motor_id;
+    unanswered_[i] = 0;
+  }
+  if (is_neutral(command)) latched_ = false;
+  // The published reply cannot tell of the watchdog: only silence can.
+  if (!reply_pending_ && (config_.checked || !latched_)) {
+    reply_pending_ = true;
+    reply_since_ = now;
+  }
+  if (latched_) return;
+  servo_ = command.servo;
+  throttle_ = command.throttle;
+  for (const Order& order : command.orders) bridge(order);
+}
+
+void TeensyCore::bridge(const Order& order) {
+  if (!config_.owns_can) return;
+  CanFrame frame;
+  MitCommand command = order.command;
+  switch (order.request) {
+    case Request::kExit:
+      push(make_special(order.motor_id, Special::kExit));
+      return;
+    case Request::kEnter:
+      make_command(order.motor_id, MitCommand(), config_.profile, &frame);
+      push(frame);
+      push(make_special(order.motor_id, Special::kEnter));
+      push(frame);
+      return;
+    case Request::kCommand:
+      if (make_command(order.motor_id, command, config_.profile, &frame)) push(frame);
+      return;
+  }
+}
+
+void TeensyCore::receive(const CanFrame& frame, uint32_t now) {
+  (void)now;
+  MitReply reply;
+  if (!config_.owns_can || !decode_reply(frame, config_.profile, &reply)) return;
+  for (int i = 0; i < 2; ++i) {
+    Report& report = reports_[i];
+    if (report.motor_id != reply.motor_id) continue;
+    report.position = reply.position;
+    report.velocity = reply.velocity;
+    report.torque = reply.torque;
+    report.temperature = reply.temperature;
+    report.fault = reply.fault;
+    report.replies = (report.replies + 1) & 0xFF;
+    if (unanswered_[i]) --unanswered_[i];
+  }
+}
+
+void TeensyCore::step(uint32_t now) {
+  if (!latched_ && now - fresh_ > config_.watchdog_ms) {
+    make_safe(now);
+    if (config_.checked) write_reply(now);
+  }
+  if (latched_ && knows_motors()) {
+    const uint32_t interval = exits_left_ ? config_.exit_cycle_ms : config_.reminder_ms;
+    if (now - exit_time_ >= interval) {
+      exit_time_ = now;
+      if (exits_left_) {
+        --exits_left_;
+      } else if (config_.checked && !reply_pending_) {
+        write_reply(now);
+      }
+      exit_motors(1);
+    }
+  }
+  if (reply_pending_ && (motors_answered() || now - reply_since_ >= config_.reply_wait_ms)) write_reply(now);
+}
+
+void TeensyCore::make_safe(uint32_t now) {
+  latched_ = true;
+  servo_ = kServo.idle;
+  throttle_ = kThrottle.idle;
+  exit_time_ = now;
+  exits_left_ = config_.exit_cycles;
+  queue_size_ = 0;  // no command leaves after this
+  unanswered_[0] = unanswered_[1] = 0;
+  if (!config_.owns_can || !knows_motors()) return;
+  for (const Report& report : reports_) {  // a motor may jump to its last command when it is entered again
+    CanFrame frame;
+    if (make_command(report.motor_id, MitCommand(), config_.profile, &frame)) push(frame);
+  }
+  exit_motors(config_.exit_burst);
+}
+
+void TeensyCore::exit_motors(uint32_t repeats) {
+  if (!config_.owns_can) return;
+  for (uint32_t i = 0; i < repeats; ++i) {
+    for (const Report& report : reports_) push(make_special(report.motor_id, Special::kExit));
+  }
+}
+
+// A full queue means a bus that takes nothing: the oldest frame gives way.
+void TeensyCore::push(const CanFrame& frame) {
+  if (queue_size_ == kQueue) {
+    queue_begin_ = (queue_begin_ + 1) % kQueue;
+    --queue_size_;
+  }
+  queue_[(queue_begin_ + queue_size_++) % kQueue] = frame;
+  for (int i = 0; i < 2; ++i) {
+    if (static_cast<uint32_t>(reports_[i].motor_id) == frame.id) ++unanswered_[i];
+  }
+}
+
+bool TeensyCore::next_frame(CanFrame* frame) {
+  if (queue_size_ == 0) return false;
+  *frame = queue_[queue_begin_];
+  queue_begin_ = (queue_begin_ + 1) % kQueue;
+  --queue_size_;
+  return true;
+}
+
+bool TeensyCore::motors_answered() const { return !config_.owns_can || (!unanswered_[0] && !unanswered_[1]); }
+
+void TeensyCore::write_reply(uint32_t now) {
+  reply_pending_ = false;
+  unanswered_[0] = unanswered_[1] = 0;
+  Reply reply;
+  reply.reports[0] = reports_[0];
+  reply.reports[1] = reports_[1];
+  reply.sail = sail_word_ * 360.0 / static_cast<double>(1u << config_.sail_bits);
+  reply.clock = now;
+  reply.status = status();
+  reply_size_ = make_reply(reply, config_.checked, reply_, sizeof reply_);
+}
+
+size_t TeensyCore::take_reply(char* text, size_t size) {
+  const size_t length = reply_size_ <= size ? reply_size_ : 0;
+  std::memcpy(text, reply_, length);
+  reply_size_ = 0;
+  return length;
+}
+
+}  // namespace aerodima

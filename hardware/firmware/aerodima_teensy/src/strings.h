@@ -1,0 +1,74 @@
+// Strings between the computer and the Teensy; the same grammar as hardware/protocol/teensy.py and teensy_stream.py.
+#pragma once
+#include <cstddef>
+
+#include "ak70.h"
+
+namespace aerodima {
+
+struct Pulses {
+  int least, idle, most;  // us
+};
+constexpr Pulses kServo{950, 1500, 2050}, kThrottle{1100, 1500, 1900};  // thesis 5.4.5
+
+enum class Request { kExit = 0, kEnter = 1, kCommand = 2 };
+enum class Status { kRunning = 0, kWatchdogActed = 1 };
+
+struct Order {
+  int motor_id = 0;
+  Request request = Request::kExit;
+  MitCommand command;
+};
+
+struct Command {
+  Order orders[2];
+  int servo = kServo.idle, throttle = kThrottle.idle;  // us
+};
+
+struct Report {
+  int motor_id = 0;
+  double position = 0, velocity = 0, torque = 0;
+  int replies = 0, temperature = 0, fault = 0;
+};
+
+struct Reply {
+  Report reports[2];
+  double sail = 0;  // degrees
+  uint32_t clock = 0;  // ms
+  Status status = Status::kRunning;
+};
+
+constexpr size_t kLongestPart = 200;  // bytes between two '|'; more is noise
+constexpr size_t kLongestCommand = 3 * (kLongestPart + 1);
+constexpr size_t kLongestReply = 400;
+
+uint8_t crc8(const char* data, size_t size);
+
+// A whole string with its last '|'. False for anything that is not a valid command; `command` is untouched then.
+bool decode_command(const char* text, size_t size, bool checked, Command* command);
+
+// Writes the string and returns its length; 0 if a value is not finite, an id is not allowed or `size` is too small.
+size_t make_reply(const Reply& reply, bool checked, char* text, size_t size);
+
+// Commands out of a stream that begins anywhere, is cut anywhere and may carry noise.
+class CommandReader {
+ public:
+  explicit CommandReader(bool checked) : checked_(checked) {}
+
+  // Takes one byte; true when `command` was filled by the string that it completed.
+  bool feed(char byte, Command* command);
+
+  uint32_t rejected() const { return rejected_; }
+
+ private:
+  bool take(Command* command);
+
+  bool checked_, synchronised_ = false;
+  char text_[kLongestCommand + kLongestPart + 1];  // complete parts that wait, then the open one
+  size_t ends_[3] = {};                            // end of each waiting part, behind its '|'
+  int waiting_ = 0;
+  size_t open_ = 0;  // bytes of the open part
+  uint32_t rejected_ = 0;
+};
+
+}  // namespace aerodima
