@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, EventStatus, Outp
 
 from workbench.controllers.manoeuvre import make_schedule, run_time
 from workbench.controllers.tail_controller import TailController
+from workbench.controllers.tail_law import TailLaw
 from workbench.controllers.turn_driver import TurnDriver
 from workbench.logs.columns import plant_position_columns, sensor_columns
 from workbench.logs.journal import JournalWriter
@@ -18,7 +19,8 @@ from workbench.logs.recorder import RunRecorder, recorded_columns
 from workbench.logs.schema import RunLog, read_run_log, run_metadata
 from workbench.scenario import Scenario
 from workbench.section_watch import SectionWatch
-from workbench.sensors.roll_estimator import RollEstimator, RollFilterSettings
+from workbench.sensors.roll_estimator import RollEstimator
+from workbench.sensors.roll_filter import RollFilterSettings
 from workbench.station import InterfaceFactory, make_car_station, simulated_car
 from workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH, WIND_TRUTH
 
@@ -38,14 +40,20 @@ class CarDiagram:
 
 
 def assemble(
-    scenario: Scenario, interface: InterfaceFactory | None = None, meshcat: Meshcat | None = None
+    scenario: Scenario,
+    interface: InterfaceFactory | None = None,
+    meshcat: Meshcat | None = None,
+    tail_law: TailLaw | None = None,
 ) -> CarDiagram:
-    """Connects station, driver, controller and estimator; the controllers stand outside the station."""
+    """Connects station, driver, controller and estimator; the controllers stand outside the station.
+
+    The tail follows `tail_law`, or by default the law that the scenario names.
+    """
     builder = DiagramBuilder()
     station = make_car_station(scenario, interface, meshcat)
     builder.AddSystem(station)
     driver = TurnDriver.add_to_builder(builder, make_schedule(scenario), scenario.controller.rate, station=station)
-    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver)
+    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=tail_law)
     settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
     estimator = RollEstimator.add_to_builder(builder, settings, station=station)
     ports = [
@@ -105,7 +113,7 @@ def run_scenario(
         UserError: wrong scenario, unwritable or existing log.
     """
     car = assemble(scenario, meshcat=meshcat)
-    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=_plant_facts(car.station))
+    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station))
     columns = recorded_columns(car.signals)
     with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
         RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)
@@ -122,7 +130,8 @@ def run_scenario(
     return read_run_log(log_path)
 
 
-def _plant_facts(station: Diagram) -> dict[str, float]:
+def plant_facts(station: Diagram) -> dict[str, float]:
+    """Masses (kg) of a simulated station, for `extra` of a run log."""
     car = simulated_car(station)
     context = car.plant.CreateDefaultContext()
     tail_mass = 0.0 if car.tail is None else car.plant.CalcTotalMass(context, [car.tail])

@@ -238,6 +238,7 @@ class _SimulatedCar:
             builder.Connect(plant.GetOutputPort(name), truth.GetInputPort(name))
         builder.Connect(drive.get_output_port(), truth.GetInputPort("drive_torque"))
         builder.ExportOutput(plant.get_state_output_port(), "plant_state_truth")
+        builder.ExportOutput(plant.GetOutputPort("generalized_acceleration"), "plant_acceleration_truth")
         builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results_truth")
         names = ["body_truth", "contact_truth"]
         if self._car.tail is not None:
@@ -245,6 +246,8 @@ class _SimulatedCar:
             builder.Connect(self._tail_force.GetOutputPort("wrench"), truth.GetInputPort("tail_wrench"))
             for name in ("sections", "validity"):
                 builder.ExportOutput(self._tail_force.GetOutputPort(name), f"tail_{name}_truth")
+            actuation = builder.GetSubsystemByName("tail_torques").GetOutputPort("actuation")
+            builder.ExportOutput(actuation, "tail_actuation_truth")
             names.append("tail_truth")
         for name in names:
             builder.ExportOutput(truth.GetOutputPort(name), name)

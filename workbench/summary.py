@@ -43,7 +43,7 @@ class RunSummary:
         commanded_speed: m/s.
         metrics: outcome and metrics.
         window: start and end of the turn, s.
-        over_window: impulses of the tail over the window; None without tail or without ground truth.
+        over_window: impulses of the tail over the window; None without tail or without its ground truth.
         until_peak_roll: the same from the start of the turn to the largest roll.
         trigger_time: when the controller began to swing, s; None when it never did.
         swing_end_time: when the swing was over, s; None when it was not within the run.
@@ -74,7 +74,7 @@ class RunSummary:
 
 def summarise(run_log: RunLog, name: str) -> RunSummary:
     """Measures a run of a turn; LogError as for `metrics_of`."""
-    impulses = tail_impulses(run_log) if run_log.has_truth else None
+    impulses = tail_impulses(run_log) if "tail_com_x_truth_m" in run_log.table.columns else None
     window = turn_window(run_log)
     swinging = run_log.time[run_log.signal("controller_state") == SwingState.SWING]
     side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0

@@ -1,12 +1,14 @@
 """Ground truth of the simulated car: motion, contact and tail quantities that no sensor gives, for logs and metrics."""
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
+from pydrake.geometry import GeometryId
 from pydrake.multibody.math import SpatialAcceleration
-from pydrake.multibody.plant import ContactResults
+from pydrake.multibody.plant import ContactResults, PointPairContactInfo
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from workbench.logs.columns import (
@@ -94,13 +96,7 @@ class CarTruth(LeafSystem):
         forces = {name: np.zeros(3) for name in WHEELS}
         points = {name: np.zeros(3) for name in WHEELS}
         ground = dict.fromkeys(GROUND_CONTACTS, 0.0)
-        for index in range(results.num_point_pair_contacts()):
-            info = results.point_pair_contact_info(index)
-            pair = info.point_pair()
-            sign, slot = 1.0, self._contact_slots.get(pair.id_B)
-            if slot is None:
-                sign, slot = -1.0, self._contact_slots[pair.id_A]
-            force = sign * info.contact_force()
+        for slot, force, info in ground_forces(results, self._contact_slots):
             if slot in forces:
                 forces[slot] = force
                 points[slot] = info.contact_point()
@@ -134,11 +130,26 @@ class CarTruth(LeafSystem):
         )
 
 
-def contact_slots(car_plant: CarPlant) -> dict:
+def ground_forces(
+    results: ContactResults, slots: dict[GeometryId, str]
+) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
+    """Slot (`contact_slots`), force (3) of the ground on it in W, N, and Drake's account of each contact."""
+    for index in range(results.num_point_pair_contacts()):
+        info = results.point_pair_contact_info(index)
+        pair = info.point_pair()
+        slot = slots.get(pair.id_B)
+        force: Any = info.contact_force()
+        if slot is None:
+            yield slots[pair.id_A], -1.0 * force, info
+        else:
+            yield slot, force, info
+
+
+def contact_slots(car_plant: CarPlant) -> dict[GeometryId, str]:
     """GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`, that it belongs to."""
     plant = car_plant.plant
     inspector = car_plant.scene_graph.model_inspector()
-    slots = {}
+    slots: dict[GeometryId, str] = {}
     for instance in car_plant.instances:
         for index in plant.GetBodyIndices(instance):
             body = plant.get_body(index)

@@ -1,31 +1,37 @@
 """Writes the signals of a diagram into a run log while it runs."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from workbench.logs.columns import TIME
-from workbench.logs.journal import JournalWriter
 
 UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
 """Columns in which a jump of a whole turn is taken out, so that headings can be subtracted."""
 
 
+class RowSink(Protocol):
+    """Where rows go: a journal on the disk, or a list in memory."""
+
+    def append(self, row: np.ndarray) -> None:
+        """Takes one row; a copy of it, since the recorder writes the next one into the same array."""
+
+
 class RunRecorder(LeafSystem):
-    """Appends one row per period to a journal; costs nothing between rows.
+    """Appends one row per period to a journal or list; costs nothing between rows.
 
     Input ports:
         one vector per recorded port, in the order they are given.
 
     Args:
-        journal: open journal whose columns are `time_s` and then those of the ports, in order.
+        journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
         sources: size of each recorded port.
         rate: rows per second, Hz.
     """
 
-    def __init__(self, journal: JournalWriter, columns: Sequence[str], sizes: Sequence[int], rate: float):
+    def __init__(self, journal: RowSink, columns: Sequence[str], sizes: Sequence[int], rate: float):
         super().__init__()
         self.set_name("run_recorder")
         self._journal = journal
@@ -43,7 +49,7 @@ class RunRecorder(LeafSystem):
     def add_to_builder(
         cls,
         builder: DiagramBuilder,
-        journal: JournalWriter,
+        journal: RowSink,
         signals: Sequence[tuple[OutputPort, Sequence[str]]],
         rate: float,
     ) -> "RunRecorder":
