@@ -13,7 +13,8 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
-from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.protocol.radio import OperatorCommand
+from hardware.radio_link import IDLE
 from workbench.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 
 WiringName = Literal["direct_can", "teensy_bridge"]
@@ -83,7 +84,7 @@ class CarReading:
     imu: np.ndarray = field(default_factory=lambda: _zeros(IMU.size))
     speed: np.ndarray = field(default_factory=lambda: _zeros(1))
     status: np.ndarray = field(default_factory=lambda: _zeros(STATUS.size))
-    operator: OperatorCommand = OperatorCommand(RadioMode.IDLE)
+    operator: OperatorCommand = IDLE
     fault_text: str = ""
 
 

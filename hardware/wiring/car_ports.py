@@ -74,7 +74,8 @@ class MountedMotor(_Part):
 
     motor_id: int
     zero: float = 0.0
-    direction: Literal[1, -1] | None = Field(None, description="None: as in the table of signs")
+    direction: Literal[1, -1] | None = None
+    """None: as in the table of signs."""
 
 
 class CarPorts(_Part):

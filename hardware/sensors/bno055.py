@@ -1,0 +1,278 @@
+"""BNO055 over its UART: registers, requests, answers, and the chip's side of them for emulators.
+
+Bosch BST-BNO055-DS000, sections 4.3 (registers), 4.7 (UART: 115200 bit/s, 8N1) and 3.6.5 (units). A request is `AA`,
+01 to read or 00 to write, the register, a length and what is written. The answer is `BB`, the length and the data, or
+`EE` and a code. There is no checksum: a sample is believed only if its quaternion and its gravity have the lengths that
+they must have; a damaged rate or acceleration of a plausible size cannot be told.
+
+The attitude is taken from the quaternion: the sign of the chip's Euler angles depends on a setting.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from hardware.protocol.can_frame import FrameError
+
+RATE = 100.0
+"""Hz of the fusion (data sheet table 3-14)."""
+CHIP_ID = 0xA0
+_START, _DATA, _STATUS = 0xAA, 0xBB, 0xEE
+_WRITE, _READ = 0x00, 0x01
+_MOST_DATA = 128
+
+
+class Register(IntEnum):
+    """Registers of page 0 that are used."""
+
+    CHIP_ID = 0x00
+    PAGE_ID = 0x07
+    GYRO = 0x14
+    CALIBRATION = 0x35
+    SYSTEM_STATUS = 0x39
+    SYSTEM_ERROR = 0x3A
+    UNITS = 0x3B
+    MODE = 0x3D
+
+
+class Mode(IntEnum):
+    """Operation modes that are used. IMU: fusion without magnetometer, which the motors would disturb."""
+
+    CONFIG = 0x00
+    IMU = 0x08
+    NDOF = 0x0C
+
+
+RADIANS = 0x06
+"""UNITS: m/s2, rad/s, rad, degrees Celsius."""
+WRITE_DONE = 0x01
+STATUS_NAMES = {
+    0x01: "write done",
+    0x02: "read failed",
+    0x03: "write failed",
+    0x04: "invalid register",
+    0x05: "register cannot be written",
+    0x06: "wrong start byte",
+    0x07: "bus overrun",
+    0x08: "too long",
+    0x09: "too short",
+    0x0A: "character timeout",
+}
+"""Codes behind `EE` (data sheet table 4-2, UART protocol)."""
+
+SAMPLE_BYTES = Register.CALIBRATION + 1 - Register.GYRO
+"""One burst: gyro, Euler angles, quaternion, linear acceleration, gravity, temperature, calibration."""
+_SAMPLE = struct.Struct("<3h3h4h3h3hbB")
+_GYRO, _ANGLE, _QUATERNION, _ACCELERATION = 900.0, 900.0, 16384.0, 100.0
+_GRAVITY = 9.80665
+_NORM_TOLERANCE, _GRAVITY_TOLERANCE = 0.01, 0.5
+
+
+@dataclass(frozen=True)
+class Bno055Sample:
+    """One sample in the chip's own axes.
+
+    Attributes:
+        quaternion: (w, x, y, z), turns chip axes into the world's, z up; unit length.
+        gyro: rad/s. acceleration: m/s2, gravity removed.
+        temperature: degrees Celsius.
+        calibration: 0 (none) to 3 (full) of system, gyro, accelerometer, magnetometer.
+    """
+
+    quaternion: tuple[float, float, float, float]
+    gyro: tuple[float, float, float]
+    acceleration: tuple[float, float, float]
+    temperature: int = 25
+    calibration: tuple[int, int, int, int] = (3, 3, 3, 3)
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) chip axes to world axes."""
+        w, x, y, z = np.array(self.quaternion) / math.sqrt(sum(value * value for value in self.quaternion))
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the chip answered: data of a read, or a status code."""
+
+    data: bytes = b""
+    status: int | None = None
+
+
+def make_read(register: int, length: int) -> bytes:
+    """The request for `length` bytes from a register on. Raises `FrameError` for a length that the chip refuses."""
+    if not 1 <= length <= _MOST_DATA:
+        raise FrameError(f"BNO055: {length} bytes; allowed is 1 to {_MOST_DATA}")
+    return bytes([_START, _READ, register, length])
+
+
+def make_write(register: int, data: bytes) -> bytes:
+    """The request that writes bytes from a register on. Raises `FrameError` for a length that the chip refuses."""
+    if not 1 <= len(data) <= _MOST_DATA:
+        raise FrameError(f"BNO055: {len(data)} bytes; allowed is 1 to {_MOST_DATA}")
+    return bytes([_START, _WRITE, register, len(data)]) + data
+
+
+def make_sample_request() -> bytes:
+    """The request for one sample."""
+    return make_read(Register.GYRO, SAMPLE_BYTES)
+
+
+def decode_sample(data: bytes) -> Bno055Sample:
+    """The sample in the burst of `make_sample_request`.
+
+    Raises:
+        FrameError: another length, a quaternion that is none, or a gravity that is not the earth's.
+    """
+    if len(data) != SAMPLE_BYTES:
+        raise FrameError(f"BNO055 sample of {len(data)} bytes; allowed is {SAMPLE_BYTES}")
+    numbers = _SAMPLE.unpack(data)
+    quaternion = tuple(value / _QUATERNION for value in numbers[6:10])
+    norm = math.sqrt(sum(value * value for value in quaternion))
+    if abs(norm - 1.0) > _NORM_TOLERANCE:
+        raise FrameError(f"BNO055 quaternion of length {norm:.3g}: the fusion does not run, or bytes were damaged")
+    gravity = math.sqrt(sum((value / _ACCELERATION) ** 2 for value in numbers[13:16]))
+    if abs(gravity - _GRAVITY) > _GRAVITY_TOLERANCE:
+        raise FrameError(f"BNO055 gravity of {gravity:.3g} m/s2; allowed is {_GRAVITY:g} +- {_GRAVITY_TOLERANCE:g}")
+    calibration = numbers[17]
+    return Bno055Sample(
+        quaternion=(quaternion[0], quaternion[1], quaternion[2], quaternion[3]),
+        gyro=(numbers[0] / _GYRO, numbers[1] / _GYRO, numbers[2] / _GYRO),
+        acceleration=tuple(value / _ACCELERATION for value in numbers[10:13]),
+        temperature=numbers[16],
+        calibration=(calibration >> 6, calibration >> 4 & 3, calibration >> 2 & 3, calibration & 3),
+    )
+
+
+def encode_sample(sample: Bno055Sample) -> bytes:
+    """The registers that hold a sample; for emulators. Values beyond their 16 bits are cut off as the chip does.
+
+    Raises:
+        FrameError: NaN, infinity, or a calibration that is not 0 to 3.
+    """
+    values = (*sample.quaternion, *sample.gyro, *sample.acceleration)
+    if not all(math.isfinite(value) for value in values):
+        raise FrameError(f"BNO055 sample {sample}: must be finite")
+    if not all(0 <= level <= 3 for level in sample.calibration):
+        raise FrameError(f"BNO055 calibration {sample.calibration}: allowed is 0 to 3")
+    rotation = sample.rotation
+    heading = -math.atan2(rotation[1, 0], rotation[0, 0]) % (2 * math.pi)
+    roll = math.asin(max(-1.0, min(1.0, -rotation[2, 0])))
+    pitch = math.atan2(rotation[2, 1], rotation[2, 2])
+    system, gyro, accelerometer, magnetometer = sample.calibration
+    return _SAMPLE.pack(
+        *(_word(value * _GYRO) for value in sample.gyro),
+        *(_word(value * _ANGLE) for value in (heading, roll, pitch)),
+        *(_word(value * _QUATERNION) for value in sample.quaternion),
+        *(_word(value * _ACCELERATION) for value in sample.acceleration),
+        *(_word(value * _GRAVITY * _ACCELERATION) for value in rotation[2]),
+        max(-128, min(127, sample.temperature)),
+        system << 6 | gyro << 4 | accelerometer << 2 | magnetometer,
+    )
+
+
+def _word(value: float) -> int:
+    return max(-32768, min(32767, round(value)))
+
+
+class AnswerStream:
+    """Answers out of a byte stream that may carry noise; what is no answer is dropped and counted.
+
+    Attributes: rejected: bytes that were dropped.
+    """
+
+    def __init__(self) -> None:
+        self._open = b""
+        self.rejected = 0
+
+    def feed(self, data: bytes) -> list[Answer]:
+        """The answers that became complete with these bytes, oldest first."""
+        self._open += data
+        answers: list[Answer] = []
+        while len(self._open) >= 2:
+            kind, second = self._open[0], self._open[1]
+            if kind == _STATUS and second in STATUS_NAMES:
+                answers.append(Answer(status=second))
+                self._open = self._open[2:]
+            elif kind == _DATA and 1 <= second <= _MOST_DATA:
+                if len(self._open) < 2 + second:
+                    break
+                answers.append(Answer(data=self._open[2 : 2 + second]))
+                self._open = self._open[2 + second :]
+            else:
+                self.rejected += 1
+                self._open = self._open[1:]
+        return answers
+
+    def forget(self) -> None:
+        """Drops what is incomplete: the answer to the last request did not come."""
+        self._open = b""
+
+
+class Bno055Chip:
+    """The chip's side of its UART, for emulators: registers, and an answer to every request.
+
+    Attributes: mode: as written last; samples read as zeros in CONFIG, as on the chip.
+    """
+
+    def __init__(self) -> None:
+        self._registers = bytearray(0x80)
+        self._registers[Register.CHIP_ID] = CHIP_ID
+        self._registers[Register.SYSTEM_STATUS] = 5  # fusion runs
+        self._open = b""
+
+    @property
+    def mode(self) -> int:
+        """Operation mode."""
+        return self._registers[Register.MODE]
+
+    def set_sample(self, sample: Bno055Sample) -> None:
+        """What is read from now on. Raises `FrameError` as `encode_sample` does."""
+        self._registers[Register.GYRO : Register.GYRO + SAMPLE_BYTES] = encode_sample(sample)
+
+    def set_error(self, code: int) -> None:
+        """System status 1 with this code in the error register; 0 heals it."""
+        self._registers[Register.SYSTEM_STATUS] = 1 if code else 5
+        self._registers[Register.SYSTEM_ERROR] = code
+
+    def feed(self, data: bytes) -> bytes:
+        """Bytes that the chip sends in answer to these."""
+        self._open += data
+        answers = b""
+        while self._open:
+            if self._open[0] != _START:
+                self._open = self._open[1:]
+                answers += bytes([_STATUS, 0x06])
+                continue
+            if len(self._open) < 4:
+                break
+            kind, register, length = self._open[1], self._open[2], self._open[3]
+            used = 4 + (length if kind == _WRITE else 0)
+            if len(self._open) < used:
+                break
+            answers += self._answer(kind, register, length, self._open[4:used])
+            self._open = self._open[used:]
+        return answers
+
+    def _answer(self, kind: int, register: int, length: int, data: bytes) -> bytes:
+        if kind not in (_READ, _WRITE) or length == 0 or register + length > len(self._registers):
+            return bytes([_STATUS, 0x04])
+        if kind == _WRITE:
+            self._registers[register : register + length] = data
+            return bytes([_STATUS, WRITE_DONE])
+        content = bytes(self._registers[register : register + length])
+        if self.mode == Mode.CONFIG and register == Register.GYRO:
+            content = bytes(length)
+        return bytes([_DATA, length]) + content
