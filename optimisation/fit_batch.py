@@ -21,6 +21,7 @@ from workbench.batch import run_batch
 from workbench.errors import UserError
 
 JOURNAL = "fits.jsonl"
+WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"
 
 
 @dataclass(frozen=True)
@@ -85,14 +86,15 @@ def fit_logs(
 
         def keep(count: int, line: dict[str, Any]) -> None:
             line["key"] = keys[line["log"]]
-            stream.write(json.dumps(line) + "\n")
-            stream.flush()
+            if line["error"] != WORKER_KILLED:  # a second call tries it again
+                stream.write(json.dumps(line) + "\n")
+                stream.flush()
             done[line["log"]] = line
             if progress is not None:
                 progress(len(names) - len(missing) + count, len(names))
 
         if missing:
-            run_batch(partial(_one, work), missing, workers, keep)
+            run_batch(partial(_one, work), missing, workers, keep, _lost)
     lines = [done[name] for name in names]
     return BatchResult(
         [_result(line["result"]) for line in lines if line["result"] is not None],
@@ -108,6 +110,11 @@ def _one(work: Fit, name: str) -> dict[str, Any]:
     except (UserError, OSError) as error:
         reason = str(error).removeprefix(f"{name}: ")
         return {"log": name, "result": None, "error": reason}
+
+
+def _lost(name: str) -> dict[str, Any]:
+    """The outcome of a log whose worker process was killed twice."""
+    return {"log": name, "result": None, "error": WORKER_KILLED}
 
 
 def _key(name: str) -> str:

@@ -2,6 +2,12 @@
 
 import math
 import os
+import signal
+import threading
+import time
+from collections import Counter
+from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -27,9 +33,53 @@ def test_the_error_of_an_item_reaches_the_caller_as_it_is(workers: int) -> None:
         run_batch(math.sqrt, [1.0, -1.0, 4.0], workers)
 
 
-def test_a_killed_worker_is_an_error_and_not_a_hang() -> None:
-    with pytest.raises(UserError, match="killed after 0 of 2"):
-        run_batch(os._exit, [1, 1], 2)
+def die_of_two(marks: Path, number: int) -> int:
+    """Leaves a mark per try and kills its own process for number 2."""
+    (marks / f"{number}_{time.monotonic_ns()}").touch()
+    if number == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * 10
+
+
+def test_a_piece_that_kills_its_worker_is_found_and_the_others_are_done(tmp_path: Path) -> None:
+    told: list[int] = []
+    results = run_batch(
+        partial(die_of_two, tmp_path), [0, 1, 2, 3, 4, 5], 2, lambda _, result: told.append(result), lambda number: -1
+    )
+    assert results == [0, 10, -1, 30, 40, 50]
+    assert sorted(told) == [-1, 0, 10, 30, 40, 50]
+    tries = Counter(int(mark.name.split("_")[0]) for mark in tmp_path.iterdir())
+    assert tries[2] == 2  # beside another piece, then alone
+    assert max(tries[number] for number in (0, 1, 3, 4, 5)) <= 2
+    with pytest.raises(UserError, match=r"^1 of 4 pieces killed .*first is 2; the others are done"):
+        run_batch(partial(die_of_two, tmp_path), [1, 2, 3, 4], 2)
+
+
+def wait_for_the_killer(folder: Path, number: int) -> int:
+    """The first try of number 1 tells its process and waits to be killed."""
+    told = folder / "pid"
+    if number == 1 and not told.exists():
+        (folder / "unfinished").write_text(str(os.getpid()))
+        (folder / "unfinished").rename(told)
+        time.sleep(60.0)
+    return number
+
+
+def test_a_worker_killed_from_outside_costs_nothing(tmp_path: Path) -> None:
+    def kill() -> None:
+        while not (tmp_path / "pid").exists():
+            time.sleep(0.02)
+        os.kill(int((tmp_path / "pid").read_text()), signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    assert run_batch(partial(wait_for_the_killer, tmp_path), [0, 1, 2, 3, 4], 2) == [0, 1, 2, 3, 4]
+    killer.join()
+
+
+def test_workers_that_cannot_live_at_all_are_an_error_and_not_a_hang() -> None:
+    with pytest.raises(UserError, match="killed 3 times before any of 100 pieces"):
+        run_batch(os._exit, [1] * 100, 2)
 
 
 def test_workers_have_one_blas_thread_and_the_caller_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,37 @@
+"""A batch of fits whose worker is killed: the other logs are fitted, and a second call tries the lost one again."""
+
+import os
+import signal
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from optimisation.fit_batch import WORKER_KILLED, fit_logs
+from optimisation.identify.log_fits import fit_spring_file
+from optimisation.pipeline import FitResult
+
+
+def fit_or_die(path: str, *, poison: Path) -> FitResult:
+    """The fit of a spring, but the log of that name kills its process while `poison` exists."""
+    if Path(path).stem == "spring_1" and poison.exists():
+        os.kill(os.getpid(), signal.SIGKILL)
+    return fit_spring_file(path)
+
+
+@pytest.mark.slow
+def test_a_log_that_kills_its_worker_does_not_stop_the_others(tmp_path: Path) -> None:
+    logs = []
+    for number in range(4):
+        rows = [f"{x / 1000},{(1000 + 100 * number) * x / 1000 + (-1) ** x * 0.01}" for x in range(20)]
+        logs.append(tmp_path / f"spring_{number}.csv")
+        logs[-1].write_text("\n".join(["displacement_m,force_n", *rows]))
+    poison = tmp_path / "poison"
+    poison.touch()
+    work = partial(fit_or_die, poison=poison)
+    batch = fit_logs(work, logs, tmp_path / "fits", settings={}, workers=2)
+    assert batch.failed == {str(logs[1]): WORKER_KILLED}
+    assert [round(r.free[0].value, -2) for r in batch.results] == [1000.0, 1200.0, 1300.0]
+    poison.unlink()
+    again = fit_logs(work, logs, tmp_path / "fits", settings={}, workers=2)
+    assert (again.failed, again.reused, len(again.results)) == ({}, 3, 4)
