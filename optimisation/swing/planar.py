@@ -1,0 +1,200 @@
+"""The planar reduced model: the car's roll and the tail's roll, driven by the turn.
+
+Seen from behind, the car is a rigid body on two suspended sides that slides sideways on its tyres; the tail turns about
+a joint on its deck. Coordinates: sideways motion y of the outer wheels, car roll phi, tail roll q. Vertically the outer
+tyres stay on the ground. While the inner tyres bear load the body rolls about its middle on springs and dampers, once
+they have lifted it rolls about the outer contact line; the change is smooth. The ground pushes sideways with
+`friction_ratio` times the load that this motion makes, so a tail thrown upwards adds grip as well as load. y leaves
+the equations, since nothing depends on it: what remains are four states.
+
+Valid while the outer wheels bear load and the roll is below about 0.6 rad; pitch and heave of the body are left out.
+Signs: those of the car (design section 4), written for a left turn: roll positive outwards (to the right), tail roll
+-90 degrees inside. A right turn is the mirror image; callers mirror the signs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimisation.swing.reduced_car import ReducedCar
+
+Array = NDArray  # float64, or complex128 in a complex step
+
+STATES = ("roll", "tail_roll", "roll_rate", "tail_roll_rate")
+"""rad, rad, rad/s, rad/s."""
+CONTROLS = ("tail_roll_torque",)
+"""Torque of the roll motor, N m."""
+INPUTS = ("friction_ratio", "speed", "lateral_speed", "yaw_rate")
+"""What the turn does to the car: sideways over vertical ground force (1, positive to the left); velocity of the body
+origin forwards and to the left, m/s; yaw rate, rad/s."""
+
+LIFT_WIDTH = 0.006
+"""Roll over which the inner tyres leave the ground, rad: width of a smooth step."""
+LOAD_ROUNDING = 0.05
+"""Rounding of the corner where an inner tyre's load becomes zero, as a share of the load."""
+SIDE_BLEND = 0.1
+"""Air speed over which a sail with two sides changes its coefficient, m/s."""
+
+
+def derivative(state: Array, control: Array, inputs: Array, car: ReducedCar) -> Array:
+    """Time derivative of the state; arrays broadcast over their leading axes, and complex steps pass through.
+
+    Args:
+        state: (..., 4) as `STATES`.
+        control: (..., 1) as `CONTROLS`.
+        inputs: (..., 4) as `INPUTS`.
+        car: numbers.
+
+    Returns:
+        (..., 4).
+    """
+    m11, m12, m21, m22, b1, b2 = _equations(state, control, inputs, car)
+    determinant = m11 * m22 - m12 * m21
+    roll_acceleration = (m22 * b1 - m12 * b2) / determinant
+    tail_acceleration = (m11 * b2 - m21 * b1) / determinant
+    return np.stack(np.broadcast_arrays(state[..., 2], state[..., 3], roll_acceleration, tail_acceleration), axis=-1)
+
+
+def roll_acceleration(state: Array, tail_acceleration: Array, inputs: Array, car: ReducedCar) -> Array:
+    """Roll acceleration (rad/s2, shape (...)) while the tail moves as told, whatever torque that takes.
+
+    Args:
+        tail_acceleration: of the tail roll, rad/s2, shape (...); zero for a tail held on its stop.
+    """
+    m11, m12, _, _, b1, _ = _equations(state, np.zeros(1), inputs, car)
+    return (b1 - m12 * tail_acceleration) / m11
+
+
+def holding_torque(state: Array, inputs: Array, car: ReducedCar) -> Array:
+    """Torque (N m, shape (...)) of motor or stop that keeps the tail's roll acceleration zero."""
+    m11, _, m21, _, b1, b2 = _equations(state, np.zeros(1), inputs, car)
+    return m21 * b1 / m11 - b2
+
+
+def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> tuple[Array, ...]:
+    """m11, m12, m21, m22, b1, b2 of M (roll'', tail_roll'') = b, sideways motion eliminated."""
+    roll, tail_roll, roll_rate, tail_rate = np.moveaxis(state, -1, 0)
+    ratio, speed, lateral_speed, yaw_rate = np.moveaxis(inputs, -1, 0)
+    alpha, alpha_rate = roll + tail_roll, roll_rate + tail_rate
+    s, c = np.sin(roll), np.cos(roll)
+    e_y, e_z = -np.sin(alpha), np.cos(alpha)  # along the tail
+    n_y, n_z = -e_z, e_y  # direction in which positive roll moves it
+    lift = lift_state(roll, car)
+    wheel = wheel_height(s, c, car)
+    Ay, Az, A2y, A2z = _point(car.com_height - car.tyre_radius, s, c, lift, wheel, car)
+    By, Bz, B2y, B2z = _point(car.axis_height - car.tyre_radius, s, c, lift, wheel, car)
+
+    M, m, ml, J = car.mass, car.tail_mass, car.tail_mass * car.tail_com, car.tail_inertia[0]
+    air_y, air_z, air_roll, air_tail = _air(
+        (By, Bz, n_y, n_z, e_y), roll_rate, alpha_rate, (speed, lateral_speed, yaw_rate), car
+    )
+    Bn = By * n_y + Bz * n_z
+    # Rows of the mass matrix in (y, roll, tail roll), and of the vertical load N = n0 + n1 roll'' + n2 tail_roll''.
+    y1 = M * Ay + m * By + ml * n_y
+    y2 = ml * n_y
+    n1, n2 = M * Az + m * Bz + ml * n_z, ml * n_z
+    r1 = M * (Ay * Ay + Az * Az) + car.inertia + m * (By * By + Bz * Bz) + 2 * ml * Bn + J
+    r2 = ml * Bn + J
+    t2 = J + car.rotor_inertia
+    squared, tail_squared = roll_rate * roll_rate, alpha_rate * alpha_rate
+    c_y = (M * A2y + m * B2y) * squared - ml * e_y * tail_squared
+    c_z = (M * A2z + m * B2z) * squared - ml * e_z * tail_squared
+    c_roll = (M * (Ay * A2y + Az * A2z) + m * (By * B2y + Bz * B2z) + ml * (n_y * B2y + n_z * B2z)) * squared
+    c_roll = c_roll - ml * (e_y * By + e_z * Bz) * tail_squared
+    c_tail = ml * (n_y * B2y + n_z * B2z) * squared
+    g = car.gravity
+    n0 = (M + m) * g + c_z - air_z
+    gyroscopic = car.wheel_spin_inertia * speed / car.tyre_radius * yaw_rate
+    spring = suspension_moment(roll, roll_rate, lift[1], car)
+    right_y = ratio * n0 + air_y - c_y
+    right_roll = ratio * wheel[0] * n0 - g * n1 + spring + gyroscopic + air_roll - c_roll
+    friction = car.coulomb * np.tanh(car.tanh_gain * tail_rate) + car.viscous * tail_rate
+    right_tail = control[..., 0] - friction - g * n2 + air_tail - c_tail
+
+    # Sideways acceleration out: y'' = (right_y - a1 roll'' - a2 tail_roll'') / (M + m).
+    total = M + m
+    a1, a2 = y1 - ratio * n1, y2 - ratio * n2
+    m11 = r1 - ratio * wheel[0] * n1 - y1 * a1 / total
+    m12 = r2 - ratio * wheel[0] * n2 - y1 * a2 / total
+    m21 = r2 - y2 * a1 / total
+    m22 = t2 - y2 * a2 / total
+    b1 = right_roll - y1 * right_y / total
+    b2 = right_tail - y2 * right_y / total
+    return m11, m12, m21, m22, b1, b2
+
+
+def linearise(state: Array, control: Array, inputs: Array, car: ReducedCar) -> tuple[Array, Array]:
+    """A = df/dx (..., 4, 4) and B = df/du (..., 4, 1) by complex steps, exact to rounding.
+
+    Args: as `derivative`, real.
+    """
+    states, controls = len(STATES), len(CONTROLS)
+    step = 1e-30
+    shift = step * 1j * np.eye(states + controls)
+    moved_state = state + shift[:, :states].reshape(-1, *([1] * (state.ndim - 1)), states)
+    moved_control = control + shift[:, states:].reshape(-1, *([1] * (control.ndim - 1)), controls)
+    slopes = np.moveaxis(derivative(moved_state, moved_control, inputs, car).imag / step, 0, -1)
+    return slopes[..., :states], slopes[..., states:]
+
+
+def lift_roll(car: ReducedCar) -> float:
+    """Roll at which the inner tyres leave the ground in a slow turn, rad."""
+    return (car.mass + car.tail_mass) * car.gravity / (2 * car.half_track * car.side_stiffness)
+
+
+def lift_state(roll: Array, car: ReducedCar) -> tuple[Array, Array, Array]:
+    """Compression of the outer side (m), share of the lift (0 inner tyres loaded, 1 lifted) and its slope (1/rad)."""
+    x = (roll - lift_roll(car)) / LIFT_WIDTH
+    small = np.exp(-np.where(x.real > 0, x, -x))
+    above = np.where(x.real > 0, x, 0.0) + np.log(1.0 + small)
+    share = np.where(x.real > 0, 1.0, small) / (1.0 + small)
+    return car.half_track * (roll - LIFT_WIDTH * above), share, share * (1.0 - share) / LIFT_WIDTH
+
+
+def wheel_height(s: Array, c: Array, car: ReducedCar) -> tuple[Array, Array, Array]:
+    """Height of the outer wheels' centres over the ground for an ellipsoid tyre, m, and its slopes with roll."""
+    R2, w2 = car.tyre_radius**2, car.tyre_half_width**2
+    height = np.sqrt(R2 * c * c + w2 * s * s)
+    slope = -(R2 - w2) * s * c / height
+    return height, slope, (-(R2 - w2) * (c * c - s * s) - slope * slope) / height
+
+
+def suspension_moment(roll: Array, roll_rate: Array, lifted: Array, car: ReducedCar) -> Array:
+    """Moment of springs and dampers about the body's middle, N m: load moved outwards, at most all of it."""
+    weight = (car.mass + car.tail_mass) * car.gravity
+    moved = 2 * car.half_track * (car.side_stiffness * roll + car.side_damping * roll_rate) / weight
+    clipped = 0.5 * (np.sqrt((moved + 1) ** 2 + LOAD_ROUNDING**2) - np.sqrt((moved - 1) ** 2 + LOAD_ROUNDING**2))
+    return -weight * car.half_track * (1.0 - lifted) * clipped
+
+
+def _point(
+    above_wheels: float, s: Array, c: Array, lift: tuple[Array, ...], wheel: tuple[Array, ...], car: ReducedCar
+) -> tuple[Array, Array, Array, Array]:
+    """First and second derivatives with roll of a point (y from the outer wheels' centres, z) on the car's middle."""
+    b = car.half_track
+    compression, share, slope = lift
+    height, first, second = above_wheels - compression, b * (1.0 - share), -b * slope
+    return (
+        -b * s - height * c + first * s,
+        wheel[1] + b * c - height * s - first * c,
+        -b * c + height * s + 2 * first * c + second * s,
+        wheel[2] - b * s - height * c + 2 * first * s - second * c,
+    )
+
+
+def _air(
+    geometry: tuple[Array, ...], roll_rate: Array, alpha_rate: Array, motion: tuple[Array, ...], car: ReducedCar
+) -> tuple[Array, Array, Array, Array]:
+    """Force of the air on the sail (y, z) and its moments on car roll and tail roll; normal-force law (design 5)."""
+    By, Bz, n_y, n_z, e_y = (value[..., None] for value in geometry)
+    speed, lateral_speed, yaw_rate = (value[..., None] for value in motion)
+    distance, area = np.array(car.section_distances), np.array(car.section_areas)
+    lever = By * n_y + Bz * n_z
+    across = lever * roll_rate[..., None] + distance * alpha_rate[..., None] + lateral_speed * n_y
+    along = speed - yaw_rate * distance * e_y
+    mean, half = 0.5 * (car.force_along + car.force_against), 0.5 * (car.force_along - car.force_against)
+    coefficient = mean + half * np.tanh(car.normal_side * across / SIDE_BLEND) if half else mean
+    force = -0.5 * car.air_density * area * coefficient * np.sqrt(across * across + along * along + 1e-12) * across
+    total, moment = force.sum(-1), (force * distance).sum(-1)
+    return total * n_y[..., 0], total * n_z[..., 0], total * lever[..., 0] + moment, moment

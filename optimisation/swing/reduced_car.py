@@ -1,0 +1,177 @@
+"""The car as the reduced models see it: masses, levers and springs read from the full car's plant and parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder
+
+from optimisation.errors import SwingError
+from workbench.actuators.ak70 import torque_speed_limits
+from workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+from workbench.car_air import sail_law, sail_layout
+from workbench.plants.car import add_car_plant
+from workbench.scenario import Scenario, scenario_from_dict
+
+
+@dataclass(frozen=True)
+class ReducedCar:
+    """Numbers of the reduced models; SI units. Nothing is typed here: `of` reads the full car.
+
+    Attributes:
+        mass: of all that does not move with the tail, kg.
+        com_height, com_x: of that mass above the ground at nominal ride height and ahead of the rear axle, m.
+        inertia: of it about its own centre of mass, forward axis, kg m2.
+        half_track: m; the centre of mass stands this far inside the outer contact line.
+        tyre_radius, tyre_half_width: half axes of the tyre's ellipsoid, m.
+        wheel_spin_inertia: of the four wheels about their axles together, kg m2.
+        side_stiffness: suspension and tyres of one side in series, both axles, N/m.
+        side_damping: suspension of one side, both axles, N s/m.
+        axis_height, axis_x: of the tail's joints above the ground and ahead of the rear axle, m.
+        tail_mass: of rod and sail, kg; `tail_com` its centre on the tail's axis from the joints, m.
+        tail_inertia: of rod and sail about the joints, tail axes x (roll), y, z (along the tail), kg m2.
+        hub_inertia: of the hub about the pitch axis, kg m2.
+        rotor_inertia: of one motor, reflected to its joint, kg m2.
+        tail_length: m; `sail_half_width` m.
+        section_distances, section_areas: of the sail from the joints, m, and m2, shape (n,).
+        force_along, force_against: C_N for air along and against the sail's normal.
+        normal_side: +1 or -1, direction of that normal along y of an upright tail.
+        coulomb, viscous, tanh_gain: friction of a tail joint, N m, N m s/rad, s/rad.
+        torque_limit: N m; `stall_torque` N m and `no_load_speed` rad/s of the torque-speed line.
+        roll_limit, pitch_limit: tail range to either side, rad.
+        gravity: m/s2; `air_density` kg/m3.
+    """
+
+    mass: float
+    com_height: float
+    com_x: float
+    inertia: float
+    half_track: float
+    tyre_radius: float
+    tyre_half_width: float
+    wheel_spin_inertia: float
+    side_stiffness: float
+    side_damping: float
+    axis_height: float
+    axis_x: float
+    tail_mass: float
+    tail_com: float
+    tail_inertia: tuple[float, float, float]
+    hub_inertia: float
+    rotor_inertia: float
+    tail_length: float
+    sail_half_width: float
+    section_distances: tuple[float, ...]
+    section_areas: tuple[float, ...]
+    force_along: float
+    force_against: float
+    normal_side: float
+    coulomb: float
+    viscous: float
+    tanh_gain: float
+    torque_limit: float
+    stall_torque: float
+    no_load_speed: float
+    roll_limit: float
+    pitch_limit: float
+    gravity: float
+    air_density: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> ReducedCar:
+        """The reduced car of a scenario.
+
+        Raises:
+            SwingError: the car has no tail, or one that the reduced models do not know (free sail, added mass,
+                tables of coefficients, wind).
+            ModelError: the full car does not load.
+        """
+        _refuse_unknown(scenario)
+        swinging = scenario_from_dict({**scenario.resolved(), "tail": {**scenario.resolved()["tail"], "mode": "swing"}})
+        built = add_car_plant(DiagramBuilder(), swinging)
+        plant, tail, car = built.plant, scenario.tail, scenario.car
+        context = plant.CreateDefaultContext()
+        plant.GetJointByName("tail_roll").set_angle(context, 0.0)
+        plant.GetJointByName("tail_pitch").set_angle(context, 0.0)
+        bodies = [
+            *plant.GetBodyIndices(built.car),
+            *(plant.GetBodyByName(name).index() for name in ("tail_anchor", "tail_hub")),
+        ]
+        M_BBo_B = plant.CalcSpatialInertia(context, plant.GetBodyByName("chassis").body_frame(), bodies)
+        p_BoBcm = M_BBo_B.get_com()
+        I_BBcm = M_BBo_B.Shift(p_BoBcm).CalcRotationalInertia()
+        arm = [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
+        M_TTo_T = plant.CalcSpatialInertia(context, plant.GetBodyByName("tail_rod").body_frame(), arm)
+        hub = plant.GetBodyByName("tail_hub").default_rotational_inertia()
+        wheels = [
+            plant.GetBodyByName(f"{axle}_{side}_wheel") for axle in ("front", "rear") for side in ("left", "right")
+        ]
+        law, _ = sail_law(tail)
+        layout = sail_layout(tail, law)
+        along, against = _coefficients(law)
+        stall, no_load = torque_speed_limits(scenario.tail_motor)
+        return cls(
+            mass=float(M_BBo_B.get_mass()),
+            com_height=float(p_BoBcm[2]),
+            com_x=float(p_BoBcm[0]),
+            inertia=float(I_BBcm.get_moments()[0]),
+            half_track=car.track / 2,
+            tyre_radius=car.tyre_radius,
+            tyre_half_width=car.tyre_width / 2,
+            wheel_spin_inertia=float(sum(wheel.default_rotational_inertia().get_moments()[1] for wheel in wheels)),
+            side_stiffness=_series(car.suspension_stiffness_front, car.tyre_stiffness_front)
+            + _series(car.suspension_stiffness_rear, car.tyre_stiffness_rear),
+            side_damping=car.suspension_damping_front + car.suspension_damping_rear,
+            axis_height=tail.mount_height,
+            axis_x=tail.mount_x,
+            tail_mass=float(M_TTo_T.get_mass()),
+            tail_com=float(M_TTo_T.get_com()[2]),
+            tail_inertia=tuple(float(moment) for moment in M_TTo_T.CalcRotationalInertia().get_moments()),
+            hub_inertia=float(hub.get_moments()[1]),
+            rotor_inertia=scenario.tail_motor.rotor_inertia * scenario.tail_motor.gear_ratio**2,
+            tail_length=tail.length,
+            sail_half_width=tail.sail_width / 2,
+            section_distances=tuple(float(s) for s in layout.distances),
+            section_areas=tuple(float(area) for area in layout.areas),
+            force_along=along,
+            force_against=against,
+            normal_side=float(layout.normal_B[1]),
+            coulomb=scenario.friction.coulomb,
+            viscous=scenario.friction.viscous,
+            tanh_gain=scenario.friction.tanh_gain,
+            torque_limit=scenario.tail_motor.torque_limit,
+            stall_torque=stall,
+            no_load_speed=no_load,
+            roll_limit=tail.roll_limit,
+            pitch_limit=tail.pitch_limit,
+            gravity=scenario.environment.gravity,
+            air_density=scenario.environment.air_density,
+        )
+
+
+def _refuse_unknown(scenario: Scenario) -> None:
+    tail = scenario.tail
+    if tail.mode == "none":
+        raise SwingError("tail.mode: 'none', the car has no tail to swing; allowed: held, swing")
+    if tail.sail != "locked":
+        raise SwingError(f"tail.sail: {tail.sail!r}; the reduced models know: locked")
+    if tail.added_mass != 0.0:
+        raise SwingError(f"tail.added_mass: {tail.added_mass:g} kg; the reduced models know: 0 kg")
+    if not scenario.wind.is_still:
+        raise SwingError("wind: blows in this scenario; the reduced models know still air")
+
+
+def _coefficients(law: object) -> tuple[float, float]:
+    """C_N of both sides of the sail; SwingError for a law that is not made of constants."""
+    if isinstance(law, TwoSidedLaw):
+        return law.along_normal, law.against_normal
+    if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
+        return float(law.coefficient), float(law.coefficient)
+    raise SwingError(
+        "tail.coefficients: depend on speed or angle; the reduced models know constants and two-sided sets"
+    )
+
+
+def _series(first: float, second: float) -> float:
+    return first * second / (first + second)
