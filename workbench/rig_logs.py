@@ -4,14 +4,16 @@ A static log needs no simulation: the reaction at the held angle is computed onc
 sample.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from workbench.aero.polar_law import PolarLaw
 from workbench.logs.columns import rig_columns
 from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from workbench.plants.rig import Rig
+from workbench.plants.rig import Rig, rig_law
 from workbench.rig_scenario import RigScenario
 from workbench.sensors.force_torque import sensor_errors, sensor_readings
 from workbench.sensors.noise import CounterNoise
@@ -40,45 +42,82 @@ def rig_log_metadata(scenario: RigScenario, **facts: Any) -> dict[str, Any]:
     return run_metadata(scenario.resolved(), scenario.seed, kind=experiment.kind, extra=extra)
 
 
-def simulate_static_log(scenario: RigScenario, rig: Rig | None = None) -> RunLog:
-    """The log of a static hold.
+def known_truth(scenario: RigScenario) -> dict[str, float]:
+    """What the fits of a simulated log should find, by their names and in their units; without the holding current."""
+    experiment, aero = scenario.experiment, scenario.aero
+    if experiment.kind == "static":
+        drag, lift = static_coefficients(scenario)
+        return {"cd": drag, "cl": lift, "psi3": scenario.tunnel.psi3}
+    if experiment.kind == "swing":
+        return {"added_mass": aero.added_mass}
+    friction = scenario.robot_friction if scenario.is_robot else scenario.friction
+    return {"coulomb": friction.coulomb, "viscous": friction.viscous}
+
+
+def static_coefficients(scenario: RigScenario) -> tuple[float, float]:
+    """C_D and C_L at the wind speed and the angle of attack of a static hold."""
+    speed, tunnel = scenario.experiment.wind_speed, scenario.tunnel
+    attack = math.asin(abs(math.sin(scenario.experiment.angle + tunnel.kilter)) * math.cos(tunnel.psi3))
+    law, _ = rig_law(scenario)
+    assert isinstance(law, PolarLaw)
+    drag, lift = (value(speed, attack) if callable(value) else value for value in (law.drag, law.lift))
+    return float(drag), float(lift)
+
+
+def simulate_static_log(scenario: RigScenario, rig: Rig | None = None, calm: Rig | None = None) -> RunLog:
+    """The log of a static hold, with a rest without wind in front when `experiment.wind_off` asks for one.
+
+    The wind is there at once after the rest, and the motor holds the angle throughout.
 
     Args:
         scenario: `experiment.kind` must be `static`; its seed gives bias, drift and noise.
         rig: of the same scenario, when there is one already.
+        calm: the same without wind, likewise; asked only for a rest.
 
     Returns:
-        A log whose `extra` has, beside what every rig log has, the truth: `true_current_a`, `true_wrench` (6), `bias`
-        (6, N and N m), `exposed`.
+        A log whose `extra` has, beside what every rig log has, `truth` (cd, cl, psi3, current in A), `true_wrench` in
+        the wind (6), `bias` (6, N and N m), `exposed`, and after a rest `rest_s`, its first and last time.
 
     Raises:
         UserError: holding takes a current beyond the limit.
         ModelError: see `add_rig_plant`.
     """
     rig = rig or Rig(scenario)
-    angle = scenario.experiment.angle
-    current = rig.holding_current(angle)
-    wrench = rig.reaction_at_current(angle, 0.0, current).wrench
+    experiment, sensor = scenario.experiment, scenario.force_sensor
+    current, wrench = _hold(rig, experiment.angle)
     rate = scenario.simulation.log_rate
-    count = round(scenario.experiment.duration * rate) + 1
+    count = round(experiment.duration * rate) + 1
     time = np.arange(count) / rate
-    sensor = scenario.force_sensor
-    samples = sensor_readings(
-        wrench, int(np.floor(time[-1] * sensor.rate + 1e-6)) + 1, sensor, sensor_offsets(scenario), scenario.seed
-    )
-    readings = samples[np.floor(time * sensor.rate + 1e-6).astype(int)]
+    sampled = int(np.floor(time[-1] * sensor.rate + 1e-6)) + 1
+    currents, wrenches = np.full(count, current), np.tile(wrench, (sampled, 1))
+    facts: dict[str, Any] = {}
+    if experiment.wind_off > 0.0:
+        still_current, still = _hold(calm or Rig(scenario.varied(experiment={"wind_speed": 0.0})), experiment.angle)
+        wrenches[np.arange(sampled) / sensor.rate <= experiment.wind_off + 1e-9] = still
+        resting = time <= experiment.wind_off + 1e-9
+        currents[resting] = still_current
+        facts["rest_s"] = [0.0, float(time[resting][-1])]
+    samples = sensor_readings(wrenches, sampled, sensor, sensor_offsets(scenario), scenario.seed)
     table = np.empty((count, len(RIG_COLUMN_NAMES)))
     table[:, 0] = time
-    table[:, 1] = quantise(angle, count_angle(scenario))
+    table[:, 1] = quantise(experiment.angle, count_angle(scenario))
     table[:, 2] = 0.0
-    noise = CounterNoise(scenario.seed, "maxon_current", 1).first(count)[:, 0]
-    table[:, 3] = current + scenario.maxon.current_noise * noise
-    table[:, 4:] = readings
+    table[:, 3] = (
+        currents + scenario.maxon.current_noise * CounterNoise(scenario.seed, "maxon_current", 1).first(count)[:, 0]
+    )
+    table[:, 4:] = samples[np.floor(time * sensor.rate + 1e-6).astype(int)]
     metadata = rig_log_metadata(
         scenario,
-        true_current_a=current,
+        truth={**known_truth(scenario), "current": current},
         true_wrench=wrench.tolist(),
         bias=sensor_errors(sensor, scenario.seed).bias.tolist(),
-        exposed=rig.is_exposed(angle),
+        exposed=rig.is_exposed(experiment.angle),
+        **facts,
     )
     return run_log_from_metadata(pd.DataFrame(table, columns=list(RIG_COLUMN_NAMES)), metadata)
+
+
+def _hold(rig: Rig, angle: float) -> tuple[float, np.ndarray]:
+    """Current (A) that holds an angle (rad), and the wrench of the support then (6)."""
+    current = rig.holding_current(angle)
+    return current, rig.reaction_at_current(angle, 0.0, current).wrench

@@ -150,6 +150,7 @@ class ExperimentParameters(QuantityModel):
     wind_speed: float = quantity("m/s", "wind, towards -y", ge=0, le=40)
     angle: float = quantity("rad", "angle that is held, or from which a swing starts", ge=-1.75, le=1.75)
     target: float = quantity("rad", "angle to which a swing goes", ge=-1.75, le=1.75)
+    wind_off: float = quantity("s", "static hold: rest without wind at the start of the log", ge=0, le=60)
     rest: float = quantity("s", "how long the start angle is held before a swing", ge=0, le=60)
     duration: float = quantity("s", "length of the log", gt=0, le=600)
     actuated: bool = quantity("1", "swings: true drives the motor to the target, false lets go")

@@ -16,7 +16,7 @@ from workbench.logs.recorder import recorded_columns
 from workbench.logs.sample_recorder import SampleRecorder
 from workbench.logs.schema import RunLog, read_run_log, write_run_log
 from workbench.plants.rig import Rig
-from workbench.rig_logs import RIG_COLUMN_NAMES, rig_log_metadata, simulate_static_log
+from workbench.rig_logs import RIG_COLUMN_NAMES, known_truth, rig_log_metadata, simulate_static_log
 from workbench.rig_scenario import RigScenario
 from workbench.rig_station import RigInterfaceFactory, make_rig_station
 from workbench.sensors.force_torque import sensor_errors
@@ -73,8 +73,11 @@ def run_rig(
     ]
     if interface is None:
         signals += [(station.GetOutputPort(port), list(names)) for port, names in TRUTH_COLUMNS.items()]
-    bias = {} if interface else {"bias": sensor_errors(scenario.force_sensor, scenario.seed).bias.tolist()}
-    metadata = rig_log_metadata(scenario, **bias)
+    facts: dict[str, Any] = {}
+    if interface is None:
+        facts["truth"] = known_truth(scenario)
+        facts["bias"] = sensor_errors(scenario.force_sensor, scenario.seed).bias.tolist()
+    metadata = rig_log_metadata(scenario, **facts)
     with JournalWriter(Path(log_path), recorded_columns(signals), metadata, force=force) as journal:
         SampleRecorder.add_to_builder(builder, journal, signals, scenario.simulation.log_rate)
         simulator = Simulator(builder.Build())

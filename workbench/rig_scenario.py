@@ -110,6 +110,16 @@ class RigScenario(BaseModel):
             raise ValueError(
                 f"experiment.rest: {self.experiment.rest:g} s; allowed: < duration {self.experiment.duration:g} s"
             )
+        if self.experiment.kind == "static" and self.experiment.wind_off >= self.experiment.duration:
+            raise ValueError(
+                f"experiment.wind_off: {self.experiment.wind_off:g} s; "
+                f"allowed: < duration {self.experiment.duration:g} s"
+            )
+        if self.experiment.kind != "static" and self.experiment.wind_off > 0.0:
+            raise ValueError(
+                f"experiment.wind_off: {self.experiment.wind_off:g} s; "
+                f"allowed in a {self.experiment.kind}: 0 s (a swing rests in the wind: experiment.rest)"
+            )
         return self
 
     @property

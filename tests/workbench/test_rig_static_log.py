@@ -6,10 +6,13 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from workbench.errors import LogError, UserError
+from workbench.errors import LogError, ScenarioError, UserError
 from workbench.logs.schema import read_run_log, signals_equal, write_run_log
+from workbench.plants.rig import Rig
+from workbench.resources import model_path
 from workbench.rig_logs import RIG_COLUMN_NAMES, simulate_static_log
 from workbench.rig_scenario import load_rig_scenario
 
@@ -37,7 +40,7 @@ def test_columns_and_metadata_are_those_of_the_contract(tmp_path: Path) -> None:
     assert len(back.table) == 20001
     assert back.time[-1] == 20.0
     assert back.signal("angle_rad")[0] == pytest.approx(math.radians(15.0), abs=0.6e-4)  # half a count
-    assert np.mean(back.signal("current_a")) == pytest.approx(back.extra["true_current_a"], abs=5e-4)
+    assert np.mean(back.signal("current_a")) == pytest.approx(back.extra["truth"]["current"], abs=5e-4)
 
 
 def test_reading_plus_offset_less_bias_is_the_wrench() -> None:
@@ -87,6 +90,51 @@ def test_a_slower_sensor_holds_its_samples() -> None:
 def test_readings_stop_at_the_range() -> None:
     log = simulate_static_log(STATIC.varied(force_sensor={"torque_range": 0.05}, experiment={"duration": 0.01}))
     assert np.max(np.abs(log.vector("torque", "n_m"))) == pytest.approx(0.05)
+
+
+def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift() -> None:
+    errors = {"noise_fraction": 0.0, "drift_fraction": 1e-3}
+    windy = STATIC.varied(force_sensor=errors, experiment={"angle": 0.5, "duration": 3.0})
+    log = simulate_static_log(windy.varied(experiment={"wind_off": 1.0}))
+    hold = simulate_static_log(windy)
+    calm = Rig(windy.varied(experiment={"wind_speed": 0.0}))
+    current = calm.holding_current(0.5)
+    still = calm.reaction_at_current(0.5, 0.0, current).wrench
+    resting = log.time <= 1.0
+    assert log.extra["rest_s"] == [0.0, 1.0]
+    assert "rest_s" not in hold.extra
+    np.testing.assert_array_equal(readings(log)[~resting], readings(hold)[~resting])
+    np.testing.assert_allclose(
+        readings(hold)[resting] - readings(log)[resting],
+        np.tile(hold.extra["true_wrench"] - still, (1001, 1)),
+        atol=1e-12,
+    )
+    # 1001 samples of 0.01 A each.
+    assert np.mean(log.signal("current_a")[resting]) == pytest.approx(current, abs=1.5e-3)
+    assert np.mean(log.signal("current_a")[~resting]) == pytest.approx(hold.extra["truth"]["current"], abs=1.5e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"wind_off": 3.0, "duration": 3.0}, "experiment.wind_off: 3 s; allowed: < duration 3 s"),
+        ({"wind_off": 1.0, "kind": "swing"}, "experiment.wind_off: 1 s; allowed in a swing: 0 s"),
+    ],
+)
+def test_a_rest_that_leaves_no_hold_or_is_of_a_swing_is_refused(changes: dict, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        STATIC.varied(experiment=changes)
+
+
+def test_truth_of_the_published_tables_is_theirs_at_the_held_angle() -> None:
+    scenario = STATIC.varied(experiment={"tail": 1, "angle": math.radians(30.0), "wind_speed": 10.0, "duration": 0.01})
+    table = pd.read_csv(model_path("published/static_fits.csv"))
+    cell = table[(table.tail.astype(str) == "1") & (table.axis == "major") & (table.angle_of_attack_deg == 30)]
+    rows = cell[cell.wind_speed_m_per_s == 10]
+    truth = simulate_static_log(scenario).extra["truth"]
+    assert rows.cd.min() - 1e-3 <= truth["cd"] <= rows.cd.max() + 1e-3
+    assert rows.cl.min() - 1e-3 <= truth["cl"] <= rows.cl.max() + 1e-3
+    assert list(truth) == ["cd", "cl", "psi3", "current"]
 
 
 def test_exposure_is_told() -> None:

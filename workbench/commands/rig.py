@@ -14,6 +14,7 @@ Angle = Annotated[
     float | None, typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down.")
 ]
 Seed = Annotated[int | None, typer.Option(help="Seed of bias, drift and noise.")]
+WindOff = Annotated[float | None, typer.Option("--rest", help="Rest without wind at the start of the log, s.")]
 Duration = Annotated[float | None, typer.Option(help="Length of the log, s.")]
 ScenarioOption = Annotated[
     str | None, typer.Option("--scenario", help="Rig scenario file (YAML) in place of the one that ships.")
@@ -57,15 +58,16 @@ def static(
     angle: Angle = None,
     seed: Seed = None,
     duration: Duration = None,
+    rest: WindOff = None,
     scenario: ScenarioOption = None,
     settings: Settings = None,
     force: ForceOption = False,
 ) -> None:
     """Hold a cheetah tail still in the wind (thesis section 4.4).
 
-    Example: aerodima rig run static --tail 1 --axis major --wind 10 --angle 15 --out hold.parquet
+    Example: aerodima rig run static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out hold.parquet
     """
-    flags = _flags(tail=tail, axis=axis, wind_speed=wind, angle=angle, duration=duration)
+    flags = _flags(tail=tail, axis=axis, wind_speed=wind, angle=angle, duration=duration, wind_off=rest)
     _run("static", scenario, flags, seed, settings, out, False, force)
 
 
@@ -182,8 +184,12 @@ def summary_lines(log) -> list[str]:  # type: ignore[no-untyped-def]  # workbenc
     ]
     if log.kind == "static":
         exposed = "" if extra["exposed"] else "; no part of the tail is in the jet"
+        _, rest = extra.get("rest_s", (0.0, -1.0))
+        held = log.time > rest
+        rested = f", after {rest:g} s without wind" if rest > 0.0 else ""
         lines.append(
-            f"angle {degrees(angle[0]):.2f} deg, mean current {np.mean(log.signal('current_a')):.3f} A{exposed}"
+            f"angle {degrees(angle[0]):.2f} deg, mean current {np.mean(log.signal('current_a')[held]):.3f} A"
+            f"{rested}{exposed}"
         )
     else:
         rate = log.signal("angular_velocity_rad_per_s")

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 from workbench.logs.schema import RunLog
 from workbench.plants.rig import Rig
-from workbench.rig_logs import RIG_COLUMN_NAMES, simulate_static_log
+from workbench.rig_logs import simulate_static_log
 from workbench.rig_scenario import RigScenario, load_rig_scenario
-from workbench.sensors.force_torque import sensor_readings
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 SPEEDS = (10.0, 20.0, 30.0)
@@ -30,29 +27,13 @@ def static_scenario(tail: int, axis: str, degrees: float, speed: float, psi: flo
 
 
 def log_with_rest(scenario: RigScenario, rig: Rig, calm: Rig, rest: float) -> RunLog:
-    """The hold of `rig`, after `rest` seconds at the same angle without wind (`calm`); one sensor for both."""
-    log = simulate_static_log(scenario, rig)
-    angle, count = scenario.experiment.angle, len(log.table)
-    still = calm.reaction_at_current(angle, 0.0, calm.holding_current(angle)).wrench
-    windy = np.asarray(log.extra["true_wrench"])
-    wrench = np.where((np.arange(count) / scenario.simulation.log_rate <= rest)[:, None], still, windy)
-    table = log.table.copy()
-    table.iloc[:, 4:] = sensor_readings(
-        wrench, count, scenario.force_sensor, log.extra["offsets_to_add"], scenario.seed
-    )
-    return replace(
-        log, table=pd.DataFrame(table, columns=list(RIG_COLUMN_NAMES)), extra={**log.extra, "rest_s": [0.0, rest]}
-    )
+    """The hold of `rig`, after `rest` seconds at the same angle without wind (`calm`)."""
+    return simulate_static_log(scenario.varied(experiment={"wind_off": rest}), rig, calm)
 
 
 def truth_of(log: RunLog) -> dict[str, float]:
     """Truth of a fit of this log."""
-    return {
-        "cd": log.scenario["aero"]["drag"],
-        "cl": log.scenario["aero"]["lift"],
-        "psi3": log.scenario["tunnel"]["psi3"],
-        "current": log.extra["true_current_a"],
-    }
+    return dict(log.extra["truth"])
 
 
 def static_logs(tests: int, rest: float | None, duration: float = 20.0, seed: int = 0) -> Iterator[RunLog]:
