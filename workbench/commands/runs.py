@@ -38,6 +38,11 @@ def turn(
     speed: Speed = None,
     tail: Tail = None,
     tail_speed: Annotated[float | None, typer.Option(help="Commanded roll rate of the swing, rad/s.")] = None,
+    swing: Annotated[str | None, typer.Option(help="Swing file (YAML) to play, or the name of one that ships.")] = None,
+    tracking: Annotated[
+        str | None, typer.Option(help="How it is played: automatic, feedback, torque, joint_pd or open_loop.")
+    ] = None,
+    other_car: Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")] = False,
     direction: Annotated[str | None, typer.Option(help="left or right.")] = None,
     scenario: ScenarioOption = "turn_swing",
     settings: Settings = None,
@@ -55,9 +60,15 @@ def turn(
         "manoeuvre.speed": speed,
         "tail.mode": tail,
         "controller.swing_speed": tail_speed,
+        "controller.swing_file": swing,
+        "controller.tracking": tracking,
         "manoeuvre.direction": direction,
     }
-    _run(scenario, flags, settings, log, replay, live, port, force)
+    if swing is None and (tracking is not None or other_car):
+        from workbench.errors import UserError
+
+        raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
+    _run(scenario, flags, settings, log, replay, live, port, force, other_car)
 
 
 def straight(
@@ -99,8 +110,10 @@ def _run(
     live: bool,
     port: int | None,
     force: bool,
+    other_car: bool = False,
 ) -> None:
     from workbench.atomic_write import make_folder, refuse_existing
+    from workbench.controllers.law_of_scenario import refuse_other_car
     from workbench.errors import UserError
     from workbench.logs.journal import journal_path
     from workbench.replay import open_meshcat, write_replay_html
@@ -112,6 +125,8 @@ def _run(
     given = [f"{key}={value}" for key, value in flags.items() if value is not None]
     scenario = load_scenario(name, [*given, *(settings or [])])
     _refuse_cut_off_turn(scenario)
+    if not other_car:
+        refuse_other_car(scenario)
     if replay is not None:
         if log is not None and log.resolve() == replay.resolve():
             raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")

@@ -6,8 +6,9 @@ from typing import Any
 from workbench.controllers.swing_law import SwingLaw, SwingSettings
 from workbench.controllers.swing_tracker_law import SwingTracker
 from workbench.controllers.tail_law import TailLaw
+from workbench.errors import SwingFileError
 from workbench.resources import model_path
-from workbench.swing_file import SwingFile, read_swing
+from workbench.swing_file import SwingFile, car_mismatches, read_swing
 
 NO_SWING = "none"
 
@@ -28,6 +29,18 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
     """The swing that `scenario.controller.swing_file` names; None for the thesis' law, or when no tail swings."""
     name = scenario.controller.swing_file
     return None if name == NO_SWING or scenario.tail.mode != "swing" else find_swing(name)
+
+
+def refuse_other_car(scenario: Any) -> None:
+    """Raises SwingFileError, naming every parameter that differs, when the scenario's swing is for another car."""
+    swing = swing_of_scenario(scenario)
+    if swing is None:
+        return
+    differences = car_mismatches(swing, scenario.resolved())
+    if differences:
+        raise SwingFileError(
+            f"swing {swing.name}: made for another car: {'; '.join(differences)}; allowed: the same car, or --other-car"
+        )
 
 
 def law_of_scenario(scenario: Any) -> TailLaw:

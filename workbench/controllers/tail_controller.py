@@ -8,7 +8,8 @@ from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, L
 
 from workbench.controllers.checks import check_range
 from workbench.controllers.law_of_scenario import law_of_scenario
-from workbench.controllers.tail_law import UNKNOWN_IMU, Observation, TailLaw
+from workbench.controllers.observation import AGE_LIMIT, observe
+from workbench.controllers.tail_law import Observation, TailLaw
 from workbench.discrete_vector import DiscreteVector
 from workbench.ports import IMU, PLANNED_TURN, SPEED, STATUS, TAIL_COMMAND, TAIL_STATE
 
@@ -36,7 +37,7 @@ class TailController(LeafSystem):
         UserError: rate or age limit out of range.
     """
 
-    def __init__(self, law: TailLaw, age_limit: float = 0.1) -> None:
+    def __init__(self, law: TailLaw, age_limit: float = AGE_LIMIT) -> None:
         super().__init__()
         check_range("controller.rate", law.rate, 0.0, math.inf, "Hz", above_low=True)
         check_range("controller.age_limit", age_limit, 0.0, math.inf, "s", above_low=True)
@@ -74,31 +75,8 @@ class TailController(LeafSystem):
         imu: Any = self._imu.Eval(context)
         status: Any = self._status.Eval(context)
         planned_turn: Any = self._planned_turn.Eval(context)
-        roll_known, pitch_known = self._fresh(status, ROLL_AGE), self._fresh(status, PITCH_AGE)
-        imu_valid = self._fresh(status, IMU_AGE)
-        return Observation(
-            time=context.get_time(),
-            yaw_rate=float(imu[GYRO_Z]),
-            roll_angle=float(tail[ROLL_ANGLE]) if roll_known else math.nan,
-            pitch_angle=float(tail[PITCH_ANGLE]) if pitch_known else math.nan,
-            planned_turn=float(planned_turn[0]),
-            imu_valid=imu_valid,
-            roll_rate=float(tail[ROLL_RATE]) if roll_known else math.nan,
-            pitch_rate=float(tail[PITCH_RATE]) if pitch_known else math.nan,
-            imu=tuple(imu.tolist()) if imu_valid else UNKNOWN_IMU,
-            speed=self._known_speed(context, status),
-        )
-
-    def _known_speed(self, context: Context, status: np.ndarray) -> float:
-        """A GPS is late by nature: its speed counts until its fault code is set."""
-        if not self._speed.HasValue(context) or status[SPEED_FAULT] != 0.0:
-            return math.nan
-        speed: Any = self._speed.Eval(context)
-        return float(speed[0])
-
-    def _fresh(self, status: np.ndarray, age_index: int) -> bool:
-        """False for NaN too; the fault code stands right behind the age."""
-        return bool(status[age_index] <= self._age_limit and status[age_index + 1] == 0.0)
+        speed: Any = self._speed.Eval(context) if self._speed.HasValue(context) else None
+        return observe(context.get_time(), tail, imu, status, float(planned_turn[0]), speed, self._age_limit)
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
         memory, pitch_command, roll_command, state = self._law.step(self._memory.read(context), self.observe(context))
@@ -106,11 +84,3 @@ class TailController(LeafSystem):
         self._pitch_command.write(discrete_state, pitch_command)
         self._roll_command.write(discrete_state, roll_command)
         self._state.write(discrete_state, [float(state)])
-
-
-GYRO_Z = IMU.index("gyro_z")
-ROLL_ANGLE, PITCH_ANGLE, ROLL_RATE, PITCH_RATE = (
-    TAIL_STATE.index(name) for name in ("roll_angle", "pitch_angle", "roll_rate", "pitch_rate")
-)
-SPEED_FAULT = STATUS.index("speed_fault")
-ROLL_AGE, PITCH_AGE, IMU_AGE = (STATUS.index(f"{source}_age") for source in ("tail_roll", "tail_pitch", "imu"))

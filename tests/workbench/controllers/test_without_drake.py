@@ -1,4 +1,4 @@
-"""The law, the schedules and the port names must run on a computer for which Drake has no wheel."""
+"""The laws, the schedules and the port names must run on a computer for which Drake has no wheel."""
 
 import subprocess
 import sys
@@ -34,10 +34,24 @@ for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     states.append(SwingState(memory.state).name)
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0
+
+from workbench.controllers.swing_reference import SwingReference
+from workbench.controllers.swing_tracker_law import SwingTracker
+from workbench.resources import model_path
+from workbench.swing_file import read_swing
+
+tracker = SwingTracker(SwingReference(read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))))
+memory, states = tracker.start(), []
+for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
+    observation = Observation(0.01 * tick, yaw_rate, -1.5, 0.0, 1.0, True)
+    memory, _, roll, state = tracker.step(memory, observation)
+    states.append(SwingState(state).name)
+assert states == ["HOLD", "HOLD", "SWING"], states
+assert TAIL_COMMAND.read(roll).velocity == 8.0
 print("runs")
 """
 
 
-def test_law_schedule_and_ports_run_with_drake_blocked():
+def test_laws_schedule_and_ports_run_with_drake_blocked():
     result = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
     assert result.stdout == "runs\n", result.stderr
