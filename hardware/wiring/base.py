@@ -25,15 +25,16 @@ class SourceFault(IntEnum):
     """Fault codes of sail, imu, speed and operator on `status`; those of the tail motors are `MotorFault`."""
 
     NONE = 0
-    NO_SAMPLE_YET = 1
-    SILENT = 2
-    LOST = 3
+    NOT_FITTED = 1
+    """As the simulated station says it of parts that its car does not have."""
+    NO_SAMPLE_YET = 2
+    SILENT = 3
+    LOST = 4
     """Its port has gone."""
-    REPORTED = 4
+    REPORTED = 5
     """The device itself reports a fault: error of the IMU, watchdog of the Teensy."""
-    NO_FIX = 5
+    NO_FIX = 6
     """The GPS receiver lives and knows no speed."""
-    NOT_FITTED = 6
     STOPPED = 7
     """The operator asked for an emergency stop."""
 
@@ -119,6 +120,14 @@ class Wiring(Protocol):
 
     def hold(self, now: float) -> None:
         """Holds the tail where it is, until the next command that is not all zeros."""
+        ...
+
+    def disarm(self, now: float) -> None:
+        """Exit frames now and in the following cycles; the links stay open and `exchange` goes on reading."""
+        ...
+
+    def reset(self, now: float) -> None:
+        """Forgets faults and the operator's stop, by hand only; the motors stay off until `arm`."""
         ...
 
     def stop(self, reason: str) -> None:
