@@ -203,3 +203,10 @@ def test_friction_of_the_pair_is_that_of_the_scenario():
     car = scenario_from_dict({"car": {"tyre_friction": 0.7, "cage_friction": 0.3}}).car
     partner = ground_partner_friction(car)
     assert 2 * partner * 0.7 / (partner + 0.7) == pytest.approx(0.3)
+
+
+def test_every_tail_of_the_prior_loads_in_drake():
+    generator = np.random.default_rng(1)
+    for low, high in generator.random((25, 2)):
+        tail = {"length": 0.6 + 0.4 * low, "sail_length": 0.3 + 0.3 * high, "sail_width": 0.03 + 0.22 * low}
+        ArmOnTheBench(tail=tail | {"mass": 0.05 + 0.2 * high})
