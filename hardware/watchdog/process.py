@@ -1,0 +1,144 @@
+"""The drive process's end of the watchdog: start it, tell it, see that it lives."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from hardware.protocol.ak70 import check_motor_id
+from hardware.transport.can_settings import CanSettings
+from hardware.watchdog.guard import Word
+from workbench.errors import HardwareError
+
+_START_TIME = 15.0
+
+
+class WatchdogProcess:
+    """A running watchdog for the motors on one adapter.
+
+    Start it after the drive process has opened the adapter. `arm` before the motors are entered, `beat` in every cycle,
+    `disarm` when they are off, `close` at the end. None of these waits, except `close`. The motors must be switched off
+    when `healthy` is False, and nothing may be armed with it again.
+
+    Args:
+        settings: the adapter, as the drive process opens it.
+        motor_ids: whom it switches off.
+        report: file that it writes when it acts (cause, and the times of cause and first exit frame on the clock of
+            `time.monotonic`); for the record of a watchdog test.
+
+    Raises:
+        HardwareError: it cannot open the adapter, or does not start within 15 s.
+    """
+
+    def __init__(self, settings: CanSettings, motor_ids: tuple[int, ...], report: Path | None = None) -> None:
+        for motor_id in motor_ids:
+            check_motor_id(motor_id)
+        self._text = b""
+        self._lines: list[str] = []
+        self._broken = ""
+        content = {
+            "can": {**asdict(settings), "options": dict(settings.options)},
+            "motor_ids": list(motor_ids),
+            "report": None if report is None else str(report.resolve()),
+        }
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "hardware.watchdog", json.dumps(content)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # signals of the terminal are not for it
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
+        os.set_blocking(self._in, False)
+        os.set_blocking(self._out, False)
+        self._wait_ready()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def healthy(self) -> bool:
+        """Whether it lives and has not acted."""
+        self._read()
+        return not self.reason
+
+    @property
+    def reason(self) -> str:
+        """Why it is not healthy; empty while it is."""
+        acted = next((line for line in self._lines if line.startswith("acted")), "")
+        if acted:
+            return f"the watchdog has {acted}"
+        if self._broken or self._process.poll() is not None:
+            return "the watchdog process has ended"
+        return ""
+
+    def arm(self) -> None:
+        """From now on it waits for heartbeats. Raises `HardwareError` if it is not healthy."""
+        if not self.healthy:
+            raise HardwareError(f"{self.reason}; start anew")
+        self._write(Word.ARMED)
+
+    def beat(self) -> None:
+        """The loop lives."""
+        self._write(Word.BEAT)
+
+    def disarm(self) -> None:
+        """The motors are off; no heartbeats follow."""
+        self._write(Word.DISARMED)
+
+    def trip(self) -> None:
+        """Asks it to switch the motors off: the drive process cannot, or is not sure."""
+        self._write(Word.TRIP)
+
+    def close(self, timeout: float = 2.0) -> None:
+        """Ends it in order, and kills it if it does not end within `timeout` s. Never raises."""
+        self._write(Word.QUIT)
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
+        self._broken = self._broken or "closed"
+        try:
+            self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _wait_ready(self) -> None:
+        end = time.monotonic() + _START_TIME
+        while "ready" not in self._lines:
+            select.select([self._out], [], [], 0.1)
+            self._read()
+            error = next((line for line in self._lines if line.startswith("error: ")), "")
+            if error or self._process.poll() is not None or time.monotonic() > end:
+                self.close(0.5)
+                raise HardwareError(error.removeprefix("error: ") or "the watchdog process did not start")
+
+    def _read(self) -> None:
+        try:
+            while data := os.read(self._out, 4096):
+                self._text += data
+        except BlockingIOError:
+            pass
+        except (OSError, ValueError) as error:
+            self._broken = str(error)
+        *lines, self._text = self._text.split(b"\n")
+        self._lines += [line.decode("utf-8", "replace") for line in lines]
+
+    def _write(self, word: Word) -> None:
+        if self._broken:
+            return
+        try:
+            os.write(self._in, word.value)
+        except BlockingIOError:
+            pass  # it does not read: its own clock tells it that no heartbeat came
+        except OSError as error:
+            self._broken = str(error)
