@@ -129,7 +129,7 @@ def test_a_rest_that_leaves_no_hold_or_is_of_a_swing_is_refused(changes: dict, m
 def test_truth_of_the_published_tables_is_theirs_at_the_held_angle() -> None:
     scenario = STATIC.varied(experiment={"tail": 1, "angle": math.radians(30.0), "wind_speed": 10.0, "duration": 0.01})
     table = pd.read_csv(model_path("published/static_fits.csv"))
-    cell = table[(table.tail.astype(str) == "1") & (table.axis == "major") & (table.angle_of_attack_deg == 30)]
+    cell = table[(table["tail"].astype(str) == "1") & (table.axis == "major") & (table.angle_of_attack_deg == 30)]
     rows = cell[cell.wind_speed_m_per_s == 10]
     truth = simulate_static_log(scenario).extra["truth"]
     assert rows.cd.min() - 1e-3 <= truth["cd"] <= rows.cd.max() + 1e-3
