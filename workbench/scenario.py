@@ -3,6 +3,7 @@
 A scenario file holds only what differs from `models/parameters`; `load_scenario` resolves it.
 """
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -125,7 +126,26 @@ def load_parameter_entries(section: str) -> dict[str, ParameterEntry]:
 
 def default_values() -> dict[str, dict[str, Any]]:
     """Section -> key -> value of `models/parameters`."""
-    return {name: {key: entry.value for key, entry in load_parameter_entries(name).items()} for name in SECTIONS}
+    values = {}
+    for name in SECTIONS:
+        path = model_path(f"parameters/{name}.yaml")
+        values[name] = dict(_values_of(name, str(path), _stamp(path)))
+    return values
+
+
+@lru_cache(maxsize=4 * len(SECTIONS))
+def _values_of(section: str, path: str, stamp: tuple[int, int] | None) -> dict[str, Any]:
+    """Key -> value of one file; reading it takes longer than a twentieth of a run, so it is kept until it changes."""
+    return {key: entry.value for key, entry in load_parameter_entries(section).items()}
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Changes when the file does; None without a file."""
+    try:
+        state = path.stat()
+    except OSError:
+        return None
+    return state.st_mtime_ns, state.st_size
 
 
 def scenario_from_dict(overrides: dict[str, Any], where: str = "scenario") -> Scenario:
