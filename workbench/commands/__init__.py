@@ -13,6 +13,7 @@ COMMAND_MODULES: tuple[str, ...] = (
     "compare",
     "logs",
     "models",
+    "range_of_motion",
     "coefficients",
     "scenarios",
     "rig",
