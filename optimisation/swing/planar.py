@@ -3,9 +3,18 @@
 Seen from behind, the car is a rigid body on two suspended sides that slides sideways on its tyres; the tail turns about
 a joint on its deck. Coordinates: sideways motion y of the outer wheels, car roll phi, tail roll q. Vertically the outer
 tyres stay on the ground. While the inner tyres bear load the body rolls about its middle on springs and dampers, once
-they have lifted it rolls about the outer contact line; the change is smooth. The ground pushes sideways with
-`friction_ratio` times the load that this motion makes, so a tail thrown upwards adds grip as well as load. y leaves
-the equations, since nothing depends on it: what remains are four states.
+they have lifted it rolls about the outer contact line; the change is smooth. y leaves the equations, since nothing
+depends on it: what remains are four states.
+
+The ground's sideways force follows from the yaw balance of the full car in a turn: the front tyres slide, so they push
+with `front_ratio` times the load on the front axle, and the rear tyres give what the yaw motion of the turn then
+asks for. A force on the tail, which stands over the rear axle, therefore changes the rear tyres' share, not the turn:
+
+    F_front = front_ratio N_front,    F_rear a_r = F_front a_f - T_y (a_r - x_tail) - yaw_force W a_r,
+
+with a_f, a_r the distances of the axles from the centre of mass, T_y the sideways force of the tail on the car and W
+the weight. N_front is the load that the vertical forces of this motion put on the front axle; what braking adds to it
+is part of `front_ratio`, which the profile measures against the same load.
 
 Valid while the outer wheels bear load and the roll is below about 0.6 rad; pitch and heave of the body are left out.
 Signs: those of the car (design section 4), written for a left turn: roll positive outwards (to the right), tail roll
@@ -25,9 +34,10 @@ STATES = ("roll", "tail_roll", "roll_rate", "tail_roll_rate")
 """rad, rad, rad/s, rad/s."""
 CONTROLS = ("tail_roll_torque",)
 """Torque of the roll motor, N m."""
-INPUTS = ("friction_ratio", "speed", "lateral_speed", "yaw_rate")
-"""What the turn does to the car: sideways over vertical ground force (1, positive to the left); velocity of the body
-origin forwards and to the left, m/s; yaw rate, rad/s."""
+INPUTS = ("front_ratio", "yaw_force", "speed", "lateral_speed", "yaw_rate")
+"""What the turn does to the car: sideways over vertical force of the front tyres (1, positive to the left); rear tyre
+force that the yaw acceleration takes away, over the weight (1); velocity of the body origin forwards and to the left,
+m/s; yaw rate, rad/s."""
 
 LIFT_WIDTH = 0.006
 """Roll over which the inner tyres leave the ground, rad: width of a smooth step."""
@@ -43,7 +53,7 @@ def derivative(state: Array, control: Array, inputs: Array, car: ReducedCar) -> 
     Args:
         state: (..., 4) as `STATES`.
         control: (..., 1) as `CONTROLS`.
-        inputs: (..., 4) as `INPUTS`.
+        inputs: (..., 5) as `INPUTS`.
         car: numbers.
 
     Returns:
@@ -75,7 +85,7 @@ def holding_torque(state: Array, inputs: Array, car: ReducedCar) -> Array:
 def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> tuple[Array, ...]:
     """m11, m12, m21, m22, b1, b2 of M (roll'', tail_roll'') = b, sideways motion eliminated."""
     roll, tail_roll, roll_rate, tail_rate = np.moveaxis(state, -1, 0)
-    ratio, speed, lateral_speed, yaw_rate = np.moveaxis(inputs, -1, 0)
+    ratio, yaw_force, speed, lateral_speed, yaw_rate = np.moveaxis(inputs, -1, 0)
     alpha, alpha_rate = roll + tail_roll, roll_rate + tail_rate
     s, c = np.sin(roll), np.cos(roll)
     e_y, e_z = -np.sin(alpha), np.cos(alpha)  # along the tail
@@ -90,37 +100,44 @@ def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> 
         (By, Bz, n_y, n_z, e_y), roll_rate, alpha_rate, (speed, lateral_speed, yaw_rate), car
     )
     Bn = By * n_y + Bz * n_z
-    # Rows of the mass matrix in (y, roll, tail roll), and of the vertical load N = n0 + n1 roll'' + n2 tail_roll''.
-    y1 = M * Ay + m * By + ml * n_y
-    y2 = ml * n_y
-    n1, n2 = M * Az + m * Bz + ml * n_z, ml * n_z
+    # Mass matrix in (y, roll, tail roll); the tail's own rows of sideways and upward momentum are t_y and t_z.
+    t_y, t_z = m * By + ml * n_y, m * Bz + ml * n_z
+    y1, y2 = M * Ay + t_y, ml * n_y
     r1 = M * (Ay * Ay + Az * Az) + car.inertia + m * (By * By + Bz * Bz) + 2 * ml * Bn + J
-    r2 = ml * Bn + J
-    t2 = J + car.rotor_inertia
+    r2, t2 = ml * Bn + J, J + car.rotor_inertia
     squared, tail_squared = roll_rate * roll_rate, alpha_rate * alpha_rate
-    c_y = (M * A2y + m * B2y) * squared - ml * e_y * tail_squared
-    c_z = (M * A2z + m * B2z) * squared - ml * e_z * tail_squared
+    c_tail_y = m * B2y * squared - ml * e_y * tail_squared
+    c_tail_z = m * B2z * squared - ml * e_z * tail_squared
+    c_y = M * A2y * squared + c_tail_y
     c_roll = (M * (Ay * A2y + Az * A2z) + m * (By * B2y + Bz * B2z) + ml * (n_y * B2y + n_z * B2z)) * squared
     c_roll = c_roll - ml * (e_y * By + e_z * Bz) * tail_squared
     c_tail = ml * (n_y * B2y + n_z * B2z) * squared
-    g = car.gravity
-    n0 = (M + m) * g + c_z - air_z
+
+    # Sideways force of the ground F = f0 + f_y y'' + f1 roll'' + f2 tail_roll'', from yaw and pitch balance.
+    g, weight = car.gravity, (M + m) * car.gravity
+    behind = -car.axis_x / car.com_x
+    load0 = M * (g + A2z * squared) - behind * (m * g + c_tail_z - air_z)
+    load1, load2 = M * Az - behind * t_z, -behind * ml * n_z
+    kappa = 1.0 + behind
+    f0 = ratio * load0 - yaw_force * weight - kappa * (air_y - c_tail_y)
+    f_y, f1, f2 = kappa * m, ratio * load1 + kappa * t_y, ratio * load2 + kappa * ml * n_y
+
     gyroscopic = car.wheel_spin_inertia * speed / car.tyre_radius * yaw_rate
     spring = suspension_moment(roll, roll_rate, lift[1], car)
-    right_y = ratio * n0 + air_y - c_y
-    right_roll = ratio * wheel[0] * n0 - g * n1 + spring + gyroscopic + air_roll - c_roll
     friction = car.coulomb * np.tanh(car.tanh_gain * tail_rate) + car.viscous * tail_rate
-    right_tail = control[..., 0] - friction - g * n2 + air_tail - c_tail
+    right_y = f0 + air_y - c_y
+    right_roll = wheel[0] * f0 - g * (M * Az + t_z) + spring + gyroscopic + air_roll - c_roll
+    right_tail = control[..., 0] - friction - g * ml * n_z + air_tail - c_tail
 
-    # Sideways acceleration out: y'' = (right_y - a1 roll'' - a2 tail_roll'') / (M + m).
-    total = M + m
-    a1, a2 = y1 - ratio * n1, y2 - ratio * n2
-    m11 = r1 - ratio * wheel[0] * n1 - y1 * a1 / total
-    m12 = r2 - ratio * wheel[0] * n2 - y1 * a2 / total
-    m21 = r2 - y2 * a1 / total
-    m22 = t2 - y2 * a2 / total
-    b1 = right_roll - y1 * right_y / total
-    b2 = right_tail - y2 * right_y / total
+    # Sideways acceleration out: y'' = (right_y - a1 roll'' - a2 tail_roll'') / total.
+    total, across = M + m - f_y, (y1 - wheel[0] * f_y, y2)
+    a1, a2 = y1 - f1, y2 - f2
+    m11 = r1 - wheel[0] * f1 - across[0] * a1 / total
+    m12 = r2 - wheel[0] * f2 - across[0] * a2 / total
+    m21 = r2 - across[1] * a1 / total
+    m22 = t2 - across[1] * a2 / total
+    b1 = right_roll - across[0] * right_y / total
+    b2 = right_tail - across[1] * right_y / total
     return m11, m12, m21, m22, b1, b2
 
 

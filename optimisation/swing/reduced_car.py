@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from optimisation.errors import SwingError
@@ -22,6 +21,7 @@ class ReducedCar:
     Attributes:
         mass: of all that does not move with the tail, kg.
         com_height, com_x: of that mass above the ground at nominal ride height and ahead of the rear axle, m.
+        wheelbase: m.
         inertia: of it about its own centre of mass, forward axis, kg m2.
         half_track: m; the centre of mass stands this far inside the outer contact line.
         tyre_radius, tyre_half_width: half axes of the tyre's ellipsoid, m.
@@ -46,6 +46,7 @@ class ReducedCar:
     mass: float
     com_height: float
     com_x: float
+    wheelbase: float
     inertia: float
     half_track: float
     tyre_radius: float
@@ -115,6 +116,7 @@ class ReducedCar:
             mass=float(M_BBo_B.get_mass()),
             com_height=float(p_BoBcm[2]),
             com_x=float(p_BoBcm[0]),
+            wheelbase=car.wheelbase,
             inertia=float(I_BBcm.get_moments()[0]),
             half_track=car.track / 2,
             tyre_radius=car.tyre_radius,

@@ -1,0 +1,155 @@
+"""What a turn does to the car, taken from a run of the full car: the inputs of the reduced models over time.
+
+The profile is that of a turn, not of one run: divided by the tyre friction, so that it can be asked for another one,
+and stretched to another entry speed. Both are approximations near the run it was taken from; the outer loop of the
+optimisation runs the full car again with the new swing and takes the profile anew until nothing changes
+(`consistency`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from optimisation.errors import SwingError
+from optimisation.swing.planar import INPUTS
+from optimisation.swing.reduced_car import ReducedCar
+from workbench.logs.columns import WHEELS
+from workbench.logs.schema import RunLog
+from workbench.turn_signals import turn_sign
+
+SMOOTHING = 0.012
+"""Width of the moving average over signals that carry tyre and suspension vibration, s; the reduced models have none
+of it."""
+SPEED, LATERAL_SPEED, YAW_RATE = (INPUTS.index(name) for name in ("speed", "lateral_speed", "yaw_rate"))
+
+
+@dataclass(frozen=True)
+class TurnProfile:
+    """Inputs of the reduced models over time, written for a left turn; time 0 is the release (trigger) of the swing.
+
+    Attributes:
+        time: s, shape (n,), increasing; begins before 0.
+        inputs: (n, 5) as `planar.INPUTS`, for the friction and the speed of the run.
+        friction: tyre friction of the run.
+        speed: at the start of the turn, m/s.
+        roll, roll_rate: of the car in that run, outwards, rad and rad/s, shape (n,).
+        trigger_time: time in the run at which time is 0, s.
+        heading_change: of the run, rad; NaN when it ended in a flip.
+        flipped: the run ended so; beyond `end` its inputs are those of the last upright instant.
+    """
+
+    time: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    friction: float
+    speed: float
+    roll: NDArray[np.float64]
+    roll_rate: NDArray[np.float64]
+    trigger_time: float
+
+    def at(
+        self, time: NDArray, friction: NDArray | float | None = None, speed: NDArray | float | None = None
+    ) -> NDArray:
+        """Inputs (..., 5) at times (s) for a tyre friction and an entry speed (m/s); by default those of the run.
+
+        Front ratio, yaw force and yaw rate grow with the friction, since the front tyres slide; the yaw rate falls
+        with the speed, as the sideways force stays the same.
+        """
+        values = self.curve(time)
+        grip = 1.0 if friction is None else np.asarray(friction) / self.friction
+        pace = 1.0 if speed is None else np.asarray(speed) / self.speed
+        factors = np.stack(np.broadcast_arrays(grip, grip, pace, pace, grip / pace), axis=-1)
+        return values * factors
+
+    def curve(self, time: NDArray) -> NDArray[np.float64]:
+        """Inputs (..., 5) of the run at times, s; constant beyond its ends."""
+        interpolant = PchipInterpolator(self.time, self.inputs, axis=0)
+        return np.asarray(interpolant(np.clip(time, self.time[0], self.time[-1])))
+
+    def state_at(self, time: float) -> tuple[float, float]:
+        """Car roll (rad) and roll rate (rad/s) of the run at a time, s."""
+        return float(np.interp(time, self.time, self.roll)), float(np.interp(time, self.time, self.roll_rate))
+
+
+def turn_profile(
+    run_log: RunLog, car: ReducedCar, release: float, friction: float, until_roll: float = 0.6
+) -> TurnProfile:
+    """The profile of a run with all signals.
+
+    Args:
+        run_log: of the full car, with truth.
+        car: reduced car of the same scenario.
+        release: time in the run that becomes 0, s.
+        friction: tyre friction of the run.
+        until_roll: roll at which the run counts as lost, rad: what comes after is not used.
+
+    Raises:
+        SwingError: the run holds no turn after the release.
+    """
+    side = turn_sign(run_log)
+    time = run_log.time
+    table = run_log.table
+    column = {name: table[name].to_numpy(float) for name in table.columns if "truth" in name}
+    roll = side * column["roll_truth_rad"]
+    lost = np.flatnonzero(np.abs(roll) > until_roll)
+    last = int(lost[0]) if len(lost) else len(time)
+    if time[last - 1] <= release:
+        raise SwingError(
+            f"profile: the car has rolled over at {time[last - 1]:g} s, before the release at {release:g} s"
+        )
+    yaw = column["yaw_truth_rad"]
+    smooth = _smoother(time)
+
+    def sideways(stem: str) -> NDArray[np.float64]:
+        along_y = np.cos(yaw) * column[f"{stem}_y_truth_n"] - np.sin(yaw) * column[f"{stem}_x_truth_n"]
+        return side * along_y
+
+    front = smooth(sum(sideways(f"wheel_force_{wheel}") for wheel in WHEELS[:2]))
+    rear = smooth(sum(sideways(f"wheel_force_{wheel}") for wheel in WHEELS[2:]))
+    load = smooth(sum(column[f"wheel_force_{wheel}_z_truth_n"] for wheel in WHEELS))
+    inertial_x = np.gradient(smooth(column["tail_momentum_x_truth_n_s"]), time)
+    inertial_y = np.gradient(smooth(column["tail_momentum_y_truth_n_s"]), time)
+    reaction = side * (np.cos(yaw) * inertial_y - np.sin(yaw) * inertial_x)
+    on_car = smooth(sideways("tail_force")) - smooth(reaction)
+    hanging = car.tail_mass * car.gravity + np.gradient(smooth(column["tail_momentum_z_truth_n_s"]), time)
+    hanging = hanging - smooth(column["tail_force_z_truth_n"])
+    front_load = ((load - hanging) * car.com_x + hanging * car.axis_x) / car.wheelbase
+    behind = -car.axis_x / car.com_x
+    front_share = (car.wheelbase - car.com_x) / car.com_x
+    weight = (car.mass + car.tail_mass) * car.gravity
+    yaw_force = (front * front_share - rear - (1.0 + behind) * on_car) / weight
+    inputs = np.column_stack(
+        [
+            front / np.maximum(front_load, 0.05 * weight),
+            yaw_force,
+            column["velocity_x_truth_m_per_s"],
+            smooth(side * column["velocity_y_truth_m_per_s"]),
+            smooth(side * column["gyro_z_truth_rad_per_s"]),
+        ]
+    )
+    begin = max(0, int(np.searchsorted(time, release - 0.5)))
+    use = slice(begin, last)
+    start = int(np.searchsorted(time, release - 1e-9))
+    return TurnProfile(
+        time=time[use] - release,
+        inputs=inputs[use],
+        friction=friction,
+        speed=float(column["velocity_x_truth_m_per_s"][begin]),
+        roll=roll[use],
+        roll_rate=side * column["gyro_x_truth_rad_per_s"][use],
+        trigger_time=float(time[start]),
+    )
+
+
+def _smoother(time: NDArray[np.float64]):
+    """Moving average of odd length over `SMOOTHING`, edges held."""
+    half = max(1, round(0.5 * SMOOTHING / float(time[1] - time[0])))
+    kernel = np.ones(2 * half + 1) / (2 * half + 1)
+
+    def smooth(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.convolve(np.pad(signal, half, mode="edge"), kernel, "valid")
+
+    return smooth
