@@ -48,8 +48,11 @@ class SerialSettings:
     rate: int = 115_200
 
 
-def open_serial(settings: SerialSettings) -> SerialPort:
+def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> SerialPort:
     """Opens the device for this program alone.
+
+    Args:
+        timeout: longest wait of a read, s.
 
     Raises:
         HardwareError: pyserial is not installed, or the device is missing, not permitted or in use.
@@ -60,7 +63,7 @@ def open_serial(settings: SerialSettings) -> SerialPort:
         raise HardwareError("serial ports need pyserial: pip install 'aerodima-workbench[hardware]'") from None
     try:
         port: SerialPort = serial.Serial(
-            settings.path, settings.rate, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
+            settings.path, settings.rate, timeout=timeout, write_timeout=_WRITE_TIMEOUT, exclusive=True
         )
     except (OSError, ValueError) as error:
         raise HardwareError(f"{settings.path}: cannot be opened: {_reason(error)}") from None

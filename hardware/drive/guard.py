@@ -1,0 +1,196 @@
+"""Between whoever drives and the cables: what reaches the car, and when it stops.
+
+```
+ READY -- arm, by hand --> ARMED -- drive --> DRIVING
+   ^                         |                   |
+   |                         +-- a soft reason --+--> HOLDING (throttle 0, tail held) --+
+   |                         |                                                          | after `tail_hold`
+   |                         +-- a hard reason -------------------------------------> EXITING (exit frames)
+   |                                                                                    | after `after_exit`
+   +--------------------- reset, by hand ------------------------------------------- STOPPED
+```
+Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the run is over. Hard: the
+operator's emergency stop, a fault of a motor, a bus or the Teensy, a command that is not finite, a loop that comes too
+late, a signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays until `reset`.
+"""
+
+from __future__ import annotations
+
+from array import array
+from enum import IntEnum
+
+from hardware.wiring.base import CarCommand, CarReading, SourceFault, Wiring
+from hardware.wiring.drive_safety import DriveSafety
+from workbench.errors import HardwareError
+from workbench.ports import STATUS
+
+_ARMED = STATUS.index("armed")
+_TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
+_SAIL, _IMU, _SPEED, _OPERATOR = (STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator"))
+_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
+_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
+
+
+class Stage(IntEnum):
+    """How far the car is."""
+
+    READY = 0
+    ARMED = 1
+    DRIVING = 2
+    HOLDING = 3
+    EXITING = 4
+    STOPPED = 5
+
+
+_LIVE = (Stage.ARMED, Stage.DRIVING, Stage.HOLDING)
+
+
+class CarGuard:
+    """One car, one loop.
+
+    Args:
+        wiring: started.
+        safety: limits.
+        has_tail: the car has tail motors, so it drives only while they are armed.
+
+    Attributes:
+        stage: see the picture above.
+        reason: why it stopped, empty before. hard: that reason was a hard one.
+        reading: of the last cycle.
+        lateness: of the last cycle, s; 0 for a cycle without a due time.
+        overruns: cycles that came later than `safety.overrun`.
+        cycle_times: `time.monotonic` of every cycle since `drive`, s.
+    """
+
+    def __init__(self, wiring: Wiring, safety: DriveSafety, has_tail: bool = True) -> None:
+        self.wiring = wiring
+        self._safety = safety
+        self._has_tail = has_tail
+        self.stage = Stage.READY
+        self.reason = ""
+        self.hard = False
+        self.reading = CarReading()
+        self.lateness = 0.0
+        self.overruns = self._overruns_in_a_row = 0
+        self.cycle_times = array("d")
+        self._since = 0.0
+        self._was_armed = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether the motors are off and stay off."""
+        return self.stage is Stage.STOPPED
+
+    @property
+    def ready(self) -> bool:
+        """Whether the car takes commands."""
+        return self.stage is Stage.ARMED and (not self._has_tail or self.reading.status[_ARMED] == 1.0)
+
+    # -- by hand
+
+    def arm(self, now: float) -> None:
+        """Switches the motors on.
+
+        Raises:
+            HardwareError: something stands against it: a reason to stop that was not reset, a silent device, a missing
+                watchdog test.
+        """
+        if self.stage is not Stage.READY:
+            because = f" ({self.reason}); reset it by hand" if self.reason else ""
+            raise HardwareError(f"the car cannot be armed: it is {self.stage.name.lower()}{because}")
+        _, reason = self._reason(self.reading)
+        if reason:
+            raise HardwareError(f"the car cannot be armed: {reason}")
+        self.wiring.arm()
+        self._was_armed = False
+        self._go(Stage.ARMED, now)
+
+    def drive(self, now: float) -> None:
+        """Lets commands through from now on. Raises `HardwareError` unless the car is ready."""
+        if not self.ready:
+            raise HardwareError(f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}")
+        self.cycle_times = array("d")
+        self._go(Stage.DRIVING, now)
+
+    def reset(self, now: float) -> None:
+        """Forgets the reason and the devices' faults; the car is ready to be armed, and not armed."""
+        if self.stage not in (Stage.READY, Stage.STOPPED):
+            raise HardwareError(f"the car cannot be reset: it is {self.stage.name.lower()}")
+        self.wiring.reset(now)
+        self.reason, self.hard = "", False
+        self._go(Stage.READY, now)
+
+    def stop(self, reason: str, now: float, hard: bool = False) -> None:
+        """Begins to stop: softly with the tail held first, hard with exit frames at once. The first reason counts."""
+        if not self.reason:
+            self.reason, self.hard = reason, hard
+        if self.stage in (Stage.ARMED, Stage.DRIVING):
+            self.wiring.hold(now)
+            self._go(Stage.HOLDING, now)
+        if self.stage is Stage.HOLDING and hard:
+            self._exit(now)
+
+    # -- once per cycle
+
+    def exchange(self, command: CarCommand, now: float, due: float | None = None) -> CarReading:
+        """One cycle.
+
+        Args:
+            command: what the driver and the tail law ask for.
+            now: `time.monotonic()`, s.
+            due: when the cycle should have been, on the same clock; None outside of a run.
+        """
+        self._look_at_clock(now, due)
+        if self.stage is Stage.DRIVING and not command.finite:
+            self.stop("the controller commands NaN or infinity", now, hard=True)
+        passed = command if self.stage is Stage.DRIVING else CarCommand()
+        self.reading = self.wiring.exchange(passed, now)
+        self._judge(now)
+        if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
+            self._exit(now)
+        elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
+            self._go(Stage.STOPPED, now)
+        return self.reading
+
+    def _look_at_clock(self, now: float, due: float | None) -> None:
+        self.lateness = 0.0 if due is None else now - due
+        if self.stage is Stage.DRIVING:
+            self.cycle_times.append(now)
+        late = self.lateness > self._safety.overrun
+        self.overruns += late
+        self._overruns_in_a_row = self._overruns_in_a_row + 1 if late else 0
+        if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
+            text = f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} cycles"
+            self.stop(text, now, hard=True)
+
+    def _judge(self, now: float) -> None:
+        hard, reason = self._reason(self.reading)
+        armed = self.reading.status[_ARMED] == 1.0
+        if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
+            hard, reason = True, reason or "the tail motors are off"
+        self._was_armed = armed
+        if reason and self.stage is Stage.READY:
+            if self.reading.status[_OPERATOR] == SourceFault.STOPPED:
+                self.reason, self.hard = reason, True  # latches before the car is armed too
+                self._go(Stage.STOPPED, now)
+        elif reason and self.stage in _LIVE:
+            self.stop(reason, now, hard)
+
+    def _reason(self, reading: CarReading) -> tuple[bool, str]:
+        """Whether the car must stop at once, and why it must stop; empty if it need not."""
+        status = reading.status
+        hard = (
+            status[_OPERATOR] == SourceFault.STOPPED
+            or (self._has_tail and any(status[index] != 0.0 for index in _TAIL))
+            or status[_SAIL] not in _UNFITTED
+        )
+        soft = status[_OPERATOR] != 0.0 or status[_IMU] != 0.0 or status[_SPEED] in _GONE
+        return hard, (reading.fault_text or "a device has a fault") if hard or soft else ""
+
+    def _exit(self, now: float) -> None:
+        self.wiring.disarm(now)
+        self._go(Stage.EXITING, now)
+
+    def _go(self, stage: Stage, now: float) -> None:
+        self.stage, self._since = stage, now
+

@@ -1,0 +1,110 @@
+"""Opens the devices that both wirings have; what was opened is closed again when a later one fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from hardware.motor_group import FramePort
+from hardware.motor_settings import MotorSettings, load_motor_safety, motor_settings
+from hardware.radio_link import RadioLink
+from hardware.sensors.readers import gps_thread, imu_thread
+from hardware.teensy_link import TeensyLink
+from hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
+from hardware.wiring.car_ports import CarPorts, MountedMotor
+from hardware.wiring.drive_safety import DriveSafety
+from hardware.wiring.mounting import Mounting
+from hardware.wiring.wired_car import Devices
+from workbench.errors import HardwareError
+from workbench.scenario import Scenario
+
+_SENSOR_TIMEOUT = 0.01
+
+
+def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tuple[MotorSettings, ...]:
+    """Settings of the pitch and the roll motor; none for a scenario without a tail.
+
+    Raises:
+        HardwareError: two motors with one id, or a zero at which a joint's range does not fit the firmware profile.
+    """
+    if scenario.tail.mode == "none":
+        return ()
+    safety = load_motor_safety()
+    gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
+
+    def settings(name: str, part: MountedMotor, limit: float, direction: int) -> MotorSettings:
+        return motor_settings(
+            name,
+            part.motor_id,
+            ports.profile,
+            scenario.tail_motor,
+            (-limit, limit),
+            gains,
+            direction=part.direction or direction,
+            zero=part.zero,
+            safety=safety,
+        )
+
+    return (
+        settings("tail pitch", ports.tail_pitch, scenario.tail.pitch_limit, mounting.tail_pitch_direction),
+        settings("tail roll", ports.tail_roll, scenario.tail.roll_limit, mounting.tail_roll_direction),
+    )
+
+
+@contextmanager
+def closing_on_error() -> Iterator[list[Callable[[], None]]]:
+    """A list of what to close; all of it is closed when the block raises."""
+    closers: list[Callable[[], None]] = []
+    try:
+        yield closers
+    except BaseException:
+        for close in reversed(closers):
+            close()
+        raise
+
+
+def open_common(
+    ports: CarPorts,
+    safety: DriveSafety,
+    closers: list[Callable[[], None]],
+    motor_port: Callable[[TeensyLink], FramePort],
+) -> Devices:
+    """Teensy, IMU, GPS and radio, and what `motor_port` makes of the Teensy's link.
+
+    Raises:
+        HardwareError: names the device that cannot be opened.
+    """
+    serial = _open("teensy", ports.teensy.settings, closers)
+    teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+    port = motor_port(teensy)
+    imu_settings = ports.imu.settings
+    with _named("imu"):
+        imu = imu_thread(lambda: open_serial(imu_settings, _SENSOR_TIMEOUT), safety.imu_silence)
+    closers.append(imu.close)
+    gps = None
+    if ports.gps is not None:
+        gps_settings = ports.gps.settings
+        with _named("gps"):
+            gps = gps_thread(lambda: open_serial(gps_settings, _SENSOR_TIMEOUT), safety.gps_silence)
+        closers.append(gps.close)
+    radio_serial = None if ports.radio is None else _open("radio", ports.radio.settings, closers)
+    radio = None
+    if ports.radio is not None and radio_serial is not None:
+        radio = RadioLink(radio_serial, ports.radio.operator, ports.radio.escaped)
+    return Devices(port, teensy, imu, gps, radio, radio_serial, None, closers)
+
+
+def _open(name: str, settings: SerialSettings, closers: list[Callable[[], None]]) -> SerialLink:
+    with _named(name):
+        link = SerialLink.open(settings)
+    closers.append(link.close)
+    return link
+
+
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Says which of the devices it was."""
+    try:
+        yield
+    except HardwareError as error:
+        raise HardwareError(f"{name}: {error}") from None

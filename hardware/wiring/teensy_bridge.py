@@ -1,0 +1,33 @@
+"""Wiring `teensy_bridge`, that of the thesis: the Teensy owns the CAN bus, the computer sends it strings.
+
+The watchdog is the firmware of the Teensy: it switches the motors off when the strings stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hardware.wiring.car_ports import CarPorts
+from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
+from hardware.wiring.mounting import Mounting, load_mounting
+from hardware.wiring.open_ports import closing_on_error, open_common, tail_motors
+from hardware.wiring.wired_car import Devices, WiredCar
+from workbench.scenario import Scenario
+
+
+def teensy_bridge(
+    scenario: Scenario,
+    ports: CarPorts,
+    authorise: Callable[[], None],
+    mounting: Mounting | None = None,
+    safety: DriveSafety | None = None,
+) -> WiredCar:
+    """The car of a scenario on this wiring; opens nothing yet. Arguments and errors as for `direct_can`."""
+    limits = safety or load_drive_safety()
+
+    def open_devices() -> Devices:
+        with closing_on_error() as closers:
+            return open_common(ports, limits, closers, lambda teensy: teensy)
+
+    table = mounting or load_mounting()
+    return WiredCar("teensy_bridge", tail_motors(scenario, ports, table), table, limits, open_devices, authorise)
