@@ -7,9 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from workbench.logs.columns import TIME
-
-UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
-"""Columns in which a jump of a whole turn is taken out, so that headings can be subtracted."""
+from workbench.logs.unwrapping import RowUnwrapper
 
 
 class RowSink(Protocol):
@@ -41,8 +39,7 @@ class RunRecorder(LeafSystem):
         for index, size in enumerate(sizes):
             self._ports.append((self.DeclareVectorInputPort(f"signal_{index}", size), start, start + size))
             start += size
-        self._angles = [columns.index(name) for name in UNWRAPPED if name in columns]
-        self._started = False
+        self._unwrapper = RowUnwrapper(columns)
         self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._record)
 
     @classmethod
@@ -63,16 +60,11 @@ class RunRecorder(LeafSystem):
 
     def _record(self, context: Context) -> EventStatus:
         row = self._row
-        before = [row[index] for index in self._angles]
         row[0] = context.get_time()
         for port, start, end in self._ports:
             values: Any = port.Eval(context)
             row[start:end] = values
-        if self._started:
-            for index, earlier in zip(self._angles, before, strict=True):
-                row[index] += 2 * np.pi * round((earlier - row[index]) / (2 * np.pi))
-        self._started = True
-        self._journal.append(row)
+        self._journal.append(self._unwrapper.apply(row))
         return EventStatus.Succeeded()
 
 
