@@ -1,0 +1,63 @@
+"""`aerodima emulate`: the simulated car behind serial ports, for the drive command and its tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command()(emulate)
+
+
+def emulate(
+    scenario: Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")],
+    out: Annotated[Path, typer.Option(help="New folder for the ports and the logs.")],
+    wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can.")] = "teensy_bridge",
+    faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
+    profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
+    motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),
+    published_strings: Annotated[
+        bool, typer.Option("--published-strings", help="Strings as printed in the thesis, without checksum.")
+    ] = False,
+    duration: Annotated[float | None, typer.Option(help="End by itself after that time, s.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
+    ] = None,
+) -> None:
+    """Run the simulated car in real time behind pseudo-terminals: motors, Teensy, IMU, GPS and the operator's radio.
+
+    The folder gets ports.json for `aerodima drive --ports`, ready.json once everything answers, the CAN traffic, the
+    events and the truth. Ctrl-C ends it in order.
+
+    Example: aerodima emulate turn_swing --out emulated --wiring direct_can
+    """
+    from hardware.emulator.emulator import PORTS_FILE, EmulatorSettings, run_emulator
+    from hardware.emulator.script import no_faults, read_script
+    from hardware.protocol.ak70_profiles import firmware_profile
+    from hardware.protocol.teensy import StringForm
+    from hardware.wiring.base import WIRINGS
+    from workbench.errors import HardwareError
+    from workbench.scenario import load_scenario
+
+    chosen = next((name for name in WIRINGS if name == wiring), None)
+    if chosen is None:
+        raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
+    if duration is not None and not duration > 0:
+        raise HardwareError(f"--duration {duration:g} s: allowed is more than 0")
+    emulated = EmulatorSettings(
+        scenario=load_scenario(scenario, settings or []),
+        wiring=chosen,
+        folder=out,
+        script=no_faults() if faults is None else read_script(faults),
+        profile=firmware_profile(profile),
+        motor_ids=motor_ids,
+        form=StringForm.PUBLISHED if published_strings else StringForm.CHECKED,
+        duration=duration,
+    )
+    typer.echo(f"ports: {out / PORTS_FILE}")
+    facts = run_emulator(emulated)
+    typer.echo(f"simulated {facts['simulated_s']:.1f} s, largest delay {1000 * facts['largest_delay_s']:.1f} ms")

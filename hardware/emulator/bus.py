@@ -1,0 +1,66 @@
+"""The CAN bus of the car: frames to the motors, their answers back, every one of them in the traffic log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import can
+
+from hardware.emulator.fault_board import FaultBoard
+from hardware.emulator.motor import EmulatedMotor
+from hardware.emulator.script import Fault
+from hardware.protocol.can_frame import CanFrame
+from hardware.transport.traffic_log import TrafficLog
+
+
+class EmulatedBus:
+    """Whoever owns the bus gives it frames and gets the answers.
+
+    Bus-off is a state of the owner's controller: nothing goes out and nothing comes in until its channel is opened anew
+    or the fault ends.
+
+    Attributes:
+        frames: carried so far, answers included.
+    """
+
+    def __init__(self, motors: Sequence[EmulatedMotor], board: FaultBoard, log: TrafficLog) -> None:
+        self._motors = {motor.motor_id: motor for motor in motors}
+        self._board, self._log = board, log
+        self._healed = False
+        self.frames = 0
+
+    @property
+    def off(self) -> bool:
+        """Whether the owner's controller is off the bus."""
+        if self._board.entry(Fault.BUS_OFF) is None:
+            self._healed = False
+            return False
+        return not self._healed
+
+    def reopened(self) -> None:
+        """The owner has opened its channel anew."""
+        self._healed = True
+
+    def carry(self, frame: CanFrame) -> list[CanFrame]:
+        """Takes a frame of the owner; the motors' answers."""
+        if self.off:
+            return []
+        self._note(frame, received=False)
+        motor = None if frame.extended else self._motors.get(frame.arbitration_id)
+        answers = motor.receive(frame.data) if motor is not None and len(frame.data) == 8 else []
+        for answer in answers:
+            self._note(answer, received=True)
+        return answers
+
+    def _note(self, frame: CanFrame, received: bool) -> None:
+        self.frames += 1
+        self._log.add(
+            can.Message(
+                timestamp=time.time(),
+                arbitration_id=frame.arbitration_id,
+                data=frame.data,
+                is_extended_id=frame.extended,
+                is_rx=received,
+            )
+        )

@@ -1,0 +1,258 @@
+"""The emulator's loop: one thread that answers the ports and advances the simulated car in real time.
+
+Devices answer as soon as bytes come; the car advances in the scenario's step. When the computer is late the car catches
+up and the largest delay is reported.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hardware.emulator.bus import EmulatedBus
+from hardware.emulator.car import EmulatedCar
+from hardware.emulator.events import EventLog
+from hardware.emulator.fault_board import FaultBoard
+from hardware.emulator.motor import EmulatedMotor
+from hardware.emulator.pty_port import PtyPort
+from hardware.emulator.script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
+from hardware.emulator.serial_devices import EmulatedGps, EmulatedImu, EmulatedOperator
+from hardware.emulator.slcan import SlcanAdapter
+from hardware.emulator.teensy import EmulatedTeensy
+from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from hardware.protocol.ak70_profiles import AK70_10_V1_0_8, FirmwareProfile
+from hardware.protocol.teensy import StringForm
+from hardware.transport.traffic_log import TrafficLog
+from hardware.wiring.base import WiringName
+from hardware.wiring.car_ports import SCHEMA as PORTS_SCHEMA
+from hardware.wiring.mounting import load_mounting
+from workbench.errors import HardwareError
+from workbench.scenario import Scenario
+
+READY_FILE, PORTS_FILE, EVENTS_FILE = "ready.json", "ports.json", "events.jsonl"
+TRAFFIC_FILE, TRUTH_FILE = "traffic.blf", "truth.parquet"
+READY_SCHEMA = "aerodima/emulator/1"
+_TURN = 0.001
+"""The firmware's loop and the script are looked at that often at least, s."""
+
+
+@dataclass(frozen=True)
+class EmulatorSettings:
+    """What is emulated.
+
+    Attributes:
+        folder: new or empty; ports, logs and files of the emulator.
+        motor_ids: pitch and roll.
+        duration: s after which it ends by itself; None for ever.
+    """
+
+    scenario: Scenario
+    wiring: WiringName
+    folder: Path
+    script: Script = field(default_factory=no_faults)
+    profile: FirmwareProfile = AK70_10_V1_0_8
+    motor_ids: tuple[int, int] = (1, 2)
+    form: StringForm = StringForm.CHECKED
+    duration: float | None = None
+
+
+class Emulator:
+    """Everything behind the ports, until it is told to end.
+
+    Raises:
+        HardwareError: two motors with one id, no compiler for the firmware, a folder that holds something or cannot be
+            used, no pseudo-terminals.
+    """
+
+    def __init__(self, settings: EmulatorSettings) -> None:
+        firmware = FirmwareSettings(
+            settings.wiring, settings.profile, load_teensy_timing(), settings.motor_ids, form=settings.form
+        )
+        self._settings, self._folder = settings, settings.folder
+        self._numbers = load_emulator_numbers()
+        self._mounting = load_mounting()
+        _claim(self._folder)
+        self._events = EventLog(self._folder / EVENTS_FILE)
+        self._board = FaultBoard(settings.script, self._events)
+        self._log = TrafficLog.create(self._folder / TRAFFIC_FILE)
+        self._end = False
+        self.latest = 0.0
+        self._make_devices(firmware)
+        truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
+        self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts)
+        self._sample_due = 0.0
+        self._begin = time.monotonic()
+
+    def _make_devices(self, firmware: FirmwareSettings) -> None:
+        settings, board = self._settings, self._board
+        directions = (self._mounting.tail_pitch_direction, self._mounting.tail_roll_direction)
+        self._motors = [
+            EmulatedMotor(joint, motor_id, settings.profile, self._numbers, board, self._events, direction=direction)
+            for joint, motor_id, direction in zip(JOINTS, settings.motor_ids, directions, strict=True)
+            if settings.scenario.tail.mode != "none"
+        ]
+        bus = EmulatedBus(self._motors, board, self._log)
+        direct = settings.wiring == "direct_can"
+        self._adapter = SlcanAdapter(bus, board) if direct else None
+        self._teensy = EmulatedTeensy(
+            firmware, None if direct else bus, board, self._events, self._numbers.restart_time, time.monotonic()
+        )
+        self._imu = EmulatedImu(self._mounting, board)
+        self._gps = EmulatedGps(settings.scenario.gps.rate, board)
+        self._operator = EmulatedOperator(settings.script.operator, self._numbers.operator_rate, board)
+        names: list[Device] = ["teensy", "imu", "gps", "radio", *(["can"] if direct else [])]  # type: ignore[list-item]
+        self._ports = {name: PtyPort(self._folder / "ports" / name) for name in names}
+
+    def stop(self) -> None:
+        """Ends the loop; safe in a signal handler."""
+        self._end = True
+
+    def run(self) -> dict[str, Any]:
+        """Serves until `stop` or the duration; what came out, also in the last event."""
+        step = self._settings.scenario.simulation.step
+        self._begin = time.monotonic()
+        self._board.begin("start", self._begin)
+        self._write_ready()
+        tick = 0
+        while not self._end:
+            due = self._begin + (tick + 1) * step
+            self._serve(due)
+            now = time.monotonic()
+            self.latest = max(self.latest, now - due)
+            tick += 1
+            self._advance(tick * step)
+            if self._settings.duration is not None and tick * step >= self._settings.duration:
+                break
+        return self._close()
+
+    def _serve(self, due: float) -> None:
+        """Answers the ports until `due`, at least once."""
+        while True:
+            now = time.monotonic()
+            self._look(now)
+            self._write("teensy", self._teensy.turn(now))
+            self._write("radio", self._operator.turn(now))
+            open_ports = [port for port in self._ports.values() if port.plugged]
+            readable, _, _ = select.select(open_ports, [], [], min(_TURN, max(0.0, due - now)))
+            for name, port in self._ports.items():
+                if port in readable and (data := port.read()):
+                    self._receive(name, data)
+            if time.monotonic() >= due:
+                return
+
+    def _receive(self, name: Device, data: bytes) -> None:
+        now = time.monotonic()
+        if name == "teensy":
+            self._teensy.feed(data, now)
+            self._write("teensy", self._teensy.turn(now))
+        elif name == "can" and self._adapter is not None:
+            self._write("can", self._adapter.feed(data))
+        elif name == "imu":
+            self._write("imu", self._imu.feed(data))
+
+    def _write(self, name: Device, data: bytes) -> None:
+        if data:
+            self._ports[name].write(data)
+
+    def _look(self, now: float) -> None:
+        if any(motor.entered for motor in self._motors):
+            self._board.begin("entered", now)
+        self._board.look(now)
+        for name, port in self._ports.items():
+            if self._board.entry(Fault.UNPLUGGED, name):
+                port.unplug()
+            else:
+                port.plug()
+
+    def _advance(self, time_s: float) -> None:
+        car, state = self._car, self._teensy.state
+        car.set_steering(self._mounting.steering_angle(state.servo))
+        car.set_throttle(self._mounting.throttle(state.throttle))
+        for motor in self._motors:
+            car.set_tail(motor.joint, motor.joint_command)
+        car.advance(time_s)
+        if self._motors:
+            joints, torques = car.joints(), car.output("tail_torque")
+            for index, motor in enumerate(self._motors):
+                motor.set_joint(float(joints[index]), float(joints[2 + index]), float(torques[index]))
+        if time_s >= self._sample_due:
+            self._sample_due += 1.0 / self._settings.scenario.imu.rate
+            self._sample(time_s)
+
+    def _sample(self, time_s: float) -> None:
+        """What the sensors measure anew, at the rate of the IMU; the slower GPS keeps its own pace."""
+        car = self._car
+        self._imu.set_reading(car.output("imu"))
+        self._write("gps", self._gps.turn(float(car.output("speed")[0]), time_s))
+        if car.has_tail:
+            self._teensy.set_sail(self._mounting.encoder_angle(float(car.output("tail_state")[2])))
+
+    def _write_ready(self) -> None:
+        settings = self._settings
+        ports: dict[str, Any] = {
+            "schema": PORTS_SCHEMA,
+            "firmware_profile": settings.profile.name,
+            "string_form": settings.form.value,
+            **{name: {"path": str(port.link)} for name, port in self._ports.items() if name != "can"},
+            "tail_pitch": {"motor_id": settings.motor_ids[0]},
+            "tail_roll": {"motor_id": settings.motor_ids[1]},
+        }
+        if "can" in self._ports:
+            options = {"sleep_after_open": 0.0}  # a pseudo-terminal does not restart when it is opened
+            ports["can"] = {"interface": "slcan", "channel": str(self._ports["can"].link), "options": options}
+        _write_json(self._folder / PORTS_FILE, ports)
+        ready = {
+            "schema": READY_SCHEMA,
+            "pid": os.getpid(),
+            "wiring": settings.wiring,
+            "ports": str(self._folder / PORTS_FILE),
+            "begin_monotonic_s": self._begin,
+        }
+        _write_json(self._folder / READY_FILE, ready)
+        self._events.add("ready")
+
+    def _close(self) -> dict[str, Any]:
+        for port in self._ports.values():
+            port.unplug()
+        self._car.close()
+        self._log.close()
+        facts = {
+            "simulated_s": round(self._car.time, 6),
+            "largest_delay_s": round(self.latest, 6),
+            "rejected_strings": self._teensy.state.rejected,
+            "traffic_log_error": self._log.error,
+        }
+        self._events.add("ended", **facts)
+        self._events.close()
+        return facts
+
+
+def run_emulator(settings: EmulatorSettings) -> dict[str, Any]:
+    """Runs an emulator until SIGINT, SIGTERM or its duration; what came out. Errors as `Emulator`."""
+    emulator = Emulator(settings)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: emulator.stop())
+    return emulator.run()
+
+
+def _claim(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise HardwareError(f"{folder}: is not empty; an emulator writes into a folder of its own")
+        (folder / "ports").mkdir()
+    except OSError as error:
+        raise HardwareError(f"{folder}: cannot be used as a folder: {error.strerror}") from None
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    """Whole or not at all: others wait for the file."""
+    temporary = path.with_name(f".{path.name}.new")
+    temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    os.replace(temporary, path)

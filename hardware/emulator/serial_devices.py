@@ -1,0 +1,95 @@
+"""IMU, GPS and the operator's radio of the emulated car: bytes in and out, silent or noisy as the script says."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from hardware.emulator.fault_board import FaultBoard
+from hardware.emulator.script import Device, Fault, OperatorEntry
+from hardware.protocol import radio
+from hardware.protocol.xbee import ReceivedPacket, make_received
+from hardware.sensors.bno055 import Bno055Chip
+from hardware.sensors.ublox import GpsSample, make_nav_pvt
+from hardware.wiring.mounting import Mounting
+
+_DAY = 86_400.0
+_STOP_FRAMES = 3
+OPERATOR = 0x0013_A200_4000_0001
+"""64-bit serial number of the emulated operator's module; the first half is the maker's."""
+
+
+class _Line:
+    """What faults leave of a device's bytes."""
+
+    def __init__(self, device: Device, board: FaultBoard) -> None:
+        self._device, self._board = device, board
+        self._random = random.Random(0)
+
+    def through(self, data: bytes) -> bytes:
+        if self._board.meets(Fault.SILENT, self._device):
+            return b""
+        if data and self._board.meets(Fault.SERIAL_NOISE, self._device):
+            return self._random.randbytes(9) + data[4:]
+        return data
+
+
+class EmulatedImu:
+    """A BNO055 on its UART."""
+
+    def __init__(self, mounting: Mounting, board: FaultBoard) -> None:
+        self._mounting, self._line, self._chip = mounting, _Line("imu", board), Bno055Chip()
+
+    def set_reading(self, reading: np.ndarray) -> None:
+        """(9,) as `workbench.ports.IMU`."""
+        self._chip.set_sample(self._mounting.imu_sample(reading))
+
+    def feed(self, data: bytes) -> bytes:
+        """Answers to requests."""
+        return self._line.through(self._chip.feed(data))
+
+
+class EmulatedGps:
+    """A u-blox receiver that sends NAV-PVT at its own rate."""
+
+    def __init__(self, rate: float, board: FaultBoard) -> None:
+        self._period, self._next, self._line = 1.0 / rate, 0.0, _Line("gps", board)
+
+    def turn(self, speed: float, now: float) -> bytes:
+        """Bytes that are due; speed in m/s."""
+        if now < self._next:
+            return b""
+        self._next = max(self._next + self._period, now)
+        sample = GpsSample(max(0.0, speed), 0.05, True, 12, time.time() % _DAY)
+        return self._line.through(make_nav_pvt(sample, tow=now))
+
+
+class EmulatedOperator:
+    """The operator's module as the car's own hands it over: commands and a living heartbeat, API mode 1."""
+
+    def __init__(self, entries: Sequence[OperatorEntry], rate: float, board: FaultBoard) -> None:
+        self._entries = sorted(entries, key=lambda entry: entry.time)
+        self._period, self._next, self._line = 1.0 / rate, 0.0, _Line("radio", board)
+        self._board = board
+        self._counter = self._stops = 0
+
+    def turn(self, now: float) -> bytes:
+        """Bytes that are due."""
+        if now < self._next:
+            return b""
+        self._next = max(self._next + self._period, now)
+        passed = [entry for entry in self._entries if entry.time <= max(0.0, self._board.time)]
+        if not passed:
+            return b""
+        self._counter += 1
+        frames = [radio.make_heartbeat(self._counter)]
+        if passed[-1].stop:
+            if self._stops < _STOP_FRAMES:
+                self._stops += 1
+                frames.append(radio.make_emergency_stop())
+        else:
+            frames.append(radio.make_command(passed[-1].command))
+        return self._line.through(b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames))
