@@ -9,7 +9,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 PYTEST_ARGS ?= -q -n 2
 
-.PHONY: demo test realtime bench lint clean install
+.PHONY: demo test realtime bench docs lint clean install
 .DEFAULT_GOAL := install
 
 install: $(STAMP)
@@ -35,6 +35,12 @@ realtime: $(STAMP)
 
 bench: $(STAMP)
 	@$(BIN)/python -m tests.benchmarks --out out/bench/bench.csv
+
+# Strict: a broken link or a reference that cannot be read fails it.
+docs: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]' -c constraints.txt
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "open out/docs/index.html"
 
 lint: $(STAMP)
 	@$(BIN)/ruff check --quiet .

@@ -1,0 +1,55 @@
+"""Every example of the documentation runs, page by page, in an empty folder."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import matplotlib
+import matplotlib.pyplot as plt
+import pytest
+from typer.testing import CliRunner
+
+from workbench.cli import build_app
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+BLOCK = re.compile(r"^```(?P<language>sh|python|yaml)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```", re.M | re.S)
+
+
+def blocks(page: Path) -> list[re.Match[str]]:
+    return list(BLOCK.finditer(page.read_text(encoding="utf-8")))
+
+
+PAGES = sorted(path for path in DOCS.rglob("*.md") if blocks(path))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(DOCS).as_posix())
+def test_examples_of_the_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    names: dict[str, object] = {}
+    for block in blocks(page):
+        text, where = block["text"], f"{page.name}:{block['language']}"
+        if block["language"] == "yaml":
+            if block["title"]:
+                (tmp_path / block["title"]).write_text(text, encoding="utf-8")
+        elif block["language"] == "python":
+            exec(compile(text, where, "exec"), names)
+        else:
+            for line in text.replace("\\\n", " ").splitlines():
+                program, *words = shlex.split(line, comments=True) or ["aerodima", "--version"]
+                assert program == "aerodima", f"{where}: {line}"
+                result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+                assert result.exit_code == 0, f"{where}: {line}\n{result.output}"
+    plt.close("all")
+
+
+def test_pages_link_to_pages_that_exist() -> None:
+    generated = {"parameters/parameters.md", "parameters/coefficients.md"}
+    for page in DOCS.rglob("*.md"):
+        for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
+            path = (page.parent / target).resolve()
+            known = path.exists() or path.relative_to(DOCS).as_posix() in generated
+            assert known, f"{page.relative_to(DOCS)}: {target}"
