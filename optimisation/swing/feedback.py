@@ -159,7 +159,7 @@ class _Nominal:
     Attributes:
         states: as the tracker saw them, (ticks, 4) as `FEEDBACK_NAMES`.
         torque: of the roll motor, mean over each tick, N m, (ticks,).
-        truth: planar states of the full car, not mirrored, (ticks, 4) as `planar.STATES`.
+        truth: true roll of the car and reported tail, not mirrored, (ticks, 4) as `planar.STATES`.
         release: s.
         run_log: with all signals.
     """
@@ -190,8 +190,8 @@ def _nominal_run(swing: SwingFile, scenario: Scenario) -> _Nominal:
     period = 1.0 / scenario.controller.rate
     motor = log.signal("tail_roll_torque_n_m")
     torque = [motor[(log.time >= t - 1e-9) & (log.time < t + period - 1e-9)].mean() for t in heard[:, 0]]
-    names = ("roll_truth_rad", "tail_roll_truth_rad", "gyro_x_truth_rad_per_s", "tail_roll_rate_truth_rad_per_s")
-    truth = np.column_stack([log.signal(name)[at] for name in names])
+    car_roll, car_roll_rate = (log.signal(name)[at] for name in ("roll_truth_rad", "gyro_x_truth_rad_per_s"))
+    truth = np.column_stack([car_roll, heard[:, 4], car_roll_rate, heard[:, 5]])
     return _Nominal(heard[:, 2:], np.array(torque), truth, release, log)
 
 

@@ -75,8 +75,9 @@ class SwingReference:
 
     @property
     def length(self) -> float:
-        """Time from the release to the end, s."""
-        return self.swing.knots.time_s[-1]
+        """Time from the release to the end, s: of the knots, or of the feedback if that is longer."""
+        feedback, end = self.swing.gains.feedback, self.swing.knots.time_s[-1]
+        return max(end, feedback.time_s[-1]) if feedback is not None and self.kind != "joint_pd" else end
 
     @property
     def start(self) -> tuple[float, float]:
