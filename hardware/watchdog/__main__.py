@@ -34,7 +34,7 @@ class Watchdog:
         self._guard = Guard(timing)
         self._first_exit: float | None = None
         self._next_exit = 0.0
-        self._reopened = False
+        self._reopened = self._taken = False
 
     def run(self) -> None:
         """Until the drive process has quit or, after its death, the exit frames were sent for long enough."""
@@ -47,9 +47,13 @@ class Watchdog:
             self._line.drain(alone=self._guard.ended)
             if self._guard.cause:
                 self._act(now)
-            over = self._first_exit is not None and now - self._first_exit > self._timing.exit_time
-            if self._guard.ended and (over or not self._guard.cause):
+            if self._guard.ended and (not self._guard.cause or self._over(now)):
                 return
+
+    def _over(self, now: float) -> bool:
+        """Exit frames were sent for long enough, or nobody can hope any more that the adapter comes back."""
+        since = now - (self._first_exit or now)
+        return since > (self._timing.exit_time if self._taken else self._timing.give_up)
 
     def _listen(self, timeout: float) -> None:
         if self._guard.ended:
@@ -66,21 +70,21 @@ class Watchdog:
 
     def _act(self, now: float) -> None:
         if self._first_exit is None:
-            sent = self._line.send_exits(self._timing.exit_burst)
+            self._taken = self._line.send_exits(self._timing.exit_burst)
             self._first_exit = time.monotonic()
             self._next_exit = self._first_exit + self._timing.exit_interval
-            self._tell(sent)
+            self._tell()
             return
         if not self._reopened and now - self._first_exit > self._timing.reopen_after:
             self._reopened = True
-            if self._guard.ended:  # a drive process that lives may still use the channel
+            if self._guard.ended or self._guard.tripped:  # otherwise the drive process may still use the channel
                 self._line.reopen()
         if now >= self._next_exit:
             recent = now - self._first_exit < self._timing.exit_time
             self._next_exit = now + (self._timing.exit_interval if recent else self._timing.reminder)
-            self._line.send_exits(1)
+            self._taken = self._line.send_exits(1)
 
-    def _tell(self, sent: bool) -> None:
+    def _tell(self) -> None:
         _say(f"acted: {self._guard.cause}")
         if self._report is None:
             return
@@ -88,7 +92,7 @@ class Watchdog:
             "cause": self._guard.cause,
             "cause_time_s": self._guard.cause_time,
             "first_exit_time_s": self._first_exit,
-            "taken_by_driver": sent,
+            "taken_by_driver": self._taken,
         }
         try:
             self._report.write_text(json.dumps(content) + "\n", encoding="utf-8")

@@ -32,6 +32,7 @@ class Guard:
         cause: why it acted; empty while it has not. For good: a new process guards the next drive.
         cause_time: when that was known, s.
         ended: the drive process is gone or has quit.
+        tripped: it asked for help: its own exit frames may not have left.
     """
 
     def __init__(self, timing: WatchdogTiming) -> None:
@@ -41,7 +42,7 @@ class Guard:
         self._quit = False
         self.cause = ""
         self.cause_time = 0.0
-        self.ended = False
+        self.ended = self.tripped = False
 
     def take(self, data: bytes, now: float) -> None:
         """Takes what came through the pipe at `now` (s); bytes that are no word are ignored."""
@@ -54,6 +55,7 @@ class Guard:
             elif word == Word.DISARMED.value:
                 self._armed = False
             elif word == Word.TRIP.value:
+                self.tripped = True
                 self.act("asked to by the drive process", now)
             elif word == Word.QUIT.value:
                 self._quit = True

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import stat
 import termios
 from typing import Protocol
 
@@ -51,25 +51,24 @@ class SlcanLine:
     A write reaches the terminal whole, so its lines do not mix with those of the drive process; a line that the drive
     process did not finish is ended first.
 
+    An adapter that was unplugged is looked for again with every write: exit frames leave when it is back.
+
     Raises:
         HardwareError: no such device, no terminal, no permission, or another program has it for itself.
     """
 
     def __init__(self, settings: CanSettings, motor_ids: tuple[int, ...]) -> None:
-        path = settings.channel.partition("@")[0]
+        if settings.bitrate not in _BITRATES:
+            raise HardwareError(f"{settings}: bit rate {settings.bitrate}; allowed: {', '.join(map(str, _BITRATES))}")
+        self._path = settings.channel.partition("@")[0]
+        self._channel = f"\rC\r{_BITRATES[settings.bitrate]}\rO\r".encode()
+        self._exits = "".join(_slcan(make_exit(motor_id)) for motor_id in motor_ids).encode()
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            if not stat.S_ISCHR(os.fstat(self._file).st_mode):
-                raise HardwareError(f"{settings}: is no serial device")
-            _make_raw(self._file)
+            self._file = _open_terminal(self._path)
         except OSError as error:
             raise HardwareError(f"{settings}: the watchdog cannot open it: {error.strerror}") from None
         except termios.error:
             raise HardwareError(f"{settings}: is no serial device") from None
-        if settings.bitrate not in _BITRATES:
-            raise HardwareError(f"{settings}: bit rate {settings.bitrate}; allowed: {', '.join(map(str, _BITRATES))}")
-        self._open = f"\rC\r{_BITRATES[settings.bitrate]}\rO\r".encode()
-        self._exits = "".join(_slcan(make_exit(motor_id)) for motor_id in motor_ids).encode()
 
     def send_exits(self, repeats: int) -> bool:
         """See `ExitLine`."""
@@ -77,20 +76,26 @@ class SlcanLine:
 
     def reopen(self) -> None:
         """See `ExitLine`."""
-        self._write(self._open)
+        self._write(self._channel)
 
     def drain(self, alone: bool) -> None:
         """See `ExitLine`."""
-        try:
-            while alone and os.read(self._file, 4096):
+        with contextlib.suppress(OSError):
+            while alone and self._file >= 0 and os.read(self._file, 4096):
                 pass
-        except OSError:
-            pass
 
     def _write(self, data: bytes) -> bool:
         try:
+            if self._file < 0:
+                self._file = _open_terminal(self._path)
+                os.write(self._file, self._channel)
             return os.write(self._file, data) == len(data)
-        except OSError:
+        except BlockingIOError:
+            return False
+        except (OSError, termios.error):
+            if self._file >= 0:
+                os.close(self._file)
+            self._file = -1
             return False
 
 
@@ -152,9 +157,15 @@ def _slcan(frame: CanFrame) -> str:
     return f"t{frame.arbitration_id:03X}{len(frame.data)}{frame.data.hex().upper()}\r"
 
 
-def _make_raw(file: int) -> None:
-    """No echo and no translation; the rest, such as the rate, is left as the drive process set it."""
-    attributes = termios.tcgetattr(file)
-    attributes[1] &= ~termios.OPOST
-    attributes[3] &= ~(termios.ECHO | termios.ICANON | termios.ISIG | termios.IEXTEN)
-    termios.tcsetattr(file, termios.TCSANOW, attributes)
+def _open_terminal(path: str) -> int:
+    """A file descriptor without echo and translation; the rest, such as the rate, stays as the drive process set it."""
+    file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        attributes = termios.tcgetattr(file)
+        attributes[1] &= ~termios.OPOST
+        attributes[3] &= ~(termios.ECHO | termios.ICANON | termios.ISIG | termios.IEXTEN)
+        termios.tcsetattr(file, termios.TCSANOW, attributes)
+    except termios.error:
+        os.close(file)
+        raise
+    return file

@@ -100,12 +100,18 @@ class WatchdogProcess:
         self._write(Word.TRIP)
 
     def close(self, timeout: float = 2.0) -> None:
-        """Ends it in order, and kills it if it does not end within `timeout` s. Never raises."""
+        """Ends it in order, and kills it if it does not end within `timeout` s. Never raises.
+
+        One that has acted is left alone: it goes on sending exit frames for a while, and ends by itself.
+        """
+        acted = bool(self.reason)
         self._write(Word.QUIT)
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()
         self._broken = self._broken or "closed"
+        if acted and self._process.poll() is None:
+            return
         try:
             self._process.wait(timeout)
         except subprocess.TimeoutExpired:

@@ -14,6 +14,7 @@ class WatchdogTiming(QuantityModel):
     exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
     exit_interval: float = quantity("s", "interval of the exit frames after that", gt=0, le=0.1)
     exit_time: float = quantity("s", "for how long it sends these", gt=0, le=10)
+    give_up: float = quantity("s", "for how long it waits for an adapter that was unplugged", gt=0, le=3600)
     reopen_after: float = quantity("s", "until it opens the channel anew", gt=0, le=1)
     reminder: float = quantity("s", "interval of the exit frames while a hung drive process lives", gt=0, le=1)
     longest_test: float = quantity("s", "from the cut to the exit frames in a watchdog test", gt=0, le=1)
