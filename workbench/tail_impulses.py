@@ -116,6 +116,30 @@ def tail_impulses(run_log: RunLog) -> TailImpulses | None:
     )
 
 
+def tail_yaw_impulses(run_log: RunLog) -> Impulses:
+    """Angular impulses of the tail over the window of the turn about the vertical through the vehicle's centre of mass.
+
+    N m s, positive = into the turn. A weight has no moment about the vertical. The reaction of the tail's inertia is
+    what turns the car out of the turn while the tail is behind the centre of mass and swings outwards.
+
+    Raises:
+        LogError: as for `tail_impulses`, or the car has no tail.
+    """
+    signals = turn_signals(run_log)
+    time, point = signals.time, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0]
+    axis = np.tile([0.0, 0.0, signals.sign], (time.size, 1))
+    momentum = run_log.vector("tail_momentum", "truth_n_s")
+    about_point = run_log.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(point, momentum)
+    growth = {
+        "aerodynamic": cumulative_trapezoid(_dot(_aerodynamic_moment(run_log, point), axis), time, initial=0.0),
+        "inertial": _inertial_growth(about_point, momentum, point, axis),
+    }
+    check_signals(time, {f"tail yaw impulse ({cause})": values for cause, values in growth.items()})
+    start, end = signals.window
+    parts = {cause: float(np.interp(end, time, g) - np.interp(start, time, g)) for cause, g in growth.items()}
+    return Impulses(weight=0.0, **parts)
+
+
 def _ground_point(run_log: RunLog) -> FloatArray:
     """The point of the ground below Bo in W, shape (n, 3), m."""
     return run_log.vector("position", "truth_m") * [1.0, 1.0, 0.0]

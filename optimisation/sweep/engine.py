@@ -7,7 +7,6 @@ again is set aside, and tried once more alone in the cluster at the end; what di
 from __future__ import annotations
 
 import logging
-import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -164,7 +163,9 @@ class DaskEngine:
         return sorted(suspects)
 
 
-WORKER_LOST_AGAIN = f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or a crash in the solver)"
+WORKER_LOST_AGAIN = (
+    f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or a crash in the solver)"
+)
 
 
 def _chunks(number: int, workers: int) -> list[list[int]]:
@@ -229,7 +230,7 @@ def _ignore_ctrl_c_plugin() -> Any:
     """Ctrl-C goes to all processes of a terminal; the client alone acts on it, and then closes the workers."""
     from distributed import WorkerPlugin
 
-    class IgnoreCtrlC(WorkerPlugin):
+    class IgnoreCtrlC(WorkerPlugin):  # type: ignore[misc]  # distributed is typed in parts only
         name = "ignore-ctrl-c"
 
         def setup(self, worker: Any) -> None:

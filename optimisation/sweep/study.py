@@ -1,0 +1,254 @@
+"""A study: which runs are to be made, as a YAML file of scenarios with grids and samples of their numbers."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from scipy.stats import norm, qmc
+
+from optimisation.sweep.engine import SweepError
+from optimisation.sweep.task import RunTask
+from workbench.ensemble import Member, load_ensemble
+from workbench.errors import ScenarioError
+from workbench.parameter_files import read_yaml
+from workbench.quantity import explain, nearest
+from workbench.scenario import SECTIONS, Scenario, load_scenario
+
+STUDY_SCHEMA = "aerodima/study/1"
+MOST_RUNS = 100_000
+
+Value = float | int | bool | str
+_FROZEN = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Range(BaseModel):
+    """Evenly spaced values, both ends included; `from` in YAML."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    start: float = Field(alias="from", description="first value")
+    to: float = Field(description="last value")
+    number: int = Field(description="of values", ge=1, le=10_000)
+
+    def values(self) -> list[Value]:
+        """The values; the plain decimals that a reader expects, without the last bits of a division."""
+        return [float(f"{value:.12g}") for value in np.linspace(self.start, self.to, self.number)]
+
+
+class Uniform(BaseModel):
+    """Any value between two, alike."""
+
+    model_config = _FROZEN
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Uniform":
+        if self.high <= self.low:
+            raise ValueError(f"high: {self.high:g}; allowed: above low, {self.low:g}")
+        return self
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """Values of the quantiles (n)."""
+        return self.low + (self.high - self.low) * share
+
+
+class Normal(BaseModel):
+    """Around a mean."""
+
+    model_config = _FROZEN
+    mean: float
+    deviation: float = Field(gt=0)
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """Values of the quantiles (n)."""
+        return norm.ppf(np.clip(share, 1e-9, 1.0 - 1e-9), self.mean, self.deviation)
+
+
+class Sample(BaseModel):
+    """Scattered values of several factors at once (scipy.stats.qmc), the same for the same seed."""
+
+    model_config = _FROZEN
+    method: Literal["sobol", "lhs"] = "sobol"
+    number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MOST_RUNS)
+    seed: int = Field(1, description="of the scattering", ge=0)
+    factors: dict[str, Uniform | Normal] = Field(min_length=1)
+    new_seeds: bool = Field(False, description="each sample has its own seed, so its own sensor noise")
+
+    def rows(self) -> list[dict[str, Value]]:
+        """One dict of factor -> value per sample."""
+        names = list(self.factors)
+        if self.method == "sobol":
+            engine = qmc.Sobol(len(names), rng=np.random.default_rng(self.seed))
+            shares = engine.random_base2(int(np.ceil(np.log2(self.number))))[: self.number]
+        else:
+            shares = qmc.LatinHypercube(len(names), rng=np.random.default_rng(self.seed)).random(self.number)
+        columns = {name: self.factors[name].at(shares[:, place]) for place, name in enumerate(names)}
+        rows: list[dict[str, Value]] = [
+            {name: float(f"{column[row]:.12g}") for name, column in columns.items()} for row in range(self.number)
+        ]
+        if self.new_seeds:
+            rows = [row | {"seed": 1 + place} for place, row in enumerate(rows)]
+        return rows
+
+
+class Block(BaseModel):
+    """One scenario with factors: every combination of the grid, with every sample."""
+
+    model_config = _FROZEN
+    name: str = Field("", description="of the block within the study", max_length=40)
+    scenario: str = Field(description="name or path")
+    settings: tuple[str, ...] = Field((), description="overrides of every run, such as car.mass=5.5")
+    grid: dict[str, Annotated[list[Value], Field(min_length=1)] | Range] = {}
+    sample: Sample | None = None
+
+    def points(self) -> Iterator[dict[str, Value]]:
+        """Factor -> value of each run."""
+        names = list(self.grid)
+        levels = [axis.values() if isinstance(axis, Range) else list(axis) for axis in self.grid.values()]
+        samples = self.sample.rows() if self.sample is not None else [{}]
+        for combination in product(*levels):
+            for sampled in samples:
+                yield dict(zip(names, combination, strict=True)) | sampled
+
+    @property
+    def factors(self) -> list[str]:
+        """Keys that differ from run to run."""
+        sampled = [] if self.sample is None else [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
+        return [*self.grid, *sampled]
+
+
+class Study(BaseModel):
+    """Everything that is to be run. A file with one block may write its keys at the top level."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    schema_: Literal["aerodima/study/1"] = Field("aerodima/study/1", alias="schema")
+    name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
+    signals: Literal["all", "outcome"] = Field("outcome", description="all: the impulses of the tail too")
+    ensemble: str | None = Field(None, description="name or path: every run for every member of it")
+    members: int | None = Field(None, description="only the likeliest members", ge=1)
+    blocks: tuple[Block, ...] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A task, and the columns of its row that say where it stands in the study.
+
+    Attributes:
+        task: what is run.
+        place: `block`, `member`, `weight` and one entry per factor.
+    """
+
+    task: RunTask
+    place: dict[str, Value | None]
+
+
+def load_study(path: Path) -> Study:
+    """Reads a study file.
+
+    Raises:
+        SweepError: no such file, wrong key, value or factor; names the place, the value and what is allowed.
+    """
+    try:
+        data = read_yaml(path)
+        found = data.get("schema", STUDY_SCHEMA)
+        if found != STUDY_SCHEMA:
+            raise SweepError(f"{path}: schema: {found!r} is not read by this version; allowed is {STUDY_SCHEMA!r}")
+        data.setdefault("name", path.stem)
+        study = Study.model_validate(_in_blocks(data))
+    except ScenarioError as error:
+        raise SweepError(str(error)) from None
+    except ValidationError as error:
+        raise SweepError(str(explain(error, str(path), Study))) from None
+    check_factors(study, str(path))
+    return study
+
+
+def check_factors(study: Study, where: str) -> None:
+    """Raises SweepError for a factor that no scenario has, and for a scenario that is not there."""
+    for block in study.blocks:
+        label = f"{where}: block {block.name!r}" if block.name else where
+        for factor in block.factors:
+            _check_factor(factor, label)
+        if block.sample is not None and (twice := sorted(set(block.grid) & set(block.sample.factors))):
+            raise SweepError(f"{label}: {twice[0]}: is in the grid and in the sample; allowed: one of them")
+        try:
+            load_scenario(block.scenario, list(block.settings))
+        except ScenarioError as error:
+            raise SweepError(f"{label}: {error}") from None
+
+
+def plan_runs(study: Study) -> list[PlannedRun]:
+    """Every run of a study, in the order of its table.
+
+    Raises:
+        SweepError: more than `MOST_RUNS`.
+        EnsembleError: the ensemble cannot be read.
+    """
+    members: Sequence[Member | None] = [None]
+    if study.ensemble is not None:
+        ensemble = load_ensemble(study.ensemble)
+        members = ensemble.members if study.members is None else ensemble.likeliest(study.members)
+    factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
+    runs: list[PlannedRun] = []
+    for number, block in enumerate(study.blocks):
+        for point in block.points():
+            for member in members:
+                runs.append(_run(study, block, block.name or str(number), point, member, factors, len(runs)))
+                if len(runs) > MOST_RUNS:
+                    raise SweepError(f"{study.name}: more than {MOST_RUNS} runs; allowed: fewer factors or values")
+    return runs
+
+
+def _run(
+    study: Study,
+    block: Block,
+    block_name: str,
+    point: Mapping[str, Value],
+    member: Member | None,
+    factors: Sequence[str],
+    number: int,
+) -> PlannedRun:
+    own = () if member is None else member.settings
+    settings = (*own, *block.settings, *(f"{name}={_text(value)}" for name, value in point.items()))
+    place: dict[str, Value | None] = {"block": block_name}
+    if member is not None:
+        place |= {"member": member.name, "weight": member.weight}
+    place |= {name: point.get(name) for name in factors}
+    return PlannedRun(RunTask(f"{number:06d}", block.scenario, settings, study.signals), place)
+
+
+def _text(value: Value) -> str:
+    """As YAML reads it back: floats in full precision (`1e-05` would be a text to YAML, `1.0e-05` is a number)."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = repr(value) if isinstance(value, float) else str(value)
+    mantissa, exponent, power = text.partition("e")
+    numeric = isinstance(value, float) and exponent
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}e{power}" if numeric else text
+
+
+def _in_blocks(data: dict[str, Any]) -> dict[str, Any]:
+    own = [key for key in Block.model_fields if key in data and key != "name"]
+    if "blocks" in data or not own:
+        return data
+    rest = {key: value for key, value in data.items() if key not in own}
+    return rest | {"blocks": [{key: data[key] for key in own}]}
+
+
+def _check_factor(factor: str, where: str) -> None:
+    section, _, key = factor.partition(".")
+    if not key:
+        known = [name for name in Scenario.model_fields if name not in SECTIONS and name != "schema_"]
+        if factor not in known:
+            raise SweepError(f"{where}: factor {factor!r}: allowed is section.key, such as car.tyre_friction, or seed")
+        return
+    if section not in SECTIONS:
+        raise SweepError(f"{where}: factor {factor!r}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
+    keys = list(SECTIONS[section].model_fields)
+    if key not in keys:
+        close = nearest(factor, [f"{section}.{name}" for name in keys])
+        raise SweepError(f"{where}: factor {factor!r}: no such number; {close}")
