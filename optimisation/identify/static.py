@@ -141,8 +141,8 @@ class StaticResidual:
             self._weights, self._weights
         )
         covariance[count, count] = (data.speed_deviation / speed_accuracy()) ** 2
-        slope = self._angle_slope(solution.x)
-        return Noise(covariance + data.angle_deviation**2 * np.outer(slope, slope), np.inf, data.effective_samples)
+        rounding = math.sqrt(3.0) * data.angle_deviation * self._angle_slope(solution.x)
+        return Noise(covariance + np.outer(rounding, rounding) / 3.0, np.inf, data.effective_samples, rounding)
 
     def _angle_slope(self, x: np.ndarray) -> np.ndarray:
         """d residual / d angle."""

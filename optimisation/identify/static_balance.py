@@ -28,7 +28,7 @@ from workbench.rig_scenario import RigScenario
 Vector3 = tuple[float, float, float]
 REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")
 UPRIGHT_MARGIN = math.radians(0.5)
-"""A tail that hangs straight within this counts as 0 degrees: its lift then has a side, to the root."""
+"""A tail that hangs straight within this has its lift to the root, on whichever side of 0 an encoder reads it."""
 
 _DRAG = PolarLaw(1.0, 0.0)
 _LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
@@ -126,17 +126,18 @@ class StaticBalance:
         """What the wind adds: rows bar, unit C_D and unit C_L of the tail; columns reactions (6) and axis torque.
 
         Args:
-            angle: rad; within half a degree of 0 it counts as 0.
+            angle: rad; a tail that hangs within half a degree of straight down has its lift to the root.
             wind_speed: m/s.
             psi: rad, float or AutoDiffXd.
         """
-        angle = 0.0 if abs(angle) < UPRIGHT_MARGIN else angle
         s, c = (math.sin(psi), math.cos(psi)) if isinstance(psi, float) else (sin(psi), cos(psi))
         wind = (wind_speed * s, -wind_speed * c, 0.0 * s)
         jet = Jet.below_pivot(self.pivot, self.jet_edge_depth, float_of(psi), self.jet_slope)
         a, b = hanging_axis(angle), hanging_axis(angle + self.kilter)
         bar = self._forces((_DRAG,), self.bar, 0.0, a, a, wind, jet)[0]
         tail = self._forces((_DRAG, _LIFT), self.tail, self.tail_distance + self.gap, a, b, wind, jet)
+        if -UPRIGHT_MARGIN < angle < 0.0 <= self.kilter and angle + self.kilter < 0.0:
+            tail[1] = [-value for value in tail[1]]
         return [[self.bar_drag * value for value in bar], *tail]
 
     def _forces(

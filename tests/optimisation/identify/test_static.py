@@ -47,7 +47,7 @@ def changed(log: RunLog, **columns: np.ndarray) -> RunLog:
     return replace(log, table=log.table.assign(**columns))
 
 
-@pytest.mark.parametrize(("tail", "degrees"), [(1, 0), (1, 30), (2, 45), (3, 60), (2, 75)])
+@pytest.mark.parametrize(("tail", "degrees"), [(1, 0), (2, 0.3), (1, 30), (2, 45), (3, 60), (2, 75)])
 def test_balance_is_that_of_the_plant(tail: int, degrees: float) -> None:
     scenario = truth.static_scenario(tail, "major", degrees, 20.0, -0.08)
     rig, balance, angle = Rig(scenario), StaticBalance.of(scenario), math.radians(degrees)
