@@ -39,9 +39,9 @@ INPUTS = ("front_ratio", "yaw_force", "speed", "lateral_speed", "yaw_rate")
 force that the yaw acceleration takes away, over the weight (1); velocity of the body origin forwards and to the left,
 m/s; yaw rate, rad/s."""
 
-LIFT_WIDTH = 0.006
+LIFT_WIDTH = 0.012
 """Roll over which the inner tyres leave the ground, rad: width of a smooth step."""
-LOAD_ROUNDING = 0.05
+LOAD_ROUNDING = 0.15
 """Rounding of the corner where an inner tyre's load becomes zero, as a share of the load."""
 SIDE_BLEND = 0.1
 """Air speed over which a sail with two sides changes its coefficient, m/s."""
@@ -215,3 +215,42 @@ def _air(
     force = -0.5 * car.air_density * area * coefficient * np.sqrt(across * across + along * along + 1e-12) * across
     total, moment = force.sum(-1), (force * distance).sum(-1)
     return total * n_y[..., 0], total * n_z[..., 0], total * lever[..., 0] + moment, moment
+
+
+def motion(
+    roll: Array, roll_rate: Array, tail: tuple[Array, Array, Array], inputs: Array, car: ReducedCar
+) -> tuple[Array, Array]:
+    """What a told tail motion does to the car, and what it asks of the motor.
+
+    Args:
+        roll, roll_rate: of the car, (...).
+        tail: angle, rate and acceleration of the tail roll, each (..., 1).
+        inputs: (..., 5) as `INPUTS`.
+        car: numbers.
+
+    Returns:
+        Roll acceleration, rad/s2, (...), and motor torque, N m, (..., 1).
+    """
+    angle, rate, acceleration = (values[..., 0] for values in tail)
+    state = np.stack(np.broadcast_arrays(roll, angle, roll_rate, rate), axis=-1)
+    m11, m12, m21, m22, b1, b2 = _equations(state, np.zeros(1), inputs, car)
+    roll_acceleration = (b1 - m12 * acceleration) / m11
+    return roll_acceleration, (m21 * roll_acceleration + m22 * acceleration - b2)[..., None]
+
+
+def tip_height(roll: Array, angles: Array, car: ReducedCar) -> Array:
+    """Height of the tail's tip above the ground, m, (...).
+
+    Args:
+        roll: of the car, (...).
+        angles: tail roll, (..., 1).
+        car: numbers.
+    """
+    return axis_point_height(roll, car) + car.tail_length * np.cos(roll + angles[..., 0])
+
+
+def axis_point_height(roll: Array, car: ReducedCar) -> Array:
+    """Height of the tail's joints above the ground, m."""
+    s, c = np.sin(roll), np.cos(roll)
+    above = car.axis_height - car.tyre_radius - lift_state(roll, car)[0]
+    return wheel_height(s, c, car)[0] + car.half_track * s + above * c

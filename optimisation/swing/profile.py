@@ -9,6 +9,7 @@ optimisation runs the full car again with the new swing and takes the profile an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from workbench.logs.columns import WHEELS
 from workbench.logs.schema import RunLog
 from workbench.turn_signals import turn_sign
 
-SMOOTHING = 0.012
+SMOOTHING = 0.03
 """Width of the moving average over signals that carry tyre and suspension vibration, s; the reduced models have none
 of it."""
 SPEED, LATERAL_SPEED, YAW_RATE = (INPUTS.index(name) for name in ("speed", "lateral_speed", "yaw_rate"))
@@ -53,16 +54,18 @@ class TurnProfile:
     def at(
         self, time: NDArray, friction: NDArray | float | None = None, speed: NDArray | float | None = None
     ) -> NDArray:
-        """Inputs (..., 5) at times (s) for a tyre friction and an entry speed (m/s); by default those of the run.
+        """Inputs (..., 5) at times (s) for a tyre friction and an entry speed (m/s); by default those of the run."""
+        return self.scaled(self.curve(time), friction, speed)
+
+    def scaled(self, curve: NDArray, friction: Any = None, speed: Any = None) -> NDArray:
+        """Inputs (..., 5) of the run for another friction or entry speed; complex steps pass through.
 
         Front ratio, yaw force and yaw rate grow with the friction, since the front tyres slide; the yaw rate falls
         with the speed, as the sideways force stays the same.
         """
-        values = self.curve(time)
-        grip = 1.0 if friction is None else np.asarray(friction) / self.friction
-        pace = 1.0 if speed is None else np.asarray(speed) / self.speed
-        factors = np.stack(np.broadcast_arrays(grip, grip, pace, pace, grip / pace), axis=-1)
-        return values * factors
+        grip = 1.0 if friction is None else friction / self.friction
+        pace = 1.0 if speed is None else speed / self.speed
+        return curve * np.stack(np.broadcast_arrays(grip, grip, pace, pace, grip / pace), axis=-1)
 
     def curve(self, time: NDArray) -> NDArray[np.float64]:
         """Inputs (..., 5) of the run at times, s; constant beyond its ends."""
