@@ -19,14 +19,16 @@ from __future__ import annotations
 from array import array
 from enum import IntEnum
 
+from hardware.protocol.radio import RadioMode
 from hardware.wiring.base import CarCommand, CarReading, SourceFault, Wiring
 from hardware.wiring.drive_safety import DriveSafety
 from workbench.errors import HardwareError
-from workbench.ports import STATUS
+from workbench.ports import STATUS, TAIL_STATE
 
 _ARMED = STATUS.index("armed")
 _TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
 _SAIL, _IMU, _SPEED, _OPERATOR = (STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator"))
+_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
 
@@ -75,6 +77,7 @@ class CarGuard:
         self.cycle_times = array("d")
         self._since = 0.0
         self._was_armed = False
+        self._mode = RadioMode.AUTO
 
     @property
     def finished(self) -> bool:
@@ -105,11 +108,16 @@ class CarGuard:
         self._was_armed = False
         self._go(Stage.ARMED, now)
 
-    def drive(self, now: float) -> None:
-        """Lets commands through from now on. Raises `HardwareError` unless the car is ready."""
+    def drive(self, mode: RadioMode, now: float) -> None:
+        """Lets commands through from now on, for as long as the operator stays in `mode`.
+
+        Raises:
+            HardwareError: the car is not ready.
+        """
         if not self.ready:
             raise HardwareError(f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}")
         self.cycle_times = array("d")
+        self._mode = mode
         self._go(Stage.DRIVING, now)
 
     def reset(self, now: float) -> None:
@@ -169,6 +177,8 @@ class CarGuard:
         if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
             hard, reason = True, reason or "the tail motors are off"
         self._was_armed = armed
+        if self.stage is Stage.DRIVING and not reason and self.reading.operator.mode is not self._mode:
+            reason = f"the operator left {self._mode.name} for {self.reading.operator.mode.name}"
         if reason and self.stage is Stage.READY:
             if self.reading.status[_OPERATOR] == SourceFault.STOPPED:
                 self.reason, self.hard = reason, True  # latches before the car is armed too
@@ -185,7 +195,19 @@ class CarGuard:
             or status[_SAIL] not in _UNFITTED
         )
         soft = status[_OPERATOR] != 0.0 or status[_IMU] != 0.0 or status[_SPEED] in _GONE
-        return hard, (reading.fault_text or "a device has a fault") if hard or soft else ""
+        if hard or soft:
+            return hard, reading.fault_text or "a device has a fault"
+        current = self._least_current(reading)
+        too_much = current > self._safety.fuse
+        return too_much, f"the tail motors draw {current:.0f} A; the fuse has {self._safety.fuse:g} A" * too_much
+
+    def _least_current(self, reading: CarReading) -> float:
+        """What the tail motors draw at least, A: their mechanical power at the lowest voltage allowed.
+
+        Replies of the MIT mode carry neither voltage nor current of the pack.
+        """
+        power = float(reading.tail_torque @ reading.tail_state[list(_RATES)])
+        return max(0.0, power) / self._safety.least_voltage
 
     def _exit(self, now: float) -> None:
         self.wiring.disarm(now)
@@ -193,4 +215,3 @@ class CarGuard:
 
     def _go(self, stage: Stage, now: float) -> None:
         self.stage, self._since = stage, now
-

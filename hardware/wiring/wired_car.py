@@ -16,6 +16,7 @@ from hardware.motor_group import FramePort, MotorGroup
 from hardware.motor_settings import MotorSettings
 from hardware.motor_state import ENERGISED, MotorFault
 from hardware.protocol.ak70 import MitCommand
+from hardware.protocol.can_frame import CanFrame
 from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from hardware.radio_link import IDLE, RadioLink
 from hardware.sensors.bno055 import Bno055Sample
@@ -32,6 +33,8 @@ from workbench.ports import STATUS
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
+_HEARD = 400
+"""Frames that are kept: two seconds of two motors."""
 _RATE_WINDOW = 0.02
 """s; of the sail's rate, as the simulated encoder has it."""
 _TEENSY_FAULTS = {
@@ -126,6 +129,7 @@ class WiredCar:
         self._open_devices, self._authorise = open_devices, authorise
         self.devices: Devices | None = None
         self.group: MotorGroup | None = None
+        self._port: _ListeningPort | None = None
         self.reading = CarReading()
         self.stop_reason = ""
         self._sail = _SailRate()
@@ -140,7 +144,8 @@ class WiredCar:
         if self.devices is not None or self.stop_reason:
             raise HardwareError(f"{self.name}: was started already")
         self.devices = self._open_devices()
-        self.group = MotorGroup(self._settings, self.devices.motor_port)
+        self._port = _ListeningPort(self.devices.motor_port)
+        self.group = MotorGroup(self._settings, self._port)
 
     def arm(self) -> None:
         """Begins to switch the motors on. See `Wiring.arm`."""
@@ -173,6 +178,11 @@ class WiredCar:
         if self.devices is None or self.group is None:
             raise HardwareError(f"{self.name}: is not started" + (f" ({self.stop_reason})" * bool(self.stop_reason)))
         return self.devices, self.group
+
+    def replies(self, motor_id: int) -> list[tuple[float, CanFrame]]:
+        """The newest frames that name a motor, with their arrival (s), oldest first."""
+        heard = () if self._port is None else self._port.heard
+        return [(when, frame) for when, frame in heard if frame.data[:1] == bytes([motor_id])]
 
     # -- one cycle
 
@@ -296,6 +306,11 @@ class WiredCar:
         """When the Teensy sent its last reply, s on the clock of `time.monotonic`; NaN before the first."""
         return math.nan if self.devices is None else self.devices.teensy.sent_time
 
+    @property
+    def imu_time(self) -> float:
+        """When the newest sample of the IMU was taken, s on the same clock; NaN before the first."""
+        return self._imu_seen[0]
+
     # -- the way out
 
     def stop(self, reason: str) -> None:
@@ -332,6 +347,33 @@ class WiredCar:
             self.reading.operator,
             self.reading.fault_text or self.stop_reason,
         )
+
+
+class _ListeningPort:
+    """A port that keeps the newest frames, for the check of the firmware profile."""
+
+    def __init__(self, port: FramePort) -> None:
+        self._port = port
+        self.heard: deque[tuple[float, CanFrame]] = deque(maxlen=_HEARD)
+
+    @property
+    def fault(self) -> int:
+        return self._port.fault
+
+    @property
+    def fault_text(self) -> str:
+        return self._port.fault_text
+
+    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
+        return self._port.send(frame, urgent)
+
+    def poll(self) -> list[tuple[float, CanFrame]]:
+        frames = self._port.poll()
+        self.heard.extend(frames)
+        return frames
+
+    def flush(self, timeout: float = 0.2) -> bool:
+        return self._port.flush(timeout)
 
 
 class _SailRate:

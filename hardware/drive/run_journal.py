@@ -1,0 +1,125 @@
+"""The log of a drive: the rows go to a thread, so that a slow or full disk never holds up the loop."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import queue
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workbench.errors import LogError
+from workbench.logs.columns import sensor_columns
+from workbench.logs.journal import JournalWriter
+from workbench.logs.schema import run_metadata
+from workbench.scenario import Scenario
+
+LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
+"""Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
+clock of the run. The Teensy's clock is aligned by `hardware.clock_alignment`."""
+_MOST_WAITING = 3000
+
+
+def drive_columns() -> list[str]:
+    """Columns of a drive's log, in order."""
+    return [*(column.name for column in sensor_columns()), *LINK_COLUMNS]
+
+
+class RunJournal(JournalWriter):
+    """A `JournalWriter` whose rows are written by a thread.
+
+    Attributes:
+        columns: names, in order.
+        error: what stopped the writing, empty while it works.
+        lost: rows that were not written.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str], metadata: Mapping[str, Any], force: bool = False) -> None:
+        super().__init__(path, columns, metadata, force)
+        self.columns = list(columns)
+        self.error = ""
+        self.lost = 0
+        self._waiting: queue.Queue[np.ndarray | None] = queue.Queue(_MOST_WAITING)
+        self._thread = threading.Thread(target=self._write, name="run-journal", daemon=True)
+        self._thread.start()
+
+    def append(self, row: ArrayLike) -> None:
+        """Takes one row and returns at once."""
+        try:
+            self._waiting.put_nowait(np.array(row, dtype=float))
+        except queue.Full:
+            self.lost += 1
+            self.error = self.error or f"{self.journal}: the disk is too slow"
+
+    def close(self) -> Path:
+        """Writes what waits and ends the log. LogError, with the journal kept, if the disk did not take it."""
+        self._finish()
+        if self.error:
+            self._give_up()
+            raise LogError(f"{self.error}; what was written can be rescued: aerodima log recover {self.journal}")
+        return super().close()
+
+    def abandon(self) -> Path:
+        """Writes what waits and leaves the journal."""
+        self._finish()
+        if self.error:
+            self._give_up()
+            return self.journal
+        return super().abandon()
+
+    def discard(self) -> None:
+        """Ends a log of a drive that did not begin: nothing is left of it."""
+        self._finish()
+        super().abandon()
+        self.journal.unlink(missing_ok=True)
+
+    def _finish(self) -> None:
+        if self._thread.is_alive():
+            self._waiting.put(None)
+            self._thread.join(5.0)
+
+    def _give_up(self) -> None:
+        with contextlib.suppress(LogError, OSError):  # the rows of before stay readable, which is all that can be had
+            super().abandon()
+
+    def _write(self) -> None:
+        while (row := self._waiting.get()) is not None:
+            if self.error:
+                self.lost += 1
+                continue
+            try:
+                super().append(row)
+            except Exception as error:  # whatever it is, the loop must hear of it and go on
+                self.error = " ".join(str(error).split())
+
+
+def open_run_journal(path: Path, scenario: Scenario, wiring: str, force: bool = False) -> RunJournal:
+    """The journal of a drive of a scenario; LogError as for `JournalWriter`."""
+    metadata = run_metadata(scenario.resolved(), scenario.seed, extra={"platform": "physical", "wiring": wiring})
+    return RunJournal(path, drive_columns(), metadata, force)
+
+
+def log_facts(reason: str, stop_time: float, cycle_times: Sequence[float], overruns: int) -> dict[str, Any]:
+    """What only the end of a drive knows, for the `extra` of its log."""
+    facts: dict[str, Any] = {"stop_reason": reason, "overruns": overruns, "cycles": len(cycle_times)}
+    if math.isfinite(stop_time):
+        facts["stop_time_s"] = stop_time
+    return {**facts, **period_facts(cycle_times)}
+
+
+def period_facts(cycle_times: Sequence[float], period: float = 0.01) -> dict[str, float]:
+    """Error of the periods of a loop: p50, p99 and the most, s; empty for fewer than two cycles."""
+    if len(cycle_times) < 2:
+        return {}
+    error = np.abs(np.diff(np.asarray(cycle_times)) - period)
+    p50, p99 = np.percentile(error, [50, 99])
+    return {
+        "period_error_p50_s": float(p50),
+        "period_error_p99_s": float(p99),
+        "period_error_max_s": float(error.max()),
+    }

@@ -1,0 +1,257 @@
+"""One drive from the checks to the log: check, arm, drive by sequence or by radio, disarm, write.
+
+Whatever happens in between (a fault, an exception, a signal, a failed start), the motors' exit frames and throttle 0 go
+out, and the log is readable up to there.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hardware.drive.checks import Check, desk_checks, device_checks, motor_checks, refuse_failed
+from hardware.drive.guard import CarGuard, Stage
+from hardware.drive.loop import idle_until, run_loop
+from hardware.drive.pilots import AutoPilot, ManualPilot
+from hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
+from hardware.drive.stop_signals import stop_on_signals
+from hardware.protocol.radio import RadioMode
+from hardware.wiring.base import SourceFault
+from hardware.wiring.car_ports import CarPorts
+from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
+from hardware.wiring.wired_car import WiredCar
+from workbench.controllers.law_of_scenario import law_of_scenario
+from workbench.controllers.manoeuvre import make_schedule, run_time
+from workbench.errors import HardwareError
+from workbench.ports import STATUS
+from workbench.scenario import Scenario
+
+_HOUR = 3600.0
+"""s; the longest drive by radio."""
+_SETTLE = 0.5
+"""s with the motors holding before their replies are judged."""
+RUN_OVER = "the run is over"
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DriveResult:
+    """How a drive ended.
+
+    Attributes:
+        reason: `RUN_OVER`, or why it was stopped.
+        orderly: the run came to its end, or the operator ended it without an emergency.
+        log: the run log; None when none was written.
+        signal: number of the signal that ended it; 0 for none.
+    """
+
+    reason: str
+    orderly: bool
+    log: Path | None
+    signal: int = 0
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """How to drive.
+
+    Attributes:
+        log: the run log to be written. force: replace it.
+        dry_run: never arm; the sequence runs with the car switched off.
+        with_drake: the diagram in Drake's simulator, otherwise the plain loop.
+        wait_for_operator: s until the operator must have chosen AUTO or MANUAL.
+    """
+
+    log: Path
+    force: bool = False
+    dry_run: bool = False
+    with_drake: bool = True
+    wait_for_operator: float = _HOUR
+
+
+def run_drive(car: WiredCar, scenario: Scenario, ports: CarPorts, options: DriveOptions, say: Say) -> DriveResult:
+    """Drives a scenario on a car that is not started yet.
+
+    Raises:
+        UserError: a check failed, a device is missing, the log cannot be written; the motors are off by then.
+    """
+    safety = load_drive_safety()
+    make_schedule(scenario)
+    law_of_scenario(scenario)
+    _tell(desk_checks(scenario, options.log.parent, safety), say)
+    guard = CarGuard(car, safety, has_tail=scenario.tail.mode != "none")
+
+    def stop(name: str) -> None:
+        guard.stop(name, time.monotonic(), hard=True)
+
+    with stop_on_signals(stop) as came:
+        try:
+            car.start()
+            return _on_open_devices(_Drive(car, guard, scenario, ports, options, safety, say), came)
+        finally:
+            car.stop(guard.reason or "the drive is over")
+            gc.unfreeze()
+
+
+@dataclass
+class _Drive:
+    car: WiredCar
+    guard: CarGuard
+    scenario: Scenario
+    ports: CarPorts
+    options: DriveOptions
+    safety: DriveSafety
+    say: Say
+
+
+def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
+    guard, options = drive.guard, drive.options
+    _wait_for_devices(drive)
+    _tell(device_checks(guard.reading, _gps_time(drive.car), drive.safety), drive.say, refuse=not options.dry_run)
+    journal = open_run_journal(options.log, drive.scenario, drive.car.name, options.force)
+    try:
+        run = _prepare(drive, journal)
+        mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)
+    except BaseException:
+        journal.discard()
+        raise
+    if came or guard.finished:
+        _let_stop(guard)
+        journal.discard()
+        return DriveResult(guard.reason, False, None, came[0] if came else 0)
+    log = _logged_run(drive, journal, lambda: run(mode))
+    return DriveResult(guard.reason, not guard.hard and _is_orderly(guard), log, came[0] if came else 0)
+
+
+def _wait_for_devices(drive: _Drive) -> None:
+    """Until sail, IMU, GPS and operator are heard; what is still silent then is named by the checks."""
+    faults = [STATUS.index(f"{source}_fault") for source in ("sail", "imu", "speed", "operator")]
+    waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT)
+    idle_until(
+        drive.guard,
+        lambda: not any(drive.guard.reading.status[index] in waiting for index in faults),
+        drive.safety.answer_timeout,
+    )
+
+
+def _arm_and_choose(drive: _Drive) -> RadioMode:
+    idle_until(drive.guard, lambda: True, 0.0)  # what came while the diagram was built
+    _arm(drive)
+    return _wait_for_operator(drive)
+
+
+def _arm(drive: _Drive) -> None:
+    guard, say = drive.guard, drive.say
+    say("arming: keep clear of the tail")
+    guard.arm(time.monotonic())
+    if not idle_until(guard, lambda: guard.ready, drive.safety.arm_timeout):
+        reason = guard.reason or f"the motors do not take commands within {drive.safety.arm_timeout:g} s"
+        guard.stop(reason, time.monotonic(), hard=True)
+        _let_stop(guard)
+        raise HardwareError(f"arming failed: {reason}")
+    if drive.scenario.tail.mode != "none":
+        idle_until(guard, lambda: False, _SETTLE)
+        checks = motor_checks(drive.car, drive.scenario, drive.ports, drive.safety)
+        try:
+            _tell(checks, say)
+        except HardwareError as error:
+            guard.stop(str(error), time.monotonic(), hard=True)
+            _let_stop(guard)
+            raise
+    say("armed")
+
+
+def _wait_for_operator(drive: _Drive) -> RadioMode:
+    guard = drive.guard
+    drive.say("waiting for the operator: AUTO runs the sequence, MANUAL drives by radio")
+    wanted = (RadioMode.AUTO, RadioMode.MANUAL)
+    chosen = idle_until(
+        guard, lambda: guard.ready and guard.reading.operator.mode in wanted, drive.options.wait_for_operator
+    )
+    if not chosen and not guard.reason:
+        guard.stop("the operator chose neither AUTO nor MANUAL", time.monotonic())
+    if not chosen:
+        _let_stop(guard)
+        return RadioMode.IDLE
+    mode = guard.reading.operator.mode
+    guard.drive(mode, time.monotonic())
+    drive.say(f"driving: {mode.name}")
+    return mode
+
+
+def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) -> Path:
+    """The run with its log, then the end of it; the log is closed whatever happened."""
+    guard, stopped = drive.guard, math.nan
+    try:
+        stopped = run()
+        guard.stop(RUN_OVER, time.monotonic())
+        _let_stop(guard)
+    except BaseException as error:
+        guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
+        drive.car.stop(guard.reason)  # before anything else: writing a log may take its time
+        raise
+    finally:
+        journal.add_facts(log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns))
+        path = journal.close()
+    return path
+
+
+def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]:
+    """Builds what takes time; the returned function drives in a mode and says when the car began to stop."""
+    scenario, guard, with_drake = drive.scenario, drive.guard, drive.options.with_drake
+    links, length = _links_of(drive.car, guard), run_time(drive.scenario)
+    if with_drake:
+        from hardware.drive.diagram import DiagramRun
+
+        diagram = DiagramRun(guard, scenario, journal, links)
+
+    def run(mode: RadioMode) -> float:
+        if mode is RadioMode.MANUAL:
+            return run_loop(guard, ManualPilot(scenario), scenario, _HOUR, journal, links)
+        if with_drake:
+            return diagram.run(length)
+        return run_loop(guard, AutoPilot(scenario), scenario, length, journal, links)
+
+    gc.collect()
+    gc.freeze()  # what exists now is not looked through again while the loop turns
+    return run
+
+
+def _links_of(car: WiredCar, guard: CarGuard) -> Callable[[float], np.ndarray]:
+    """Values of `LINK_COLUMNS` on the clock of a run that started at the given time."""
+
+    def links(start: float) -> np.ndarray:
+        return np.array([guard.lateness, car.imu_time - start, car.teensy_time - start])
+
+    return links
+
+
+def _let_stop(guard: CarGuard) -> None:
+    """Turns the loop until the motors are off; one that was never armed has nothing to wait for."""
+    if guard.stage is not Stage.READY:
+        idle_until(guard, lambda: guard.finished, 5.0)
+
+
+def _is_orderly(guard: CarGuard) -> bool:
+    return guard.reason == RUN_OVER or guard.reason.startswith("the operator left")
+
+
+def _gps_time(car: WiredCar) -> float | None:
+    gps = None if car.devices is None else car.devices.gps
+    newest = None if gps is None else gps.newest
+    if newest is None or newest[1].time_of_day is None:
+        return None
+    return newest[1].time_of_day + time.monotonic() - newest[0]
+
+
+def _tell(checks: list[Check], say: Say, refuse: bool = True) -> None:
+    for check in checks:
+        say(str(check))
+    if refuse:
+        refuse_failed(checks)

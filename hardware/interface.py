@@ -1,0 +1,74 @@
+"""The real car as a Drake system with the ports of the station, for `make_car_station(scenario, interface=...)`."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from hardware.drive.guard import CarGuard
+from hardware.drive.loop import PERIOD, WRITE_DELAY
+from hardware.wiring.base import CarCommand, CarReading
+from workbench.discrete_vector import DiscreteVector
+from workbench.ports import STATION_INPUTS, STATION_OUTPUTS
+from workbench.station import InterfaceFactory
+
+
+class CarInterface(LeafSystem):
+    """Reads and writes the car once per 10 ms, in one discrete update; never waits for a device.
+
+    The update comes `WRITE_DELAY` after the controllers' tick: the commands of a tick leave at once, and what it reads
+    stands on the outputs for the next tick. The outputs are discrete state, so evaluating them costs nothing and
+    touches nothing. Faults and ages are on `status`; what follows from them is the guard's (`CarGuard`), and the
+    emergency stop stays there until it is reset by hand. A diagram with this system runs at real-time rate 1; every
+    update tells the guard how late it is.
+
+    Input and output ports: exactly those of `workbench.ports.STATION_INPUTS` and `STATION_OUTPUTS`.
+
+    Args:
+        guard: of the started wiring; a run begins with its last reading on the outputs.
+    """
+
+    def __init__(self, guard: CarGuard) -> None:
+        super().__init__()
+        self.set_name("car_interface")
+        self._guard = guard
+        self._start: float | None = None
+        self._ports = {name: self.DeclareVectorInputPort(name, fields.size) for name, fields in STATION_INPUTS.items()}
+        self._values = {
+            name: DiscreteVector(self, np.zeros(fields.size), output=name) for name, fields in STATION_OUTPUTS.items()
+        }
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialise)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=PERIOD, offset_sec=WRITE_DELAY, update=self._exchange)
+
+    @property
+    def start(self) -> float | None:
+        """Time 0 of the run on `time.monotonic`, s; None before the first update."""
+        return self._start
+
+    def _exchange(self, context: Context, discrete_state: DiscreteValues) -> None:
+        now = time.monotonic()
+        if self._start is None:
+            self._start = now - context.get_time()
+        steering, throttle, pitch, roll = (self._read(context, name) for name in STATION_INPUTS)
+        command = CarCommand(float(steering[0]), float(throttle[0]), pitch, roll)
+        self._write(self._guard.exchange(command, now, self._start + context.get_time()), discrete_state)
+
+    def _initialise(self, context: Context, discrete_state: DiscreteValues) -> None:
+        del context
+        self._write(self._guard.reading, discrete_state)
+
+    def _write(self, reading: CarReading, discrete_state: DiscreteValues) -> None:
+        for name, value in self._values.items():
+            value.write(discrete_state, getattr(reading, name))
+
+    def _read(self, context: Context, name: str) -> np.ndarray:
+        values: Any = self._ports[name].Eval(context)
+        return np.array(values)
+
+
+def interface_to(guard: CarGuard) -> InterfaceFactory:
+    """The factory that `make_car_station` and `assemble` take."""
+    return lambda scenario: CarInterface(guard)

@@ -1,0 +1,88 @@
+"""A wiring in memory: a tail that follows its commands without mass, a yaw rate by the tick, faults by hand."""
+
+import math
+
+import numpy as np
+
+from hardware.motor_state import MotorFault
+from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.wiring.base import CarReading, SourceFault
+from workbench.errors import HardwareError
+from workbench.ports import STATUS
+from workbench.scenario import load_scenario
+
+PERIOD = 0.01
+
+
+def quick_turn(**settings):
+    """The AUTO sequence in two seconds: turn at 0.5 s for 0.5 s, throttle off at 1.2 s."""
+    times = {"straight_time": 0.5, "speed_ramp": 0.3, "wait_after_turn": 0.2, "log_end": 2.0, **settings}
+    return load_scenario("auto_turn", [f"manoeuvre.{key}={value}" for key, value in times.items()])
+
+
+class FakeWiring:
+    """Attributes: commands: as exchanged; calls: of arm, hold, disarm, reset, stop; faults: on the status by name."""
+
+    def __init__(self, roll=-math.pi / 2, yaw_rate=lambda tick: 0.0):
+        self.name = "direct_can"
+        self.roll, self.roll_rate = roll, 0.0
+        self.yaw_rate = yaw_rate
+        self.armed = False
+        self.faults = {}
+        self.fault_text = ""
+        self.operator = OperatorCommand(RadioMode.AUTO)
+        self.commands, self.calls = [], []
+        self.refuse = ""
+        self.raises = None
+
+    def start(self):
+        self.calls.append("start")
+
+    def arm(self):
+        if self.refuse:
+            raise HardwareError(self.refuse)
+        self.calls.append("arm")
+        self.armed = True
+
+    def hold(self, now):
+        self.calls.append("hold")
+
+    def disarm(self, now):
+        self.calls.append("disarm")
+        self.armed = False
+
+    def reset(self, now):
+        self.calls.append("reset")
+        self.faults.clear()
+
+    def stop(self, reason):
+        self.calls.append("stop")
+        self.armed = False
+
+    def motor_fault(self):
+        """As `MotorGroup` does it: both motors are off with it."""
+        self.faults |= {"tail_roll": MotorFault.NO_REPLY, "tail_pitch": MotorFault.OTHER_MOTOR}
+        self.fault_text, self.armed = "tail roll: no reply for 5 cycles", False
+
+    def exchange(self, command, now):
+        if self.raises is not None:
+            raise self.raises
+        self.commands.append(command)
+        position, velocity, kp, kd, _ = command.tail_roll
+        if self.armed and (kp or kd):
+            self.roll_rate = velocity if kp == 0 else 10.0 * (position - self.roll)
+            self.roll = min(1.6, max(-1.6, self.roll + PERIOD * self.roll_rate))
+        imu = np.zeros(9)
+        imu[2], imu[5] = math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi), self.yaw_rate(len(self.commands))
+        status = {f"{source}_age": 0.004 for source in ("tail_pitch", "tail_roll", "sail", "imu", "speed", "operator")}
+        status |= {name.replace("_age", "_fault"): 0.0 for name in status}
+        status |= {f"{source}_fault": float(code) for source, code in self.faults.items()}
+        return CarReading(
+            tail_state=np.array([0.0, self.roll, 0.1, 0.0, self.roll_rate, 0.0]),
+            imu=imu,
+            speed=np.array([3.0]),
+            status=STATUS.write(**status, armed=float(self.armed)),
+            operator=self.operator,
+            fault_text=self.fault_text
+            or next((f"{name} {SourceFault(code).name}" for name, code in self.faults.items()), ""),
+        )

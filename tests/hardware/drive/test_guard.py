@@ -1,0 +1,231 @@
+"""What reaches the car and when it stops, tick by tick in simulated time."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hardware.drive.guard import CarGuard, Stage
+from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.wiring.base import CarCommand, SourceFault
+from hardware.wiring.drive_safety import load_drive_safety
+from tests.hardware.drive.fake_wiring import PERIOD, FakeWiring
+from workbench.errors import HardwareError
+
+SAFETY = load_drive_safety()
+FORWARD = CarCommand(0.1, 0.3, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0]))
+STOP = CarCommand()
+
+
+class Car:
+    def __init__(self):
+        self.wiring = FakeWiring()
+        self.guard = CarGuard(self.wiring, SAFETY)
+        self.now = 100.0
+
+    def turn(self, command=FORWARD, count=1, late=0.0):
+        for _ in range(count):
+            self.now += PERIOD
+            self.guard.exchange(command, self.now, self.now - late)
+        return self
+
+    def driving(self):
+        self.turn(count=2)
+        self.guard.arm(self.now)
+        self.turn(count=2)
+        self.guard.drive(RadioMode.AUTO, self.now)
+        return self.turn(count=3)
+
+    @property
+    def last(self):
+        return self.wiring.commands[-1]
+
+
+def same(a, b):
+    return (a.steering_angle, a.throttle) == (b.steering_angle, b.throttle) and np.array_equal(a.tail_roll, b.tail_roll)
+
+
+@pytest.fixture
+def car():
+    return Car()
+
+
+def test_nothing_passes_before_drive(car):
+    car.turn(count=2)
+    car.guard.arm(car.now)
+    car.turn(count=2)
+    assert all(same(command, STOP) for command in car.wiring.commands)
+    car.guard.drive(RadioMode.AUTO, car.now)
+    car.turn()
+    assert same(car.last, FORWARD)
+
+
+def test_driving_needs_armed_motors(car):
+    car.turn()
+    with pytest.raises(HardwareError, match="not armed"):
+        car.guard.drive(RadioMode.AUTO, car.now)
+
+
+def soft(source, code):
+    return lambda car: car.wiring.faults.update({source: code})
+
+
+SOFT = {
+    "operator silent": soft("operator", SourceFault.SILENT),
+    "radio lost": soft("operator", SourceFault.LOST),
+    "imu silent": soft("imu", SourceFault.SILENT),
+    "imu error": soft("imu", SourceFault.REPORTED),
+    "gps silent": soft("speed", SourceFault.SILENT),
+    "left AUTO": lambda car: setattr(car.wiring, "operator", OperatorCommand(RadioMode.IDLE)),
+    "took over": lambda car: setattr(car.wiring, "operator", OperatorCommand(RadioMode.MANUAL, 1.0)),
+    "run over": lambda car: car.guard.stop("the run is over", car.now),
+}
+
+
+@pytest.mark.parametrize("cause", SOFT.values(), ids=SOFT)
+def test_a_soft_reason_cuts_the_throttle_in_the_next_cycle_holds_the_tail_then_exits(car, cause):
+    car.driving()
+    cause(car)
+    car.turn()  # the fault is read in this cycle, after its command left
+    assert car.guard.stage is Stage.HOLDING
+    car.turn()
+    assert same(car.last, STOP)
+    assert car.wiring.calls == ["arm", "hold"]
+    car.turn(count=round(SAFETY.tail_hold / PERIOD))
+    assert car.wiring.calls == ["arm", "hold", "disarm"]
+    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
+    assert car.guard.finished
+    assert not car.guard.hard
+    assert all(same(command, STOP) for command in car.wiring.commands[-60:])
+
+
+HARD = {
+    "emergency stop": soft("operator", SourceFault.STOPPED),
+    "motor": lambda car: car.wiring.motor_fault(),
+    "teensy silent": soft("sail", SourceFault.SILENT),
+    "teensy watchdog": soft("sail", SourceFault.REPORTED),
+    "motors went off": lambda car: setattr(car.wiring, "armed", False),
+    "signal": lambda car: car.guard.stop("SIGINT", car.now, hard=True),
+}
+
+
+@pytest.mark.parametrize("cause", HARD.values(), ids=HARD)
+def test_a_hard_reason_exits_at_once(car, cause):
+    car.driving()
+    cause(car)
+    car.turn()
+    assert car.wiring.calls[-1] == "disarm"
+    car.turn(count=2)
+    assert same(car.last, STOP)
+    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
+    assert car.guard.finished
+    assert car.guard.hard
+    assert car.guard.reason
+
+
+@pytest.mark.parametrize("place", ["steering_angle", "throttle", "tail_pitch", "tail_roll"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
+    car.driving()
+    values = {"steering_angle": 0.1, "throttle": 0.3, "tail_pitch": np.ones(5), "tail_roll": np.ones(5)}
+    values[place] = value if place in ("steering_angle", "throttle") else np.array([0.0, value, 1.0, 1.0, 0.0])
+    car.turn(CarCommand(**values))
+    assert same(car.last, STOP)
+    assert car.guard.stage is Stage.EXITING
+    assert "NaN or infinity" in car.guard.reason
+
+
+def test_a_lost_fix_does_not_stop_the_car(car):
+    car.driving()
+    car.wiring.faults["speed"] = SourceFault.NO_FIX
+    car.turn(count=10)
+    assert car.guard.stage is Stage.DRIVING
+
+
+def test_emergency_stop_latches_until_reset_by_hand(car):
+    car.driving()
+    car.wiring.faults["operator"] = SourceFault.STOPPED
+    car.turn(count=30)
+    assert car.guard.finished
+    car.wiring.faults.clear()
+    car.turn(count=200)
+    assert same(car.last, STOP)
+    assert "arm" not in car.wiring.calls[1:]
+    with pytest.raises(HardwareError, match="reset it by hand"):
+        car.guard.arm(car.now)
+    car.guard.reset(car.now)
+    assert car.guard.stage is Stage.READY
+    assert not car.wiring.armed
+    car.turn()
+    car.guard.arm(car.now)
+    assert car.guard.stage is Stage.ARMED
+
+
+def test_emergency_stop_before_arming_latches_too(car):
+    car.wiring.faults["operator"] = SourceFault.STOPPED
+    car.turn()
+    car.wiring.faults.clear()
+    car.turn()
+    with pytest.raises(HardwareError, match="cannot be armed"):
+        car.guard.arm(car.now)
+
+
+def test_a_device_that_is_silent_or_a_missing_watchdog_test_forbids_arming(car):
+    car.wiring.faults["imu"] = SourceFault.SILENT
+    car.turn()
+    with pytest.raises(HardwareError, match="imu SILENT"):
+        car.guard.arm(car.now)
+    car.wiring.faults.clear()
+    car.wiring.refuse = "no watchdog test"
+    car.turn()
+    with pytest.raises(HardwareError, match="no watchdog test"):
+        car.guard.arm(car.now)
+    assert car.guard.stage is Stage.READY
+
+
+def test_a_hard_reason_while_holding_exits_at_once(car):
+    car.driving()
+    car.guard.stop("the operator is silent", car.now)
+    car.turn(count=3)
+    car.wiring.motor_fault()
+    car.turn()
+    assert car.guard.stage is Stage.EXITING
+    assert car.guard.reason == "the operator is silent"
+
+
+def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
+    car.driving()
+    car.turn(late=0.03, count=SAFETY.most_overruns - 1)
+    car.turn()
+    assert car.guard.stage is Stage.DRIVING
+    assert car.guard.overruns == SAFETY.most_overruns - 1
+    car.turn(late=0.03, count=SAFETY.most_overruns)
+    assert car.guard.stage is Stage.EXITING
+    assert "30 ms late" in car.guard.reason
+
+
+def test_more_current_than_the_fuse_has_stops_the_car(car):
+    car.driving()
+    exchange = car.wiring.exchange
+
+    def powerful(command, now):
+        reading = exchange(command, now)
+        reading.tail_state[4], reading.tail_torque[1] = 35.0, 24.0  # 840 W
+        return reading
+
+    car.wiring.exchange = powerful
+    car.turn()
+    assert car.guard.hard
+    assert "35 A; the fuse has 30 A" in car.guard.reason
+
+
+def test_a_car_without_a_tail_drives_without_armed_motors(car):
+    car.guard = CarGuard(car.wiring, SAFETY, has_tail=False)
+    car.turn()
+    car.guard.arm(car.now)
+    car.wiring.armed = False
+    car.wiring.faults |= {"tail_roll": SourceFault.NOT_FITTED, "tail_pitch": SourceFault.NOT_FITTED}
+    car.turn()
+    car.guard.drive(RadioMode.AUTO, car.now)
+    car.turn()
+    assert same(car.last, FORWARD)

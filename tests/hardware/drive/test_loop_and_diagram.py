@@ -1,0 +1,198 @@
+"""The plain loop and the diagram are one drive: same commands, same log; both write what a simulation writes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hardware.drive.diagram import DiagramRun
+from hardware.drive.guard import CarGuard, Stage
+from hardware.drive.loop import idle_until, run_loop
+from hardware.drive.pilots import AutoPilot, ManualPilot
+from hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
+from hardware.interface import interface_to
+from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.wiring.base import SourceFault
+from hardware.wiring.drive_safety import load_drive_safety
+from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
+from workbench.controllers.swing_law import SwingState
+from workbench.errors import LogError
+from workbench.logs.schema import read_run_log
+from workbench.ports import STATION_INPUTS, STATION_OUTPUTS
+from workbench.station import make_car_station
+
+SAFETY = load_drive_safety().model_copy(update={"overrun": 100.0})
+"""Simulated time: nothing is ever late."""
+SCENARIO = quick_turn()
+
+
+class Time:
+    def __init__(self):
+        self.now = 50.0
+
+    def __call__(self):
+        return self.now
+
+    def wait(self, due):
+        self.now = max(self.now, due)
+
+
+def yaw_rate(tick):
+    return 2.0 if 60 <= tick < 110 else 0.0
+
+
+def armed(wiring, clock):
+    guard = CarGuard(wiring, SAFETY)
+    idle_until(guard, lambda: True, 0.1, clock, clock.wait)
+    guard.arm(clock())
+    assert idle_until(guard, lambda: guard.ready, 0.1, clock, clock.wait)
+    guard.drive(RadioMode.AUTO, clock())
+    return guard
+
+
+def no_links(start):
+    return np.zeros(len(LINK_COLUMNS))
+
+
+def plain(path, wiring, scenario=SCENARIO, length=2.0, pilot=None):
+    clock = Time()
+    guard = armed(wiring, clock)
+    journal = open_run_journal(path, scenario, "direct_can")
+    stopped = run_loop(guard, pilot or AutoPilot(scenario), scenario, length, journal, no_links, clock, clock.wait)
+    journal.close()
+    return guard, stopped
+
+
+def diagram(path, wiring, scenario=SCENARIO, length=2.0):
+    guard = armed(wiring, Time())
+    journal = open_run_journal(path, scenario, "direct_can")
+    run = DiagramRun(guard, scenario, journal, no_links, real_time_rate=0.0)
+    stopped = run.run(length)
+    journal.close()
+    return guard, stopped
+
+
+def test_ports_are_those_of_the_simulated_station():
+    simulated = make_car_station(SCENARIO)
+    real = make_car_station(SCENARIO, interface=interface_to(CarGuard(FakeWiring(), SAFETY)))
+
+    def ports(station):
+        inputs = [station.get_input_port(index) for index in range(station.num_input_ports())]
+        outputs = [station.get_output_port(index) for index in range(station.num_output_ports())]
+        named = {f"in {port.get_name()}": port.size() for port in inputs}
+        return named | {f"out {port.get_name()}": port.size() for port in outputs if "_truth" not in port.get_name()}
+
+    assert ports(real) == ports(simulated)
+    assert len(ports(real)) == len(STATION_INPUTS) + len(STATION_OUTPUTS)
+
+
+def test_plain_loop_and_diagram_give_the_same_commands_and_the_same_log(tmp_path):
+    wirings = [FakeWiring(yaw_rate=yaw_rate) for _ in range(2)]
+    plain(tmp_path / "plain.parquet", wirings[0])
+    diagram(tmp_path / "drake.parquet", wirings[1])
+    assert len(wirings[0].commands) == len(wirings[1].commands)
+    for ours, theirs in zip(wirings[0].commands, wirings[1].commands, strict=True):
+        assert (ours.steering_angle, ours.throttle) == (theirs.steering_angle, theirs.throttle)
+        np.testing.assert_array_equal(ours.tail_roll, theirs.tail_roll)
+        np.testing.assert_array_equal(ours.tail_pitch, theirs.tail_pitch)
+    logs = [read_run_log(tmp_path / f"{name}.parquet") for name in ("plain", "drake")]
+    assert list(logs[0].table.columns) == list(logs[1].table.columns) == drive_columns()
+    np.testing.assert_allclose(logs[0].table.to_numpy(), logs[1].table.to_numpy(), rtol=0, atol=1e-12)
+
+
+def test_the_sequence_turns_swings_and_cuts_the_throttle(tmp_path):
+    wiring = FakeWiring(yaw_rate=yaw_rate)
+    guard, stopped = plain(tmp_path / "run.parquet", wiring)
+    assert math.isnan(stopped)
+    assert guard.stage is Stage.DRIVING
+    log = read_run_log(tmp_path / "run.parquet")
+    states = log.signal("controller_state")
+    assert {SwingState.HOLD, SwingState.SWING, SwingState.SETTLE} <= set(states)
+    turning = log.signal("steering_command_rad") > 0.5
+    assert log.time[turning][[0, -1]] == pytest.approx([0.51, 1.0])  # a row shows what left one tick before
+    assert np.all(log.signal("throttle_command")[log.time > 1.21] == 0.0)
+    assert log.signal("tail_roll_angle_rad")[0] == pytest.approx(-math.pi / 2)
+    assert log.signal("tail_roll_angle_rad")[-1] > 1.3
+    assert log.signal("imu_yaw_rad")[-1] > 3.0 + 0.05 * 195  # unwrapped
+    assert log.extra["platform"] == "physical"
+
+
+@pytest.mark.parametrize("run", [plain, diagram], ids=["plain", "diagram"])
+def test_a_fault_ends_the_run_with_a_log_up_to_it(tmp_path, run):
+    wiring = FakeWiring()
+    real = wiring.exchange
+
+    def exchange(command, now):
+        if len(wiring.commands) == 50:
+            wiring.faults["imu"] = SourceFault.SILENT
+        return real(command, now)
+
+    wiring.exchange = exchange
+    guard, stopped = run(tmp_path / "run.parquet", wiring)
+    log = read_run_log(tmp_path / "run.parquet")
+    if run is plain:  # the diagram runs faster than the wall clock by which the guard measures
+        assert guard.finished
+        assert 0.4 < stopped < 0.55
+        assert log.time[-1] == pytest.approx(stopped + SAFETY.tail_hold + SAFETY.after_exit, abs=0.03)
+    assert log.signal("status_imu_fault")[-1] == SourceFault.SILENT
+    assert all(command.throttle == 0.0 for command in wiring.commands[51:])
+
+
+def test_the_diagram_ends_when_the_car_has_stopped(tmp_path):
+    wiring = FakeWiring()
+    guard = armed(wiring, Time())
+    guard._safety = SAFETY.model_copy(update={"tail_hold": 0.0, "after_exit": 0.0})
+    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "direct_can")
+    wiring.faults["imu"] = SourceFault.SILENT
+    assert DiagramRun(guard, SCENARIO, journal, no_links, real_time_rate=0.0).run(2.0) < 0.05
+    journal.close()
+    assert read_run_log(tmp_path / "run.parquet").time[-1] < 0.05
+
+
+def test_the_operator_drives_by_radio(tmp_path):
+    wiring = FakeWiring(roll=0.0)
+    clock = Time()
+    guard = CarGuard(wiring, SAFETY)
+    wiring.operator = OperatorCommand(RadioMode.MANUAL, 0.2, -0.9, 0.1, 0.4)
+    idle_until(guard, lambda: True, 0.1, clock, clock.wait)
+    guard.arm(clock())
+    idle_until(guard, lambda: guard.ready, 0.1, clock, clock.wait)
+    guard.drive(RadioMode.MANUAL, clock())
+    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "direct_can")
+    run_loop(guard, ManualPilot(SCENARIO), SCENARIO, 0.5, journal, no_links, clock, clock.wait)
+    journal.close()
+    command = wiring.commands[-1]
+    assert (command.steering_angle, command.throttle) == (-SCENARIO.servo.limit, 0.2)
+    np.testing.assert_array_equal(command.tail_roll, [0.4, 0.0, 17.0, 5.0, 0.0])
+    np.testing.assert_array_equal(command.tail_pitch, [0.1, 0.0, 17.0, 5.0, 0.0])
+    assert read_run_log(tmp_path / "run.parquet").signal("throttle_command")[-1] == 0.2
+
+
+def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
+    class FullDisk(RunJournal):
+        def _write_batch(self):
+            if self.rows + self._filled > 60:
+                raise OSError(28, "No space left on device")
+            super()._write_batch()
+
+    clock, wiring = Time(), FakeWiring()
+    guard = armed(wiring, clock)
+    good = open_run_journal(tmp_path / "good.parquet", SCENARIO, "direct_can")
+    journal = FullDisk(tmp_path / "run.parquet", drive_columns(), good._metadata)
+    journal._buffer = np.empty((30, len(drive_columns())))
+    good.discard()
+    assert not list(tmp_path.glob("good*"))
+
+    def wait(due):
+        clock.wait(due)
+        while journal._waiting.qsize() and not journal.error:  # the thread keeps up
+            pass
+
+    run_loop(guard, AutoPilot(SCENARIO), SCENARIO, 2.0, journal, no_links, clock, wait)
+    assert "No space left" in guard.reason
+    assert wiring.calls[-1] == "disarm"
+    with pytest.raises(LogError, match="log recover"):
+        journal.close()
+    from workbench.logs.journal import recover
+
+    assert recover(tmp_path / "run.parquet.journal").rows == 60
