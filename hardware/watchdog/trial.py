@@ -1,0 +1,138 @@
+"""The watchdog test: the motors hold, the link is cut, and somebody sees that they are off.
+
+`direct_can`: a process that holds the motors is killed (SIGKILL); the watchdog process reports when it sent the first
+exit frame. `teensy_bridge`: the strings stop; the Teensy reports that its watchdog has acted. Neither report shows what
+the motors do: `confirm` asks the operator to move the tail by hand.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from hardware.motor_group import MotorGroup
+from hardware.protocol.teensy import StringForm
+from hardware.teensy_link import TeensyFault, TeensyLink
+from hardware.transport.serial_link import SerialLink
+from hardware.watchdog.holder import PERIOD, SETTLING
+from hardware.watchdog.record import WatchdogTest, new_record, write_record
+from hardware.wiring.base import WiringName
+from hardware.wiring.car_ports import CarPorts
+from hardware.wiring.mounting import load_mounting
+from hardware.wiring.open_ports import tail_motors
+from workbench.errors import HardwareError
+from workbench.scenario import Scenario
+
+QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
+_START_TIME, _ACT_TIME = 30.0, 2.0
+
+
+def run_watchdog_test(
+    scenario: Scenario,
+    ports: CarPorts,
+    wiring: WiringName,
+    confirm: Callable[[str], bool],
+    seen_by: str = "operator",
+    folder: Path | None = None,
+) -> tuple[WatchdogTest, Path]:
+    """Makes a watchdog test and records it. The motors hold where they are, with the scenario's gains, for a second.
+
+    Args:
+        confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
+        seen_by: who that is.
+        folder: of the record, see `record_path`.
+
+    Raises:
+        HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors were not seen off. No
+            record is written then.
+    """
+    if scenario.tail.mode == "none":
+        raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
+    cut = {"direct_can": _kill_holder, "teensy_bridge": _stop_strings}[wiring]
+    time_to_exit, what = cut(scenario, ports)
+    if not confirm(QUESTION):
+        raise HardwareError(f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded")
+    record = new_record(wiring, ports, what, time_to_exit, seen_by)
+    return record, write_record(record, folder)
+
+
+def _kill_holder(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "watchdog.json"
+        content = {
+            "scenario": scenario.resolved(),
+            "ports": ports.model_dump(mode="json", by_alias=True),
+            "report": str(report),
+        }
+        holder = subprocess.Popen(
+            [sys.executable, "-m", "hardware.watchdog.holder", json.dumps(content)], stdout=subprocess.PIPE, text=True
+        )
+        give_up = threading.Timer(_START_TIME, holder.kill)
+        give_up.start()
+        try:
+            line = holder.stdout.readline().strip() if holder.stdout else ""
+        finally:
+            give_up.cancel()
+            killed = time.monotonic()
+            holder.kill()
+            holder.wait()
+        if line != "holding":
+            raise HardwareError(line.removeprefix("error: ") or "watchdog test: the motors could not be held")
+        found = _wait_for(report)
+    return max(0.0, found["first_exit_time_s"] - killed), "drive process killed (SIGKILL)"
+
+
+def _wait_for(report: Path) -> dict[str, float]:
+    end = time.monotonic() + _ACT_TIME
+    while time.monotonic() < end:
+        try:
+            content: dict[str, float] = json.loads(report.read_text(encoding="utf-8"))
+            return content
+        except (OSError, ValueError):  # not there yet, or not whole
+            time.sleep(PERIOD)
+    raise HardwareError(f"watchdog test: the watchdog process did not act within {_ACT_TIME:g} s; cut the power")
+
+
+def _stop_strings(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
+    if ports.string_form is not StringForm.CHECKED:
+        raise HardwareError("string_form: published; the Teensy reports its watchdog in the checked form only")
+    serial = SerialLink.open(ports.teensy.settings)
+    try:
+        teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+        group = MotorGroup(tail_motors(scenario, ports, load_mounting()), teensy)
+        last = _hold_over_strings(group, teensy)
+        while teensy.fault is not TeensyFault.WATCHDOG_ACTED:
+            if time.monotonic() - last > _ACT_TIME:
+                raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
+            teensy.poll()
+            time.sleep(0.001)
+        return time.monotonic() - last, "strings stopped"
+    finally:
+        serial.close()
+
+
+def _hold_over_strings(group: MotorGroup, teensy: TeensyLink) -> float:
+    """Enters the motors and holds them for a while; when the last string left, s."""
+    begin = due = time.monotonic()
+    holding = 0
+    while holding < SETTLING:
+        now = time.monotonic()
+        group.step(now)
+        if not teensy.fault and not holding and all(motor.state.name == "OFF" for motor in group.motors):
+            group.set_enter(now)
+        teensy.commit()
+        holding = holding + 1 if group.ready else 0
+        if group.fault_text or now - begin > _START_TIME:
+            reason = group.fault_text or teensy.fault_text or "the motors do not answer"
+            group.exit_now(now)
+            raise HardwareError(f"watchdog test: {reason}")
+        due = max(due + PERIOD, now)
+        time.sleep(due - now)
+    teensy.flush()
+    return time.monotonic()
