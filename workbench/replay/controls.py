@@ -41,11 +41,12 @@ CONTROLS_SCRIPT = """
     }
     function play(on) {
       playing = on;
+      last = performance.now();
       button.textContent = on ? "Pause" : "Play";
     }
     function tick(now) {
       if (playing) {
-        time = (time + (now - last) / 1000 * Number(rate.value)) % duration;
+        time = (time + Math.max(0, now - last) / 1000 * Number(rate.value)) % duration;
         draw();
       }
       last = now;

@@ -1,0 +1,51 @@
+"""A headless Chromium that reaches nothing but this machine; without one the tests here are skipped."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = (
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-quic",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+"""WebGL in software; the browser's own errands, which would wait for a network, are off."""
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    executable = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if executable is None:
+        pytest.skip(f"no browser on the path: {', '.join(BROWSERS)}")
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=executable, args=list(FLAGS))
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def failures() -> list[str]:
+    """What scripts on the page failed with."""
+    return []
+
+
+@pytest.fixture
+def page(browser: Any, failures: list[str]) -> Iterator[Any]:
+    """A page that fails the test when a script on it fails."""
+    context = browser.new_context(viewport={"width": 560, "height": 360})
+    opened = context.new_page()
+    opened.on("pageerror", lambda error: failures.append(str(error)))
+    yield opened
+    context.close()
+    assert failures == []
