@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import math
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,8 +27,8 @@ from hardware.wiring.base import SourceFault
 from hardware.wiring.car_ports import CarPorts
 from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
 from hardware.wiring.wired_car import WiredCar
-from workbench.controllers.law_of_scenario import law_of_scenario
 from workbench.controllers.manoeuvre import make_schedule, run_time
+from workbench.controllers.tail_law import TailLaw
 from workbench.errors import HardwareError
 from workbench.ports import STATUS
 from workbench.scenario import Scenario
@@ -65,6 +66,7 @@ class DriveOptions:
         log: the run log to be written. force: replace it.
         dry_run: never arm; the sequence runs with the car switched off.
         with_drake: the diagram in Drake's simulator, otherwise the plain loop.
+        confirm: asks somebody beside the car whether it may be armed; None arms without asking.
         wait_for_operator: s until the operator must have chosen AUTO or MANUAL.
     """
 
@@ -72,18 +74,20 @@ class DriveOptions:
     force: bool = False
     dry_run: bool = False
     with_drake: bool = True
+    confirm: Callable[[], bool] | None = None
     wait_for_operator: float = _HOUR
 
 
-def run_drive(car: WiredCar, scenario: Scenario, ports: CarPorts, options: DriveOptions, say: Say) -> DriveResult:
-    """Drives a scenario on a car that is not started yet.
+def run_drive(
+    car: WiredCar, scenario: Scenario, law: TailLaw, ports: CarPorts, options: DriveOptions, say: Say
+) -> DriveResult:
+    """Drives a scenario with a tail law on a car that is not started yet.
 
     Raises:
         UserError: a check failed, a device is missing, the log cannot be written; the motors are off by then.
     """
     safety = load_drive_safety()
     make_schedule(scenario)
-    law_of_scenario(scenario)
     _tell(desk_checks(scenario, options.log.parent, safety), say)
     guard = CarGuard(car, safety, has_tail=scenario.tail.mode != "none")
 
@@ -93,7 +97,7 @@ def run_drive(car: WiredCar, scenario: Scenario, ports: CarPorts, options: Drive
     with stop_on_signals(stop) as came:
         try:
             car.start()
-            return _on_open_devices(_Drive(car, guard, scenario, ports, options, safety, say), came)
+            return _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say), came)
         finally:
             car.stop(guard.reason or "the drive is over")
             gc.unfreeze()
@@ -104,6 +108,7 @@ class _Drive:
     car: WiredCar
     guard: CarGuard
     scenario: Scenario
+    law: TailLaw
     ports: CarPorts
     options: DriveOptions
     safety: DriveSafety
@@ -141,9 +146,22 @@ def _wait_for_devices(drive: _Drive) -> None:
 
 
 def _arm_and_choose(drive: _Drive) -> RadioMode:
-    idle_until(drive.guard, lambda: True, 0.0)  # what came while the diagram was built
+    idle_until(drive.guard, lambda: False, 0.1)  # what came while the diagram was built
+    _ask(drive)
     _arm(drive)
     return _wait_for_operator(drive)
+
+
+def _ask(drive: _Drive) -> None:
+    """Waits for the answer with the loop turning, so that no device falls silent meanwhile."""
+    confirm = drive.options.confirm
+    if confirm is None:
+        return
+    answers: list[bool] = []
+    threading.Thread(target=lambda: answers.append(confirm()), name="confirm", daemon=True).start()
+    idle_until(drive.guard, lambda: bool(answers or drive.guard.reason), _HOUR)
+    if drive.guard.reason or not answers or not answers[0]:
+        raise HardwareError(f"not armed: {drive.guard.reason or 'nobody said that the car may be armed'}")
 
 
 def _arm(drive: _Drive) -> None:
@@ -209,14 +227,14 @@ def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]
     if with_drake:
         from hardware.drive.diagram import DiagramRun
 
-        diagram = DiagramRun(guard, scenario, journal, links)
+        diagram = DiagramRun(guard, scenario, journal, links, drive.law)
 
     def run(mode: RadioMode) -> float:
         if mode is RadioMode.MANUAL:
             return run_loop(guard, ManualPilot(scenario), scenario, _HOUR, journal, links)
         if with_drake:
             return diagram.run(length)
-        return run_loop(guard, AutoPilot(scenario), scenario, length, journal, links)
+        return run_loop(guard, AutoPilot(scenario, drive.law), scenario, length, journal, links)
 
     gc.collect()
     gc.freeze()  # what exists now is not looked through again while the loop turns

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hardware.transport.can_bus import CanBus
+from hardware.transport.can_settings import CanSettings
 from hardware.wiring.car_ports import CarPorts
 from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
 from hardware.wiring.mounting import Mounting, load_mounting
@@ -17,7 +18,7 @@ from hardware.wiring.wired_car import Devices, Watchdog, WiredCar
 from workbench.errors import HardwareError
 from workbench.scenario import Scenario
 
-StartWatchdog = Callable[[CarPorts], Watchdog]
+StartWatchdog = Callable[[CanSettings], Watchdog]
 
 
 def direct_can(
@@ -48,7 +49,7 @@ def direct_can(
             bus = CanBus.open(can, traffic_log, listen={0, *ports.motor_ids})
             closers.append(bus.close)
             devices = open_common(ports, limits, closers, lambda _: bus)
-            devices.watchdog = start_watchdog(ports)
+            devices.watchdog = start_watchdog(can)
             closers.append(devices.watchdog.close)
             return devices
 

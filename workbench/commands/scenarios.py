@@ -64,14 +64,15 @@ def export(
     settings: Settings = None,
     force: ForceOption = False,
 ) -> None:
-    """Write a resolved scenario, with every number in it, as one JSON bundle that needs no other file."""
+    """Write a resolved scenario, with every number and its swing in it, as one JSON bundle that needs no other file."""
     import json
 
     from workbench.atomic_write import write_atomically
+    from workbench.bundle import make_bundle
     from workbench.errors import UserError
     from workbench.scenario import load_scenario
 
-    text = json.dumps(load_scenario(scenario, settings).resolved(), indent=2) + "\n"
+    text = json.dumps(make_bundle(load_scenario(scenario, settings)), indent=2) + "\n"
     if out is None:
         typer.echo(text, nl=False)
         return
