@@ -209,7 +209,12 @@ class ControllerParameters(QuantityModel):
     swing_kd: float = quantity("N m s/rad", "velocity gain of the swing", ge=0, le=5)
     settle_kp: float = quantity("N m/rad", "position gain at the end of the swing", ge=0, le=500)
     settle_kd: float = quantity("N m s/rad", "velocity gain at the end of the swing", ge=0, le=5)
+    trigger: Literal["yaw_rate", "lateral_acceleration", "steering"] = quantity("1", "what starts the swing")
     trigger_yaw_rate: float = quantity("rad/s", "yaw rate into the planned turn that starts the swing", gt=0, le=100)
+    trigger_lateral_acceleration: float = quantity(
+        "m/s2", "acceleration of the IMU into the planned turn that starts the swing, gravity removed", gt=0, le=100
+    )
+    trigger_steering_angle: float = quantity("rad", "steering command into the turn that does", gt=0, le=1.2)
     delay: float = quantity("s", "wait between trigger and swing", ge=0, le=10)
     travel: float = quantity("rad", "roll travel after which position control takes over", gt=0, le=6.3)
     recock_speed: float = quantity("rad/s", "roll rate of the slow return before the next turn", gt=0, le=50)

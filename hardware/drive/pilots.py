@@ -53,7 +53,13 @@ class AutoPilot:
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""
         observation = observe(
-            time, reading.tail_state, reading.imu, reading.status, self._driver.planned_turn, reading.speed
+            time,
+            reading.tail_state,
+            reading.imu,
+            reading.status,
+            self._driver.planned_turn,
+            reading.speed,
+            steering_angle=self._driver.steering_angle,
         )
         self._memory, pitch, roll, state = self._law.step(self._memory, observation)
         self._driver = self._schedule.at(time)

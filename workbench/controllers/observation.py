@@ -20,10 +20,13 @@ def observe(
     planned_turn: float,
     speed: np.ndarray | None,
     age_limit: float = AGE_LIMIT,
+    *,
+    steering_angle: float = math.nan,
 ) -> Observation:
     """What a law is given at `time` s; a signal that is older than `age_limit` s or has a fault code is unknown.
 
     A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where there is none.
+    `steering_angle` is the driver's command, rad.
     """
     roll_known, pitch_known, imu_valid = (_fresh(status, age, age_limit) for age in (ROLL_AGE, PITCH_AGE, IMU_AGE))
     speed_known = speed is not None and status[SPEED_FAULT] == 0.0
@@ -39,6 +42,7 @@ def observe(
         pitch_rate=float(tail_state[PITCH_RATE]) if pitch_known else math.nan,
         imu=tuple(imu.tolist()) if imu_valid else UNKNOWN_IMU,
         speed=float(known[0]) if speed_known else math.nan,
+        steering_angle=steering_angle,
     )
 
 

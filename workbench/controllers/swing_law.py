@@ -26,8 +26,11 @@ import numpy as np
 from workbench.controllers.checks import check_range
 from workbench.controllers.tail_law import EPSILON, NO_COMMAND, Observation, sign
 from workbench.errors import UserError
+from workbench.ports import IMU
 
 MODES = ("none", "held", "swing")
+ACCELERATION_Y = IMU.index("acceleration_y")
+TRIGGERS = ("yaw_rate", "lateral_acceleration", "steering")
 
 
 class SwingState(IntEnum):
@@ -55,6 +58,9 @@ class SwingSettings:
         mode: "none" gives no command, "held" never swings, "swing" is the thesis' law.
         hold_angle: roll angle at rest, measured from upright, to either side.
         swing_kp: usually 0; any other gain pulls the swinging tail towards upright.
+        trigger: what starts the swing once it exceeds its threshold into the announced turn: the published yaw rate
+            (rad/s), the lateral acceleration of the IMU (m/s2), or the steering command (rad); the last one with a
+            delay is a swing that begins a set time after the steering.
         travel: roll travel after which position control takes over.
         recock_speed: speed of the reference that leads the tail back.
         rate: controller rate, Hz.
@@ -75,7 +81,10 @@ class SwingSettings:
     swing_kd: float = 3.0
     settle_kp: float = 5.0
     settle_kd: float = 2.0
+    trigger: str = "yaw_rate"
     trigger_yaw_rate: float = 1.0
+    trigger_lateral_acceleration: float = 3.0
+    trigger_steering_angle: float = 0.1
     delay: float = 0.0
     travel: float = math.radians(130.0)
     recock_speed: float = 1.0
@@ -87,6 +96,8 @@ class SwingSettings:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise UserError(f"tail.mode: {self.mode!r}; allowed: {', '.join(MODES)}")
+        if self.trigger not in TRIGGERS:
+            raise UserError(f"controller.trigger: {self.trigger!r}; allowed: {', '.join(TRIGGERS)}")
         half_turn = math.pi
         check_range("controller.hold_angle", self.hold_angle, 0.0, half_turn, "rad", above_low=True)
         check_range("controller.pitch_angle", self.pitch_angle, -half_turn, half_turn, "rad")
@@ -96,6 +107,15 @@ class SwingSettings:
         for name in ("swing_speed", "recock_speed"):
             check_range(f"controller.{name}", getattr(self, name), 0.0, 50.0, "rad/s", above_low=True)
         check_range("controller.trigger_yaw_rate", self.trigger_yaw_rate, 0.0, 100.0, "rad/s", above_low=True)
+        check_range(
+            "controller.trigger_lateral_acceleration",
+            self.trigger_lateral_acceleration,
+            0.0,
+            100.0,
+            "m/s2",
+            above_low=True,
+        )
+        check_range("controller.trigger_steering_angle", self.trigger_steering_angle, 0.0, 1.2, "rad", above_low=True)
         check_range("controller.delay", self.delay, 0.0, 10.0, "s")
         check_range("controller.travel", self.travel, 0.0, 2.0 * self.hold_angle, "rad", above_low=True)
         check_range("controller.rate", self.rate, 0.0, math.inf, "Hz", above_low=True)
@@ -116,7 +136,10 @@ class SwingSettings:
             swing_kd=controller.swing_kd,
             settle_kp=controller.settle_kp,
             settle_kd=controller.settle_kd,
+            trigger=controller.trigger,
             trigger_yaw_rate=controller.trigger_yaw_rate,
+            trigger_lateral_acceleration=controller.trigger_lateral_acceleration,
+            trigger_steering_angle=controller.trigger_steering_angle,
             delay=controller.delay,
             travel=controller.travel,
             recock_speed=controller.recock_speed,
@@ -217,9 +240,15 @@ def _plan(memory: SwingMemory, plan: float, observation: Observation, settings: 
 
 
 def _triggered(plan: float, observation: Observation, settings: SwingSettings) -> bool:
-    """Whether a fresh yaw rate shows that the announced turn has begun; false for NaN and for the wrong sign."""
-    if settings.mode != "swing" or plan == 0.0 or not observation.imu_valid:
+    """Whether a fresh signal shows that the announced turn has begun; false for NaN and for the wrong sign."""
+    if settings.mode != "swing" or plan == 0.0:
         return False
+    if settings.trigger == "steering":
+        return plan * observation.steering_angle > settings.trigger_steering_angle
+    if not observation.imu_valid:
+        return False
+    if settings.trigger == "lateral_acceleration":
+        return plan * observation.imu[ACCELERATION_Y] > settings.trigger_lateral_acceleration
     return plan * observation.yaw_rate > settings.trigger_yaw_rate
 
 

@@ -11,7 +11,7 @@ from workbench.controllers.law_of_scenario import law_of_scenario
 from workbench.controllers.observation import AGE_LIMIT, observe
 from workbench.controllers.tail_law import Observation, TailLaw
 from workbench.discrete_vector import DiscreteVector
-from workbench.ports import IMU, PLANNED_TURN, SPEED, STATUS, TAIL_COMMAND, TAIL_STATE
+from workbench.ports import IMU, PLANNED_TURN, SPEED, STATUS, STEERING_ANGLE, TAIL_COMMAND, TAIL_STATE
 
 
 class TailController(LeafSystem):
@@ -24,6 +24,7 @@ class TailController(LeafSystem):
         tail_state (6), imu (9), status (13): as the station gives them, see `workbench.ports`.
         planned_turn (1): +1 left, -1 right, 0 none, from the driver.
         speed (1, optional): m/s, from the station; unknown when not connected.
+        steering_angle (1, optional): command of the driver, rad; unknown when not connected.
     Output ports:
         tail_pitch_command (5), tail_roll_command (5): `ports.TAIL_COMMAND`, in rad, rad/s, N m/rad,
             N m s/rad, N m.
@@ -49,6 +50,7 @@ class TailController(LeafSystem):
         self._status = self.DeclareVectorInputPort("status", STATUS.size)
         self._planned_turn = self.DeclareVectorInputPort("planned_turn", PLANNED_TURN.size)
         self._speed = self.DeclareVectorInputPort("speed", SPEED.size)
+        self._steering = self.DeclareVectorInputPort("steering_angle", STEERING_ANGLE.size)
         self._memory = DiscreteVector(self, law.start())
         self._pitch_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_pitch_command")
         self._roll_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_roll_command")
@@ -64,7 +66,8 @@ class TailController(LeafSystem):
         builder.AddSystem(controller)
         for port in ("tail_state", "imu", "status", "speed"):
             builder.Connect(station.GetOutputPort(port), controller.GetInputPort(port))
-        builder.Connect(driver.GetOutputPort("planned_turn"), controller.GetInputPort("planned_turn"))
+        for port in ("planned_turn", "steering_angle"):
+            builder.Connect(driver.GetOutputPort(port), controller.GetInputPort(port))
         for port in ("tail_pitch_command", "tail_roll_command"):
             builder.Connect(controller.GetOutputPort(port), station.GetInputPort(port))
         return controller
@@ -76,7 +79,17 @@ class TailController(LeafSystem):
         status: Any = self._status.Eval(context)
         planned_turn: Any = self._planned_turn.Eval(context)
         speed: Any = self._speed.Eval(context) if self._speed.HasValue(context) else None
-        return observe(context.get_time(), tail, imu, status, float(planned_turn[0]), speed, self._age_limit)
+        steering: Any = self._steering.Eval(context) if self._steering.HasValue(context) else (math.nan,)
+        return observe(
+            context.get_time(),
+            tail,
+            imu,
+            status,
+            float(planned_turn[0]),
+            speed,
+            self._age_limit,
+            steering_angle=float(steering[0]),
+        )
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
         memory, pitch_command, roll_command, state = self._law.step(self._memory.read(context), self.observe(context))

@@ -24,6 +24,7 @@ class Observation:
         pitch_rate: of the tail, rad/s.
         imu: (9), as `ports.IMU`.
         speed: of the car, m/s.
+        steering_angle: commanded, rad, positive to the left.
     """
 
     time: float
@@ -36,6 +37,7 @@ class Observation:
     pitch_rate: float = math.nan
     imu: tuple[float, ...] = UNKNOWN_IMU
     speed: float = math.nan
+    steering_angle: float = math.nan
 
 
 class TailLaw(Protocol):

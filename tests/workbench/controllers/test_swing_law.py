@@ -327,3 +327,38 @@ def test_settings_come_from_the_scenario():
     settings = SwingSettings.from_scenario(scenario)
     expected = SwingSettings(mode="held", swing_speed=6.0, delay=0.02, recock_speed=scenario.controller.recock_speed)
     assert settings == expected
+
+
+def other_trigger(trigger, acceleration=0.0, steering=math.nan, yaw_rate=0.0, plan=LEFT, valid=True):
+    """State after one look at a tail that waits inside, with another trigger than the yaw rate."""
+    settings = SwingSettings(trigger=trigger, trigger_lateral_acceleration=3.0, trigger_steering_angle=0.1)
+    memory = run([see(0.0, -plan * math.pi / 2, plan=plan)], settings)[2]
+    seen = Observation(
+        0.5,
+        yaw_rate,
+        -plan * math.pi / 2,
+        0.0,
+        plan,
+        valid,
+        imu=(0.0,) * 7 + (acceleration, 0.0),
+        steering_angle=steering,
+    )
+    return step(memory, seen, settings)[0].state
+
+
+@pytest.mark.parametrize("plan", [LEFT, RIGHT])
+def test_lateral_acceleration_and_steering_into_the_turn_start_the_swing_where_they_are_the_trigger(plan):
+    assert other_trigger("lateral_acceleration", acceleration=plan * 3.1, plan=plan) == SwingState.SWING
+    assert (
+        other_trigger("lateral_acceleration", acceleration=plan * 2.9, yaw_rate=plan * 5, plan=plan) == SwingState.HOLD
+    )
+    assert other_trigger("lateral_acceleration", acceleration=-plan * 9.0, plan=plan) == SwingState.HOLD
+    assert other_trigger("lateral_acceleration", acceleration=plan * 9.0, plan=plan, valid=False) == SwingState.HOLD
+    assert other_trigger("steering", steering=plan * 0.5, plan=plan, valid=False) == SwingState.SWING
+    assert other_trigger("steering", steering=-plan * 0.5, plan=plan) == SwingState.HOLD
+    assert other_trigger("steering", yaw_rate=plan * 5.0, plan=plan) == SwingState.HOLD  # command not known
+
+
+def test_unknown_trigger_is_refused():
+    with pytest.raises(UserError, match=r"controller\.trigger: 'roll'; allowed: yaw_rate"):
+        SwingSettings(trigger="roll")
