@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from workbench.atomic_write import make_folder
 from workbench.errors import HardwareError
 
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
@@ -50,14 +51,12 @@ def build_core(cache: Path | None = None) -> Path:
             f"the firmware's core needs a C++17 compiler on the path; looked for {', '.join(COMPILERS)}"
         )
     unfinished = folder / f".{library.name}.{os.getpid()}"
+    make_folder(folder, HardwareError)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         _compile(compiler, unfinished)
         os.replace(unfinished, library)
     except OSError as error:
-        raise HardwareError(
-            f"{error.filename or folder}: cannot be used to build the firmware: {error.strerror}"
-        ) from None
+        raise HardwareError(f"{folder}: cannot be used to build the firmware: {error.strerror}") from None
     finally:
         unfinished.unlink(missing_ok=True)
     return library

@@ -1,0 +1,105 @@
+"""Compiling the core, and the sketch that is handed out."""
+
+import os
+import shutil
+import subprocess
+
+import pytest
+
+from hardware.firmware import build
+from hardware.firmware.build import COMPILERS, build_core, core_sources, firmware_hash
+from hardware.firmware.export import export_sketch
+from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from hardware.protocol.ak70_profiles import AK70_10_24_N_M
+from hardware.protocol.sail_encoder import AEAT_6010
+from workbench.errors import HardwareError
+
+PROGRAM = """
+#include "{sketch}/config.h"
+#include <cstdio>
+int main() {{
+  const aerodima::Config c = aerodima_config();
+  aerodima::TeensyCore core(c, 0);
+  std::printf("%d %d %g %u %d %d %d %d\\n", c.owns_can, c.checked, c.profile.torque, c.watchdog_ms, c.sail_bits,
+              c.motor_ids[0], c.motor_ids[1], core.servo());
+}}
+"""
+
+
+def settings(**changes):
+    values = {"wiring": "teensy_bridge", "profile": AK70_10_24_N_M, "timing": load_teensy_timing(), **changes}
+    return FirmwareSettings(**values)
+
+
+def test_without_a_compiler_one_line_says_what_is_missing(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(HardwareError, match=r"needs a C\+\+17 compiler on the path; looked for g\+\+"):
+        build_core(tmp_path / "cache")
+
+
+def test_what_is_in_the_cache_is_not_compiled_again(monkeypatch, tmp_path):
+    library = tmp_path / build_core().name
+    library.touch()
+    monkeypatch.setenv("PATH", "")
+    assert build_core(tmp_path) == library
+
+
+def test_a_core_that_does_not_compile_is_one_line(monkeypatch, tmp_path):
+    shutil.copytree(build.SKETCH, tmp_path / "sketch")
+    monkeypatch.setattr(build, "SKETCH", tmp_path / "sketch")
+    (tmp_path / "sketch" / "src" / "core.cpp").write_text("#error broken\n")
+    with pytest.raises(HardwareError, match=r"does not compile: .*broken") as caught:
+        build_core(tmp_path / "cache")
+    assert "\n" not in str(caught.value)
+    assert list((tmp_path / "cache").iterdir()) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_cache_that_cannot_be_written_is_named(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(HardwareError, match="cannot be made or used"):
+        build_core(tmp_path / "cache")
+
+
+def test_a_cache_that_is_a_file_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(HardwareError, match=r"file.*cannot be made or used as a folder"):
+        build_core(tmp_path / "file" / "cache")
+
+
+def test_the_core_needs_no_arduino():
+    for path in core_sources():
+        assert "Arduino.h" not in path.read_text(encoding="ascii"), path
+
+
+def test_the_hash_follows_the_sources(monkeypatch, tmp_path):
+    before = firmware_hash()
+    shutil.copytree(build.SKETCH, tmp_path / "sketch")
+    monkeypatch.setattr(build, "SKETCH", tmp_path / "sketch")
+    assert firmware_hash() == before
+    with open(tmp_path / "sketch" / "src" / "core.cpp", "a") as stream:
+        stream.write("// changed\n")
+    assert firmware_hash() != before
+
+
+def test_the_exported_configuration_compiles_and_carries_the_parameters(tmp_path):
+    folder = tmp_path / "tail_car"
+    exported = settings(wiring="direct_can", encoder=AEAT_6010, motor_ids=(4, 9))
+    sketch = export_sketch(exported, folder)
+    assert sketch == folder / "tail_car.ino"
+    program = tmp_path / "main.cpp"
+    program.write_text(PROGRAM.format(sketch=folder))
+    compiler = next(found for name in COMPILERS if (found := shutil.which(name)))
+    sources = [str(path) for path in (folder / "src").glob("*.cpp")]
+    subprocess.run(
+        [compiler, "-std=c++17", "-Wall", "-Werror", str(program), *sources, "-o", tmp_path / "p"], check=True
+    )
+    shown = subprocess.run([tmp_path / "p"], capture_output=True, text=True, check=True).stdout.split()
+    watchdog = round(1000 * exported.timing.watchdog_timeout)
+    assert shown == ["0", "1", "24", str(watchdog), "10", "4", "9", "1500"]
+
+
+def test_a_sketch_is_never_written_over_something_else(tmp_path):
+    (tmp_path / "mine.txt").touch()
+    with pytest.raises(HardwareError, match="not overwritten"):
+        export_sketch(settings(), tmp_path)

@@ -1,0 +1,276 @@
+"""The watchdog of the firmware in simulated time: the code that ships, byte by byte."""
+
+from dataclasses import replace
+
+import pytest
+
+from hardware.firmware.core import TeensyCore
+from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from hardware.protocol.ak70 import (
+    NEUTRAL,
+    MitCommand,
+    MitReply,
+    make_command,
+    make_enter,
+    make_exit,
+    make_neutral,
+    make_reply,
+)
+from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
+from hardware.protocol.can_frame import CanFrame
+from hardware.protocol.sail_encoder import AEAT_6010
+from hardware.protocol.teensy import (
+    MotorOrder,
+    MotorRequest,
+    StringForm,
+    TeensyCommand,
+    TeensyStatus,
+    decode_reply,
+)
+from hardware.protocol.teensy import make_command as make_string
+from workbench.errors import HardwareError
+
+TIMING = load_teensy_timing()
+PUSH = MitCommand(1.0, 0.0, 17.0, 5.0, 0.0)
+MS = 0.001
+
+
+class Bench:
+    """A core, the host that writes to it and the motors that answer, in steps of a millisecond."""
+
+    def __init__(self, wiring="teensy_bridge", form=StringForm.CHECKED, motor_ids=(1, 2), begin=0.0, encoder=None):
+        settings = FirmwareSettings(wiring, PROFILE, TIMING, motor_ids, form=form)
+        if encoder is not None:
+            settings = replace(settings, encoder=encoder)
+        self.form, self.now = form, begin
+        self.core = TeensyCore(settings, begin)
+        self.core.feed(b"|", begin)
+        self.sent: list[tuple[float, CanFrame]] = []
+        self.replies: list[tuple[float, bytes]] = []
+        self.deaf = False
+        self._collect()
+
+    def _collect(self):
+        for frame in self.core.frames():
+            self.sent.append((self.now, frame))
+            if not self.deaf:
+                answer = make_reply(MitReply(frame.arbitration_id, 0.5, -1.0, 2.0, 31.0, 0), PROFILE)
+                self.core.receive(answer, self.now)
+        reply = self.core.reply()
+        if reply:
+            self.replies.append((self.now, reply))
+
+    def wait(self, seconds):
+        for _ in range(round(seconds / MS)):
+            self.now += MS
+            self.core.step(self.now)
+            self._collect()
+
+    def write(self, request, command=NEUTRAL, throttle=1500, servo=1500, ids=(1, 2)):
+        first, second = (MotorOrder(motor_id, request, command) for motor_id in ids)
+        self.core.feed(make_string(TeensyCommand((first, second), servo, throttle), self.form), self.now)
+        self._collect()
+
+    def drive(self, cycles=20):
+        """From the start to a car that drives."""
+        self.write(MotorRequest.EXIT)
+        self.wait(0.01)
+        self.write(MotorRequest.ENTER)
+        self.wait(0.01)
+        for _ in range(cycles):
+            self.write(MotorRequest.COMMAND, PUSH, throttle=1620, servo=1700)
+            self.wait(0.01)
+        return self
+
+    def exits(self, motor_id, since=0.0):
+        return [when for when, frame in self.sent if frame == make_exit(motor_id) and when >= since - 1e-9]
+
+    def last_reply(self):
+        return decode_reply(self.replies[-1][1], self.form)
+
+
+def test_it_starts_neutral_and_switches_the_motors_off():
+    bench = Bench()
+    state = bench.core.state
+    assert (state.servo, state.throttle, state.status) == (1500, 1500, TeensyStatus.WATCHDOG_ACTED)
+    frames = [frame for _, frame in bench.sent]
+    assert frames[:2] == [make_neutral(1, PROFILE), make_neutral(2, PROFILE)]
+    assert len(bench.exits(1)) == len(bench.exits(2)) == TIMING.exit_burst
+
+
+def test_it_bridges_enter_command_and_exit():
+    bench = Bench()
+    bench.write(MotorRequest.EXIT)
+    del bench.sent[:]
+    bench.write(MotorRequest.ENTER)
+    bench.wait(MS)
+    neutral = [make_neutral(motor_id, PROFILE) for motor_id in (1, 2)]
+    sent = [frame for _, frame in bench.sent]
+    assert sent == [neutral[0], make_enter(1), neutral[0], neutral[1], make_enter(2), neutral[1]]
+    del bench.sent[:]
+    bench.write(MotorRequest.COMMAND, PUSH, throttle=1620, servo=1700)
+    bench.wait(MS)
+    assert [frame for _, frame in bench.sent] == [make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)]
+    assert (bench.core.state.servo, bench.core.state.throttle) == (1700, 1620)
+    reply = bench.last_reply()
+    assert reply.motors[0].position == pytest.approx(0.5, abs=4e-4)
+    assert reply.motors[1].torque == pytest.approx(2.0, abs=0.01)
+    assert reply.motors[0].temperature == 31
+    assert reply.status is TeensyStatus.RUNNING
+
+
+def test_it_acts_when_the_strings_stop_and_not_before():
+    bench = Bench().drive()
+    last = bench.now - 0.01  # time of the last string
+    bench.wait(TIMING.watchdog_timeout - 0.01)
+    assert bench.core.state.throttle == 1620
+    assert not bench.exits(1, since=last)
+    bench.wait(0.002)
+    assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
+    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+    for motor_id in (1, 2):
+        exits = bench.exits(motor_id, since=last)
+        assert len(exits) == TIMING.exit_burst
+        assert exits[0] - last == pytest.approx(TIMING.watchdog_timeout, abs=2 * MS)
+
+
+def test_it_goes_on_sending_exit_frames():
+    bench = Bench().drive()
+    acted = bench.now - 0.01 + TIMING.watchdog_timeout
+    bench.wait(TIMING.watchdog_timeout + TIMING.exit_cycles * TIMING.exit_cycle)
+    burst = TIMING.exit_burst + TIMING.exit_cycles
+    assert burst - 1 <= len(bench.exits(2, since=acted)) <= burst
+    begin = bench.now
+    bench.wait(1.0)
+    assert len(bench.exits(2, since=begin)) == pytest.approx(1.0 / TIMING.reminder, abs=1.5)
+
+
+def test_strings_that_are_not_neutral_do_not_end_it():
+    bench = Bench().drive()
+    bench.wait(0.3)
+    begin = bench.now
+    for _ in range(50):
+        bench.write(MotorRequest.COMMAND, PUSH, throttle=1620, servo=1700)
+        bench.wait(0.01)
+    assert bench.core.state.throttle == 1500
+    commands = [frame for when, frame in bench.sent if when > begin and frame == make_command(1, PUSH, PROFILE)]
+    assert not commands
+    assert bench.exits(1, since=begin)
+    assert bench.last_reply().status is TeensyStatus.WATCHDOG_ACTED
+
+
+@pytest.mark.parametrize(
+    ("request_", "throttle"), [(MotorRequest.EXIT, 1501), (MotorRequest.ENTER, 1500), (MotorRequest.COMMAND, 1500)]
+)
+def test_only_exit_with_idle_throttle_is_neutral(request_, throttle):
+    bench = Bench().drive()
+    bench.wait(0.3)
+    bench.write(request_, throttle=throttle)
+    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+
+
+def test_a_neutral_string_ends_it():
+    bench = Bench().drive()
+    bench.wait(0.3)
+    bench.write(MotorRequest.EXIT)
+    assert bench.core.state.status is TeensyStatus.RUNNING
+    bench.drive()
+    assert bench.core.state.throttle == 1620
+
+
+def test_damaged_strings_do_not_feed_it():
+    bench = Bench().drive()
+    for _ in range(40):
+        bench.core.feed(b"1;2;0;0;0;0;0|;2;2;0;0;0;0;0|;1500;1620;*00|", bench.now)
+        bench.wait(0.01)
+    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+    assert bench.core.state.rejected >= 40
+
+
+@pytest.mark.parametrize("ids", [(1, 3), (2, 1)])
+def test_other_motors_need_a_new_session(ids):
+    bench = Bench().drive()
+    rejected = bench.core.state.rejected
+    bench.write(MotorRequest.COMMAND, PUSH, ids=ids)
+    assert bench.core.state.rejected == rejected + 1
+    bench.write(MotorRequest.EXIT, ids=ids)
+    assert {1, 2} <= {frame.arbitration_id for when, frame in bench.sent if frame == make_exit(frame.arbitration_id)}
+    bench.write(MotorRequest.COMMAND, PUSH, ids=ids)
+    bench.wait(0.005)
+    assert {frame.arbitration_id for _, frame in bench.sent[-2:]} == set(ids)
+
+
+def test_a_command_beyond_the_motor_is_refused_whole():
+    bench = Bench().drive()
+    rejected = bench.core.state.rejected
+    bench.write(MotorRequest.COMMAND, replace(PUSH, position=13.0))
+    assert bench.core.state.rejected == rejected + 1
+    bench.wait(0.2)
+    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+
+
+def test_the_clock_may_wrap():
+    bench = Bench(begin=2**32 / 1000.0 - 0.1).drive(cycles=40)
+    assert bench.core.state.status is TeensyStatus.RUNNING
+    bench.wait(0.2)
+    assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
+
+
+def test_silent_motors_do_not_make_the_reply_late_and_do_not_count_as_answers():
+    bench = Bench().drive()
+    before = bench.last_reply().motors[0].replies
+    bench.deaf = True
+    bench.write(MotorRequest.COMMAND, PUSH)
+    written = bench.now
+    bench.wait(0.01)
+    when, _ = bench.replies[-1]
+    assert when - written <= TIMING.reply_wait + MS
+    assert bench.last_reply().motors[0].replies == before
+
+
+def test_in_the_direct_wiring_it_leaves_the_bus_alone_and_centres_the_pulses():
+    bench = Bench("direct_can").drive()
+    assert bench.core.state.throttle == 1620
+    bench.wait(0.3)
+    assert bench.sent == []
+    assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
+
+
+def test_the_published_form_is_silent_while_the_watchdog_holds():
+    bench = Bench(form=StringForm.PUBLISHED).drive()
+    bench.wait(0.3)
+    count = len(bench.replies)
+    for _ in range(20):
+        bench.write(MotorRequest.COMMAND, PUSH)
+        bench.wait(0.01)
+    assert len(bench.replies) == count
+    bench.write(MotorRequest.EXIT)
+    bench.wait(0.005)
+    assert len(bench.replies) == count + 1
+
+
+def test_the_checked_form_tells_a_computer_that_only_listens():
+    bench = Bench().drive()
+    bench.wait(TIMING.watchdog_timeout + 0.005)
+    assert bench.last_reply().status is TeensyStatus.WATCHDOG_ACTED
+    count = len(bench.replies)
+    bench.wait(TIMING.exit_cycles * TIMING.exit_cycle + 1.0)
+    assert len(bench.replies) - count >= 0.8 / TIMING.reminder
+
+
+@pytest.mark.parametrize(
+    ("encoder", "word", "degrees"), [(None, 1024, 90.0), (None, 4095, 359.912), (AEAT_6010, 512, 180.0)]
+)
+def test_words_of_the_sail_encoder_become_degrees(encoder, word, degrees):
+    bench = Bench(encoder=encoder)
+    bench.core.set_sail_word(word)
+    bench.write(MotorRequest.EXIT)
+    bench.wait(0.005)
+    assert bench.last_reply().sail == pytest.approx(degrees, abs=6e-4)
+
+
+def test_settings_refuse_one_id_for_two_motors_and_other_wirings():
+    with pytest.raises(HardwareError, match="both motors have the id 3"):
+        FirmwareSettings("teensy_bridge", PROFILE, TIMING, (3, 3))
+    with pytest.raises(HardwareError, match="allowed: direct_can, teensy_bridge"):
+        FirmwareSettings("usb", PROFILE, TIMING)
