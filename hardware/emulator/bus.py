@@ -33,14 +33,11 @@ class EmulatedBus:
     @property
     def off(self) -> bool:
         """Whether the owner's controller is off the bus."""
-        if self._board.entry(Fault.BUS_OFF) is None:
-            self._healed = False
-            return False
-        return not self._healed
+        return self._board.entry(Fault.BUS_OFF) is not None and not self._healed
 
     def reopened(self) -> None:
         """The owner has opened its channel anew."""
-        self._healed = True
+        self._healed = self._board.entry(Fault.BUS_OFF) is not None
 
     def carry(self, frame: CanFrame) -> list[CanFrame]:
         """Takes a frame of the owner; the motors' answers."""

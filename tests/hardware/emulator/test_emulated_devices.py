@@ -1,0 +1,250 @@
+"""Motors, slcan adapter, Teensy and radio of the emulator, without processes and in simulated time."""
+
+import math
+
+import can
+import pytest
+
+from hardware.emulator.bus import EmulatedBus
+from hardware.emulator.events import EventLog, read_events
+from hardware.emulator.fault_board import FaultBoard
+from hardware.emulator.motor import EmulatedMotor
+from hardware.emulator.script import OperatorEntry, Script, load_emulator_numbers
+from hardware.emulator.serial_devices import OPERATOR, EmulatedGps, EmulatedImu, EmulatedOperator
+from hardware.emulator.slcan import SlcanAdapter, read_frame, write_frame
+from hardware.emulator.teensy import EmulatedTeensy
+from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from hardware.protocol import radio
+from hardware.protocol.ak70 import (
+    NEUTRAL,
+    MitCommand,
+    decode_reply,
+    make_command,
+    make_enter,
+    make_exit,
+    make_neutral,
+    make_zero,
+)
+from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
+from hardware.protocol.can_frame import CanFrame, FrameError
+from hardware.protocol.teensy import MotorOrder, MotorRequest, StringForm, TeensyCommand
+from hardware.protocol.teensy import make_command as make_string
+from hardware.protocol.xbee import ApiStream
+from hardware.sensors.bno055 import make_sample_request
+from hardware.sensors.ublox import GpsStream
+from hardware.wiring.mounting import load_mounting
+
+NUMBERS = load_emulator_numbers()
+PUSH = MitCommand(0.4, 0.0, 17.0, 5.0, 1.0)
+
+
+class NoLog:
+    """Keeps the messages that a traffic log would write."""
+
+    def __init__(self):
+        self.messages: list[can.Message] = []
+
+    def add(self, message):
+        self.messages.append(message)
+
+
+class Bench:
+    """Two motors on a bus, and a clock that the script follows."""
+
+    def __init__(self, folder, *faults, zero=0.0, direction=1):
+        self.path = folder / "events.jsonl"
+        self.events = EventLog(self.path)
+        self.board = FaultBoard(Script.model_validate({"clock": "start", "faults": faults}), self.events)
+        self.board.begin("start", 0.0)
+        self.board.look(0.0)
+        common = (PROFILE, NUMBERS, self.board, self.events, zero, direction)
+        self.motors = [EmulatedMotor("tail_pitch", 1, *common), EmulatedMotor("tail_roll", 2, *common)]
+        self.log = NoLog()
+        self.bus = EmulatedBus(self.motors, self.board, self.log)
+
+    def ask(self, frame):
+        (answer,) = self.bus.carry(frame)
+        return decode_reply(answer, PROFILE)
+
+    def names(self):
+        return [event["event"] for event in read_events(self.path)]
+
+
+def roll(**fault):
+    return {"time": 0.0, "part": "tail_roll", **fault}
+
+
+def test_a_motor_makes_torque_between_enter_and_exit_only(tmp_path):
+    bench = Bench(tmp_path)
+    motor = bench.motors[1]
+    bench.ask(make_command(2, PUSH, PROFILE))
+    assert motor.joint_command == NEUTRAL
+    bench.ask(make_enter(2))
+    assert motor.joint_command.position == pytest.approx(0.4, abs=4e-4), "it jumps to what it was told before"
+    bench.ask(make_exit(2))
+    assert motor.joint_command == NEUTRAL
+    assert bench.names() == ["entered", "off"]
+
+
+def test_it_holds_its_last_command_for_ever(tmp_path):
+    bench = Bench(tmp_path)
+    bench.ask(make_enter(2))
+    bench.ask(make_command(2, PUSH, PROFILE))
+    bench.board.look(1e6)
+    assert bench.motors[1].joint_command.kp == pytest.approx(17.0, abs=0.1)
+
+
+def test_angles_and_signs_of_the_motor_are_those_of_its_mounting(tmp_path):
+    bench = Bench(tmp_path, zero=1.0, direction=-1)
+    bench.motors[1].set_joint(0.3, 2.0, 5.0)
+    reply = bench.ask(make_neutral(2, PROFILE))
+    assert (reply.position, reply.velocity, reply.torque) == pytest.approx((0.7, -2.0, -5.0), abs=0.02)
+    bench.ask(make_enter(2))
+    bench.ask(make_command(2, PUSH, PROFILE))
+    command = bench.motors[1].joint_command
+    assert (command.position, command.torque) == pytest.approx((0.6, -1.0), abs=0.01)
+
+
+def test_the_zero_frame_zeroes_silently(tmp_path):
+    bench = Bench(tmp_path)
+    bench.motors[0].set_joint(0.5, 0.0, 0.0)
+    assert bench.ask(make_zero(1)).position == pytest.approx(0.0, abs=4e-4)
+
+
+def test_positions_wrap_at_the_range_of_the_profile(tmp_path):
+    bench = Bench(tmp_path)
+    bench.motors[0].set_joint(13.0, 0.0, 0.0)
+    assert bench.ask(make_neutral(1, PROFILE)).position == pytest.approx(-12.0, abs=4e-4)
+
+
+@pytest.mark.parametrize("fault", ["v3_frame", "foreign_id", "reply_corrupted", "reply_short", "reply_long"])
+def test_frames_that_are_no_reply_are_refused_by_the_decoder(tmp_path, fault):
+    bench = Bench(tmp_path, roll(fault=fault))
+    (answer,) = bench.bus.carry(make_neutral(2, PROFILE))
+    if fault == "foreign_id":
+        assert answer.arbitration_id not in (0, 1, 2)
+    with pytest.raises(FrameError):
+        decode_reply(answer, PROFILE)
+    assert bench.ask(make_neutral(1, PROFILE)).motor_id == 1, "the other motor is well"
+
+
+def test_lost_and_doubled_replies(tmp_path):
+    bench = Bench(tmp_path, roll(fault="reply_lost", count=1), {**roll(fault="double_id"), "part": "tail_pitch"})
+    assert bench.bus.carry(make_neutral(2, PROFILE)) == []
+    assert len(bench.bus.carry(make_neutral(2, PROFILE))) == 1
+    assert len(bench.bus.carry(make_neutral(1, PROFILE))) == 2
+
+
+def test_replies_that_report_something_wrong(tmp_path):
+    bench = Bench(
+        tmp_path,
+        roll(fault="over_temperature"),
+        roll(fault="motor_fault", code=3),
+        roll(fault="encoder_jump"),
+        {**roll(fault="out_of_range"), "part": "tail_pitch"},
+    )
+    bench.motors[1].entered = True
+    reply = bench.ask(make_neutral(2, PROFILE))
+    assert (reply.temperature, reply.fault) == (NUMBERS.hot_temperature, 3)
+    assert reply.position == pytest.approx(NUMBERS.encoder_jump, abs=4e-4)
+    assert not bench.motors[1].entered, "a motor with a fault of its own makes no torque"
+    bench.board.look(0.5)
+    assert bench.ask(make_neutral(1, PROFILE)).position == pytest.approx(0.5 * NUMBERS.drift_rate, abs=4e-4)
+
+
+def test_every_frame_is_in_the_traffic_log(tmp_path):
+    bench = Bench(tmp_path)
+    bench.bus.carry(make_exit(1))
+    assert [(message.is_rx, bytes(message.data[:1])) for message in bench.log.messages] == [
+        (False, b"\xff"),
+        (True, b"\x01"),
+    ]
+
+
+def test_the_adapter_passes_frames_while_its_channel_is_open(tmp_path):
+    bench = Bench(tmp_path)
+    adapter = SlcanAdapter(bench.bus, bench.board)
+    line = write_frame(make_enter(1))
+    assert adapter.feed(line) == b"\a"
+    assert adapter.feed(b"C\rS8\rO\r") == b"\r\r\r"
+    answer = adapter.feed(line[:7]) + adapter.feed(line[7:])
+    assert decode_reply(read_frame(answer[:-1]), PROFILE).motor_id == 1
+    assert bench.motors[0].entered
+    assert adapter.feed(b"O\rX\rt001\rt0019" + b"00" * 9 + b"\r") == b"\a\a\a\a"
+
+
+def test_bus_off_ends_when_the_channel_is_opened_anew(tmp_path):
+    bench = Bench(tmp_path, {"time": 1.0, "fault": "bus_off"})
+    adapter = SlcanAdapter(bench.bus, bench.board)
+    adapter.feed(b"O\r")
+    bench.board.look(1.0)
+    assert adapter.feed(write_frame(make_exit(1))) == b"\a"
+    assert adapter.feed(b"C\rO\r" + write_frame(make_exit(1)))[2:4] == b"t0"
+    assert len(bench.log.messages) == 2
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"t", b"t001", b"t0011", b"tXYZ100", b"t001100FF", b"T0000010", b"t0011\xff\xff"]
+)
+def test_lines_that_are_no_frame(line):
+    assert read_frame(line) is None
+
+
+def test_lines_carry_standard_and_extended_frames():
+    for frame in (CanFrame(0x7F, b"\x01\x02"), CanFrame(0x2901, b"", extended=True)):
+        assert read_frame(write_frame(frame)[:-1]) == frame
+
+
+def _strings(request, throttle=1600):
+    orders = tuple(MotorOrder(motor_id, request, PUSH) for motor_id in (1, 2))
+    return make_string(TeensyCommand(orders, 1500, throttle), StringForm.CHECKED)
+
+
+def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
+    bench = Bench(tmp_path, {"time": 1.0, "fault": "teensy_hung"})
+    settings = FirmwareSettings("teensy_bridge", PROFILE, load_teensy_timing())
+    teensy = EmulatedTeensy(settings, bench.bus, bench.board, bench.events, NUMBERS.restart_time, 0.0)
+    now, seen = 0.0, {}
+    while now < 2.5:
+        now += 0.005
+        bench.board.look(now)
+        request = MotorRequest.EXIT if now < 0.02 else MotorRequest.ENTER if now < 0.04 else MotorRequest.COMMAND
+        teensy.feed((b"|" if now < 0.006 else b"") + _strings(request, 1500 if now < 0.02 else 1600), now)
+        teensy.turn(now)
+        seen[round(now, 3)] = (teensy.state.throttle, bench.motors[1].entered)
+    assert seen[0.95] == seen[1.3] == (1600, True), "nothing stops a motor whose master hangs"
+    assert seen[1.6] == seen[2.5] == (1500, False), "the restarted firmware exits it and waits for a neutral string"
+    assert "teensy_restarted" in bench.names()
+
+
+def test_the_operator_sends_commands_with_a_living_heartbeat_and_stops(tmp_path):
+    bench = Bench(tmp_path, {"time": 2.0, "fault": "silent", "part": "radio"})
+    entries = (OperatorEntry(time=0.0, mode="auto"), OperatorEntry(time=1.0, stop=True))
+    operator, stream = EmulatedOperator(entries, NUMBERS.operator_rate, bench.board), ApiStream()
+    found = []
+    for tick in range(300):
+        bench.board.look(0.01 * tick)
+        found += [(0.01 * tick, packet) for packet in stream.feed(operator.turn(0.01 * tick))]
+    messages = [(when, radio.decode(packet.data)) for when, packet in found]
+    assert {packet.sender for _, packet in found} == {OPERATOR}
+    beats = [message.counter for _, message in messages if isinstance(message, radio.Heartbeat)]
+    assert beats == list(range(1, len(beats) + 1))
+    assert len(beats) == pytest.approx(2.0 * NUMBERS.operator_rate, abs=2)
+    assert next(when for when, message in messages if isinstance(message, radio.EmergencyStop)) >= 1.0
+    assert max(when for when, message in messages if isinstance(message, radio.OperatorCommand)) < 1.0
+
+
+def test_imu_and_gps_answer_until_they_fall_silent(tmp_path):
+    bench = Bench(
+        tmp_path,
+        {"time": 1.0, "fault": "silent", "part": "imu"},
+        {"time": 1.0, "fault": "silent", "part": "gps"},
+    )
+    imu, gps = EmulatedImu(load_mounting(), bench.board), EmulatedGps(10.0, bench.board)
+    assert imu.feed(make_sample_request())
+    (sample,) = GpsStream().feed(gps.turn(3.33, 0.0))
+    assert sample.speed == pytest.approx(3.33, abs=1e-3)
+    assert not math.isnan(sample.accuracy)
+    bench.board.look(1.0)
+    assert imu.feed(make_sample_request()) == b""
+    assert gps.turn(3.33, 1.0) == b""
