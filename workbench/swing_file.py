@@ -165,16 +165,18 @@ class Limits(_Strict):
 
 
 class Trigger(_Strict):
-    """What releases the swing: the yaw rate into the planned turn, or a time since that turn was announced."""
+    """What releases the swing: yaw rate or steering command into the planned turn, or a time since its announcement."""
 
-    kind: Literal["yaw_rate", "time"] = "yaw_rate"
+    kind: Literal["yaw_rate", "steering", "time"] = "yaw_rate"
     threshold_rad_per_s: float | None = Field(None, description="yaw_rate: into the planned turn, rad/s", gt=0)
+    threshold_rad: float | None = Field(None, description="steering: command into the planned turn, rad", gt=0)
     delay_s: float = Field(0.0, description="from the trigger to the release, s; time: since the announcement", ge=0)
 
     @model_validator(mode="after")
     def _has_threshold(self) -> Self:
-        if (self.kind == "yaw_rate") != (self.threshold_rad_per_s is not None):
-            raise ValueError("threshold_rad_per_s: allowed and needed with kind yaw_rate only")
+        for name, kind in (("threshold_rad_per_s", "yaw_rate"), ("threshold_rad", "steering")):
+            if (self.kind == kind) != (getattr(self, name) is not None):
+                raise ValueError(f"{name}: allowed and needed with kind {kind} only")
         return self
 
 
@@ -184,6 +186,11 @@ class Provenance(_Strict):
     source: str = Field(description="what made it: a table, a command")
     scenario: str | None = Field(None, description="scenario it was made with")
     seed: int | None = Field(None, description="seed of the solver's starts", ge=0)
+    settings: Annotated[tuple[str, ...], Field(strict=False)] = Field((), description="overrides of that scenario")
+    options: dict[str, float | int | str] = Field(default_factory=dict, description="of the command that made it")
+    found: dict[str, float | int | str] = Field(
+        default_factory=dict, description="what it found, such as collocation_error_rad; unit at the end of the name"
+    )
     solver_log: str | None = Field(None, description="file of the solver's log")
     versions: dict[str, str] = Field(default_factory=dict, description="project, drake, python, numpy")
 
