@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from optimisation.least_squares import Problem, Solution, Solver, solve
+from optimisation.robust import Loss, solve_huber
 from optimisation.uncertainty import Noise, Uncertainty, uncertainty
 
 
@@ -86,6 +87,11 @@ class FitResult:
         """The estimates that were not frozen."""
         return tuple(estimate for estimate in self.estimates if not estimate.frozen)
 
+    @property
+    def resnorm(self) -> float:
+        """|weighted residual|^2, above zero: what the averages over several fits weigh by (eqs. 4.29-4.31)."""
+        return 2.0 * max(self.cost, 1e-12)
+
     def row(self) -> dict[str, Any]:
         """One flat row for CSV: facts, then value, standard deviation and interval of every parameter."""
         row: dict[str, Any] = {"fit": self.name, **self.facts}
@@ -125,6 +131,7 @@ def fit(
     channels: Mapping[str, tuple[slice, float]] | None = None,
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
+    loss: Loss = "squares",
 ) -> FitResult:
     """Solves a problem from all starts and says how sure the answer is.
 
@@ -132,13 +139,18 @@ def fit(
         noise: makes the noise of the residual from the solution, see `uncertainty`.
         channels: per channel where it stands in the residual and the weight that its residual was divided by.
         warnings: of the data, kept before those of the fit.
+        loss: `huber` goes on from the least-squares solution with Huber's loss (`optimisation.robust`).
 
     Raises:
         FitError: no start could be solved.
     """
     solution = solve(problem, method, starts)
-    sure = uncertainty(solution, noise(solution))
-    return result_of(solution, sure, channels or {}, facts or {}, warnings)
+    if loss == "squares":
+        return result_of(solution, uncertainty(solution, noise(solution)), channels or {}, facts or {}, warnings)
+    robust = solve_huber(problem, method, solution)
+    sure = uncertainty(robust.influence, noise(robust.influence))
+    told = {**(facts or {}), "loss": loss, "outliers": robust.beyond}
+    return result_of(robust.solution, sure, channels or {}, told, warnings)
 
 
 def result_of(

@@ -16,6 +16,7 @@ import pandas as pd
 import yaml
 
 matplotlib.use("Agg")
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from optimisation.errors import FitError
@@ -25,11 +26,21 @@ from workbench.logs.schema import software_versions
 
 SCHEMA = "aerodima/fit-report/1"
 _MOST_CURVES = 12
+"""Panels of the figure in which logs with one curve each are drawn together."""
+_MOST_FIGURES = 8
+"""Logs with several curves have a figure of their own; that many are drawn."""
+_MOST_NAMED = 16
+_EXACT = 1e-9
+"""Residuals below this are rounding."""
+_LONG = 40
+"""Cells of more characters than this may wrap."""
 _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem;color:#1b1f24}"
     "table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:1rem 0}"
     "th,td{border-bottom:1px solid #d0d7de;padding:.25rem .7rem;text-align:right}"
-    "th:first-child,td:first-child{text-align:left}img{max-width:100%}.warn{color:#9a3412}"
+    "td{white-space:nowrap}th:first-child,td:first-child,td.words{text-align:left}"
+    "td.words{white-space:normal;min-width:20rem}"
+    ".table{overflow-x:auto}table{border:0}img{max-width:100%}.warn{color:#9a3412}"
 )
 
 
@@ -46,7 +57,7 @@ def write_report(
 
     Args:
         failed: logs that could not be fitted, with the reason.
-        tables: further tables by name, each also written as `<name>.csv`.
+        tables: further tables by name, each also written as `<name>.csv` and into the YAML.
         notes: paragraphs above the results.
 
     Returns:
@@ -56,7 +67,7 @@ def write_report(
     failed, tables = dict(failed or {}), dict(tables or {})
     paths = [folder / "fits.csv", folder / "fits.yaml"]
     pd.DataFrame([result.row() for result in results]).to_csv(paths[0], index=False)
-    paths[1].write_text(_yaml(title, results, failed, notes), encoding="utf-8")
+    paths[1].write_text(_yaml(title, results, failed, notes, tables), encoding="utf-8")
     for name, table in tables.items():
         paths.append(folder / f"{name}.csv")
         table.to_csv(paths[-1], index=False)
@@ -70,13 +81,20 @@ def write_report(
     return paths
 
 
-def _yaml(title: str, results: Sequence[FitResult], failed: Mapping[str, str], notes: Sequence[str]) -> str:
+def _yaml(
+    title: str,
+    results: Sequence[FitResult],
+    failed: Mapping[str, str],
+    notes: Sequence[str],
+    tables: Mapping[str, pd.DataFrame],
+) -> str:
     content = {
         "schema": SCHEMA,
         "title": title,
         "versions": software_versions(),
         "notes": list(notes),
         "failed": dict(failed),
+        "tables": {name: table.to_dict("records") for name, table in tables.items()},
         "fits": [_plain(result) for result in results],
     }
     return yaml.safe_dump(_numbers(content), sort_keys=False, allow_unicode=True, width=120)
@@ -108,18 +126,22 @@ def _figures(results: Sequence[FitResult]) -> dict[str, Figure]:
     if results:
         figures["estimates"] = _estimates_figure(results)
         figures["residuals"] = _residuals_figure(results)
-    curves = [(result, name, curve) for result in results for name, curve in result.curves.items()]
-    if curves:
-        figures["curves"] = _curves_figure(curves[:_MOST_CURVES])
+    single = [result for result in results if len(result.curves) == 1]
+    if single:
+        figures["curves"] = _curves_figure([(r, name, curve) for r in single for name, curve in r.curves.items()])
+    several = [result for result in results if len(result.curves) > 1]
+    for number, result in enumerate(several[:_MOST_FIGURES], start=1):
+        curves = [(None, name, curve) for name, curve in result.curves.items()]
+        figures[f"curves_{number}_{Path(result.name).stem}"] = _curves_figure(curves, Path(result.name).name)
     return figures
 
 
 def _estimates_figure(results: Sequence[FitResult]) -> Figure:
     """Every free parameter over the fits, with its interval; what is not determined is left out."""
-    names = list(dict.fromkeys(e.name for result in results for e in result.free))
+    names = list(dict.fromkeys(e.name for result in results for e in result.free if not e.name.startswith("start_")))
     units = {e.name: e.unit for result in results for e in result.free}
-    figure = Figure(figsize=(10.0, 2.2 * len(names) + 0.6), layout="constrained")
-    axes = figure.subplots(len(names), 1, sharex=len(results) > 1, squeeze=False)[:, 0]
+    figure = Figure(figsize=(10.0, 1.9 * len(names) + 1.2), layout="constrained")
+    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for ax, name in zip(axes, names, strict=True):
         found = [(i, e) for i, result in enumerate(results) for e in result.free if e.name == name and e.identifiable]
         if found:
@@ -128,46 +150,69 @@ def _estimates_figure(results: Sequence[FitResult]) -> Figure:
             low = np.maximum(values - [e.lower for _, e in found], 0.0)
             high = np.maximum([e.upper for _, e in found] - values, 0.0)
             ax.errorbar(x, values, yerr=[low, high], fmt="o", ms=3.5, capsize=2, color="#0f5c8a", ecolor="#7fb3d3")
-        ax.set_ylabel(f"{name} [{units[name]}]")
+            ax.ticklabel_format(axis="y", useOffset=False)
+        else:
+            ax.text(0.5, 0.5, "not determined in any fit", transform=ax.transAxes, ha="center", color="#9a3412")
+            ax.set_yticks([])
+        ax.set_ylabel(name if units[name] == "1" else f"{name} [{units[name]}]", fontsize=8)
         ax.grid(alpha=0.3)
-    axes[-1].set_xlabel("fit, in the order of the table (bars: 95 % interval)")
+    _name_fits(axes[-1], results)
+    figure.suptitle("estimates with their 95 % intervals", fontsize=10)
     return figure
+
+
+def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
+    """The fits along the x axis: by name while there is room, else by their place in the table."""
+    ax.set_xlim(-0.5, len(results) - 0.5)
+    if len(results) > _MOST_NAMED:
+        ax.set_xlabel("fit, in the order of the table (from 0)")
+        return
+    ax.set_xticks(range(len(results)), [Path(result.name).stem for result in results], rotation=20, ha="right")
+    ax.tick_params(axis="x", labelsize=8)
 
 
 def _residuals_figure(results: Sequence[FitResult]) -> Figure:
+    """Root mean square per channel and fit; a channel that a fit meets exactly has no mark."""
     channels = list(dict.fromkeys(name for result in results for name in result.residual_rms))
-    figure = Figure(figsize=(10.0, 3.2), layout="constrained")
+    figure = Figure(figsize=(10.0, 3.6), layout="constrained")
     ax = figure.subplots()
     for channel in channels:
-        x = [i for i, result in enumerate(results) if channel in result.residual_rms]
-        y = [max(results[i].residual_rms[channel], 1e-12) for i in x]
-        ax.plot(x, y, "o-" if len(x) < 30 else ".", ms=4, lw=0.8, label=channel)
+        rms = [result.residual_rms.get(channel, math.nan) for result in results]
+        y = [value if value > _EXACT else math.nan for value in rms]
+        ax.plot(range(len(results)), y, "o" if len(results) < 100 else ".", ms=4, label=channel)
     ax.set_yscale("log")
-    ax.set_xlabel("fit")
-    ax.set_ylabel("rms residual, unit of the channel")
+    _name_fits(ax, results)
+    ax.set_ylabel("rms residual, SI unit of the channel")
     ax.grid(alpha=0.3)
     if channels:
-        ax.legend(ncols=len(channels), fontsize=8)
+        ax.legend(ncols=len(channels), fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
 
-def _curves_figure(curves: Sequence[tuple[FitResult, str, Mapping[str, Any]]]) -> Figure:
-    """Measured and model, and their difference below."""
+def _curves_figure(curves: Sequence[tuple[FitResult | None, str, Mapping[str, Any]]], title: str = "") -> Figure:
+    """Measured and model, one panel per curve; `measured` may be missing. The panel is named after the log, if told."""
+    more, curves = len(curves) - _MOST_CURVES, curves[:_MOST_CURVES]
     columns = min(3, len(curves))
     rows = math.ceil(len(curves) / columns)
     figure = Figure(figsize=(5.0 * columns, 3.6 * rows), layout="constrained")
-    for ax, (result, name, curve) in zip(figure.subplots(rows, columns, squeeze=False).flat, curves, strict=False):
-        x, measured = np.asarray(curve["x"]), np.asarray(curve["measured"])
-        ax.plot(x, measured, "." if len(x) < 200 else "-", color="#7a7a7a", label="measured")
+    places = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for ax in places[len(curves) :]:
+        ax.set_axis_off()
+    for ax, (result, name, curve) in zip(places, curves, strict=False):
+        x = np.asarray(curve["x"])
+        if "measured" in curve:
+            ax.plot(x, curve["measured"], "." if len(x) <= 200 else "-", color="#9a9a9a", lw=2.4, label="measured")
         for label, values in curve.items():
             if label not in ("x", "measured", "labels"):
                 ax.plot(x, values, lw=1.2, label=label)
-        ax.set_title(f"{Path(result.name).name}: {name}", fontsize=9)
+        ax.set_title(name if result is None else f"{Path(result.name).name}: {name}", fontsize=9)
         labels = curve.get("labels", ("x", name))
         ax.set_xlabel(labels[0])
         ax.set_ylabel(labels[1])
         ax.grid(alpha=0.3)
         ax.legend(fontsize=8)
+    if title or more > 0:
+        figure.suptitle(title or f"the first {_MOST_CURVES} of {_MOST_CURVES + more} logs")
     return figure
 
 
@@ -198,7 +243,7 @@ def _page(
     for name, table in tables.items():
         parts += [
             f"<h2>{html.escape(name.replace('_', ' '))}</h2>",
-            table.to_html(index=False, float_format="{:.5g}".format),
+            _table(list(map(str, table.columns)), [[_short(value) for value in row] for row in table.to_numpy(object)]),
         ]
     for name, data in pictures.items():
         code = base64.b64encode(data).decode()
@@ -210,20 +255,29 @@ def _results_table(results: Sequence[FitResult]) -> str:
     names = list(dict.fromkeys(e.name for result in results for e in result.estimates))
     units = {e.name: e.unit for result in results for e in result.estimates}
     facts = list(dict.fromkeys(key for result in results for key in result.facts))
-    heads = ["fit", *facts, *(f"{name} [{units[name]}]" for name in names), "status"]
+    heads = ["fit", *(f"{name} [{units[name]}]" for name in names), *facts, "status"]
     rows = []
     for result in results:
-        cells = [Path(result.name).name, *(_short(result.facts.get(fact, "")) for fact in facts)]
         by_name = {e.name: e for e in result.estimates}
-        cells += [in_words(by_name[name]) if name in by_name else "" for name in names]
-        rows.append([*cells, result.status])
+        cells = [Path(result.name).name, *(in_words(by_name[name]) if name in by_name else "" for name in names)]
+        rows.append([*cells, *(_short(result.facts.get(fact, "")) for fact in facts), result.status])
+    return _table(heads, rows)
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """An HTML table that scrolls sideways when it is wide; long text may wrap."""
     head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><tr>{head}</tr>{body}</table>"
+    body = "".join("<tr>" + "".join(_cell(text) for text in row) + "</tr>" for row in rows)
+    return f'<div class="table"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _cell(text: str) -> str:
+    words = ' class="words"' if len(text) > _LONG else ""
+    return f"<td{words}>{html.escape(text)}</td>"
 
 
 def _short(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def in_words(estimate: Estimate) -> str:

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from optimisation.fit_batch import BatchResult
-    from optimisation.pipeline import FitResult
+from optimisation.commands import fit_batch_report as report
 
 Logs = Annotated[list[Path], typer.Argument(help="Logs (Parquet), or data files.")]
 Out = Annotated[Path, typer.Option(help="Folder for CSV, YAML, PNG and report.html.")]
 Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
 Force = Annotated[bool, typer.Option("--force", help="Drop earlier results in the folder.")]
 Seeds = Annotated[int, typer.Option(help="Random starts beside the published seed.", min=0, max=1000)]
+LossOption = Annotated[str, typer.Option(help="squares, or huber: samples that lie far off are held back.")]
+BoundOption = Annotated[
+    list[str] | None, typer.Option("--bound", help="name=lowest,highest of a parameter; may be repeated.")
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -51,20 +51,24 @@ def static(
 ) -> None:
     """C_D, C_L, psi3 and holding current of static holds.
 
+    A hold is fitted to seven means, so there is no loss to choose; the averages over the holds have robust ones.
+
     Example: aerodima fit static logs/*.parquet --out fits
     """
     from optimisation.identify.log_fits import fit_static_log
 
-    chosen: Any = _choice("--bounds", bounds, ("wide", "printed"))
+    chosen: Any = report.choice("--bounds", bounds, ("wide", "printed"))
     settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
     work = partial(fit_static_log, bounds=chosen, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest)
-    _batch("Static fits", work, logs, out, settings, workers, force, _write_static_sets)
+    report.fit_batch("Static fits", work, logs, out, settings, workers, force, report.static_tables)
 
 
 def friction(
     logs: Logs,
     out: Out,
     stribeck: Annotated[bool, typer.Option("--stribeck", help="Also a breakaway torque that dies out.")] = False,
+    loss: LossOption = "squares",
+    bound: BoundOption = None,
     workers: Workers = 2,
     force: Force = False,
 ) -> None:
@@ -74,25 +78,52 @@ def friction(
     """
     from optimisation.identify.log_fits import fit_friction_log
 
-    settings = {"fit": "friction", "stribeck": stribeck}
-    _batch("Friction", partial(fit_friction_log, stribeck=stribeck), logs, out, settings, workers, force, _averages)
+    options, chosen = _options(loss, bound)
+    work = partial(fit_friction_log, stribeck=stribeck, options=options)
+    settings = {"fit": "friction", "stribeck": stribeck, **chosen}
+    report.fit_batch("Friction", work, logs, out, settings, workers, force, report.averages)
 
 
-def added_mass(logs: Logs, out: Out, workers: Workers = 2, force: Force = False) -> None:
-    """Added mass of swings, and the quasi-steady model against the one with added mass: position, reactions, verdict.
+def added_mass(
+    logs: Logs,
+    out: Out,
+    seed: Annotated[
+        list[str] | None,
+        typer.Option(help="zero, potential-flow, table-4.12 (nearest wind), table-4.12-10, table-4.12-20, or kg."),
+    ] = None,
+    bounds: Annotated[str, typer.Option(help="wide, or printed (Table 4.12).")] = "wide",
+    loss: LossOption = "squares",
+    bound: BoundOption = None,
+    workers: Workers = 2,
+    force: Force = False,
+) -> None:
+    """Added mass of swings, and the comparison of thesis section 4.9: QSS against QSS-AM.
+
+    Position, six reactions, coefficients and Reynolds number of the sections, verdict per wind speed, and the fitted
+    mass beside pi R^2 rho of potential flow. Without --seed it starts from zero and from table-4.12.
 
     Example: aerodima fit added-mass flick_*.parquet --out fits
     """
+    from optimisation.identify.added_mass import BOUNDS, DEFAULT_SEEDS, require_seed
     from optimisation.identify.log_fits import fit_added_mass_log
 
-    settings = {"fit": "added-mass"}
-    _batch("Added mass: QSS against QSS-AM", fit_added_mass_log, logs, out, settings, workers, force, _compared)
+    seeds = tuple(dict.fromkeys(seed or DEFAULT_SEEDS))
+    for name in seeds:
+        require_seed(name)
+    limits: Any = report.choice("--bounds", bounds, BOUNDS)
+    options, chosen = _options(loss, bound)
+    work = partial(fit_added_mass_log, seeds=seeds, bounds=limits, options=options)
+    settings = {"fit": "added-mass", "seeds": list(seeds), "bounds": bounds, **chosen}
+    title = "Added mass: QSS against QSS-AM"
+    report.fit_batch(title, work, logs, out, settings, workers, force, report.compared)
 
 
 def robot_tail(
     logs: Logs,
     out: Out,
     shape: Annotated[str, typer.Option(help="C_N as constant, line or bins over the relative speed.")] = "bins",
+    loss: LossOption = "squares",
+    bound: BoundOption = None,
     workers: Workers = 2,
     force: Force = False,
 ) -> None:
@@ -102,20 +133,23 @@ def robot_tail(
     """
     from optimisation.identify.log_fits import fit_robot_tail_log
 
-    chosen: Any = _choice("--shape", shape, ("constant", "line", "bins"))
-    settings = {"fit": "robot-tail", "shape": shape}
-    work = partial(fit_robot_tail_log, shape=chosen)
-    _batch("Robot tail", work, logs, out, settings, workers, force, _write_robot_set)
+    shaped: Any = report.choice("--shape", shape, ("constant", "line", "bins"))
+    options, chosen = _options(loss, bound)
+    work = partial(fit_robot_tail_log, shape=shaped, options=options)
+    settings = {"fit": "robot-tail", "shape": shape, **chosen}
+    report.fit_batch("Robot tail", work, logs, out, settings, workers, force, report.robot_tables)
 
 
-def springs(logs: Logs, out: Out, workers: Workers = 1, force: Force = False) -> None:
+def springs(logs: Logs, out: Out, loss: LossOption = "squares", workers: Workers = 1, force: Force = False) -> None:
     """Spring rates from CSV files with displacement_m and force_n.
 
     Example: aerodima fit springs front_tyre.csv rear_tyre.csv --out fits
     """
     from optimisation.identify.log_fits import fit_spring_file
 
-    _batch("Spring rates", fit_spring_file, logs, out, {"fit": "springs"}, workers, force)
+    options, _ = _options(loss, None)
+    work = partial(fit_spring_file, loss=options.loss)
+    report.fit_batch("Spring rates", work, logs, out, {"fit": "springs", "loss": loss}, workers, force)
 
 
 def throttle(
@@ -123,8 +157,11 @@ def throttle(
     out: Out,
     window: Annotated[float, typer.Option(help="Length of the steady end of a part, s.", min=0.1)] = 1.0,
     drift: Annotated[float, typer.Option(help="Largest change of speed over it, of the mean.", min=0.0)] = 0.03,
+    loss: LossOption = "squares",
 ) -> None:
     """Throttle to steady speed, one line through the steady parts of all drives.
+
+    There is one fit, over all drives; reading them takes no time worth keeping, so a second call begins anew.
 
     Example: aerodima fit throttle drive_1.parquet drive_2.parquet --out fits
     """
@@ -134,6 +171,7 @@ def throttle(
     from optimisation.report import write_report
     from workbench.errors import UserError
 
+    options, _ = _options(loss, None)
     rule = SteadyRule(window=window, drift=drift)
     points, failed = [], {}
     for path in logs:
@@ -145,11 +183,21 @@ def throttle(
         if not found:
             failed[str(path)] = "no steady part: no throttle was held until the speed settled"
         points += found
-    _warn(failed)
-    result = fit_throttle(points)
+    report.warn(failed)
+    result = fit_throttle(points, loss=options.loss)
     write_report(out, "Throttle to speed", [result], failed=failed, tables={"steady_points": pd.DataFrame(points)})
-    _show([result])
-    _finish(out, failed, len(logs))
+    report.show([result])
+    report.finish(out, failed, len(logs))
+
+
+def _options(loss: str, bound: list[str] | None) -> tuple[Any, dict[str, Any]]:
+    """The `FitOptions` of a command, and what of them tells results apart."""
+    from optimisation.identify.swing_fit import FitOptions
+    from optimisation.robust import LOSSES
+
+    chosen: Any = report.choice("--loss", loss, LOSSES)
+    bounds = report.bounds_of(bound)
+    return FitOptions(chosen, bounds), {"loss": loss, "bound": [list(entry) for entry in bounds]}
 
 
 def published(
@@ -177,118 +225,3 @@ def published(
     for note in found.notes():
         typer.echo(note)
     typer.echo(f"wrote {out / 'report.html'}")
-
-
-def _batch(
-    title: str,
-    work: Callable[[str], FitResult],
-    logs: list[Path],
-    out: Path,
-    settings: dict[str, Any],
-    workers: int,
-    force: bool,
-    tables: Callable[[list[FitResult], Path], dict[str, Any]] | None = None,
-) -> BatchResult:
-    """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed."""
-    from optimisation.fit_batch import fit_logs
-    from optimisation.report import write_report
-
-    with typer.progressbar(length=len(logs), label="fitting", file=sys.stderr) as bar:
-        batch = fit_logs(
-            work,
-            logs,
-            out,
-            settings=settings,
-            workers=workers,
-            force=force,
-            progress=lambda done, _: bar.update(done - bar.pos),
-        )
-    if batch.reused:
-        typer.echo(f"{batch.reused} of {len(logs)} were fitted before")
-    extra = tables(batch.results, out) if tables is not None and batch.results else {}
-    write_report(out, title, batch.results, failed=batch.failed, tables=extra)
-    _warn(batch.failed)
-    _show(batch.results)
-    _finish(out, batch.failed, len(logs))
-    return batch
-
-
-def _averages(results: list[FitResult], out: Path) -> dict[str, Any]:
-    """All averages of every parameter over the logs (thesis eqs. 4.29-4.31, and robust ones)."""
-    from dataclasses import asdict
-
-    import numpy as np
-    import pandas as pd
-
-    from optimisation.identify.aggregate import aggregate
-
-    rows = []
-    for name in dict.fromkeys(e.name for result in results for e in result.free if not e.name.startswith("start_")):
-        found = [(result[name].value, result.cost) for result in results if result[name].identifiable]
-        if found:
-            values, costs = (np.array(column) for column in zip(*found, strict=True))
-            rows.append({"parameter": name, **asdict(aggregate(values, 2.0 * np.maximum(costs, 1e-12)))})
-    return {"averages": pd.DataFrame(rows)}
-
-
-def _compared(results: list[FitResult], out: Path) -> dict[str, Any]:
-    """QSS against QSS-AM per log, and the averages per tail, axis and wind speed."""
-    import pandas as pd
-
-    table = pd.DataFrame(
-        [{"log": Path(r.name).name, "added_mass_kg": r["added_mass"].value, **r.facts} for r in results]
-    )
-    cells = table.groupby(["tail", "axis", "wind_speed_m_per_s"])
-    numbers = ["added_mass_kg", "potential_flow_kg", "angle_rms_qss_rad", "angle_rms_qss_am_rad", "most_reynolds"]
-    return {"qss_against_qss_am": table, "by_wind_speed": cells[numbers].median().reset_index()}
-
-
-def _write_static_sets(results: list[FitResult], out: Path) -> dict[str, Any]:
-    from optimisation.identify.surfaces import static_sets, write_sets
-
-    for path in write_sets(out, static_sets(results)):
-        typer.echo(f"wrote {path}")
-    return {}
-
-
-def _write_robot_set(results: list[FitResult], out: Path) -> dict[str, Any]:
-    from optimisation.identify.surfaces import robot_tail_set, write_sets
-
-    found = robot_tail_set(results)
-    for path in write_sets(out, {"robot_tail_bins": found} if found else {}):
-        typer.echo(f"wrote {path}")
-    return _averages(results, out)
-
-
-_MOST_SHOWN = 20
-
-
-def _show(results: list[FitResult]) -> None:
-    from optimisation.report import in_words
-
-    for result in results[:_MOST_SHOWN]:
-        values = ", ".join(f"{e.name} {in_words(e)}" + (f" {e.unit}" if e.unit != "1" else "") for e in result.free)
-        typer.echo(f"{Path(result.name).name}: {values}")
-    if len(results) > _MOST_SHOWN:
-        typer.echo(f"... and {len(results) - _MOST_SHOWN} more in fits.csv")
-
-
-def _warn(failed: dict[str, str]) -> None:
-    for name, reason in failed.items():
-        typer.echo(f"error: {name}: {reason.removeprefix(f'{name}: ')}", err=True)
-
-
-def _finish(out: Path, failed: dict[str, str], total: int) -> None:
-    typer.echo(f"wrote {out / 'report.html'}")
-    if failed:
-        typer.echo(f"error: {len(failed)} of {total} could not be fitted; the others are done", err=True)
-        raise typer.Exit(2)
-
-
-def _choice(flag: str, given: str, allowed: tuple[str, ...]) -> str:
-    """`given`, when it is one of the allowed words; FitError otherwise."""
-    from optimisation.errors import FitError
-
-    if given not in allowed:
-        raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
-    return given

@@ -1,31 +1,35 @@
-"""Added mass of a cheetah tail on its swings, and QSS against QSS-AM (thesis section 4.9).
+"""Added mass of a cheetah tail on its swings (thesis section 4.9), fitted to the position only.
 
-Fitted to the position only; then all six reactions of both models are compared with the log, which is a test that the
-fit has not seen.
+`comparison` then holds all six reactions of the models with and without it against the log: a test that the fit has
+not seen.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from optimisation.errors import FitError
+from optimisation.identify.comparison import compare
 from optimisation.identify.published_tables import published
-from optimisation.identify.static_balance import REACTIONS
-from optimisation.identify.static_log import COLUMNS
-from optimisation.identify.swing_fit import SwingModel
+from optimisation.identify.swing_fit import FREE, FitOptions, SwingModel
 from optimisation.identify.swing_log import SwingData
 from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
 from optimisation.least_squares import Problem
 from optimisation.parameters import Parameter
 from optimisation.pipeline import FitResult
-from workbench.aero.published_coefficients import CHEETAH_LIMIT
 from workbench.logs.schema import RunLog
-from workbench.plants.rig import ADDED_MASS_PARTS, Rig
+from workbench.plants.car import LEAST_INERTIA_LEFT
+from workbench.plants.rig import ADDED_MASS_PARTS
 
-_REACTION_POINTS = 200
+Bounds = Literal["wide", "printed"]
+BOUNDS: tuple[Bounds, ...] = ("wide", "printed")
+_MOST = 1.0
+"""Upper bound of `wide`, kg per part: twice the printed one, at which one published swing stopped."""
 
 
 def potential_flow_mass(data: SwingData) -> float:
@@ -44,15 +48,51 @@ def added_mass_model(data: SwingData) -> SwingModel:
     return SwingModel(data, Pendulum.of(data.scenario), lambda values: torques)
 
 
-def added_mass_parameter(data: SwingData) -> Parameter:
-    """Seed 0, between the bounds of Table 4.12."""
-    row = _seed_row(data)
-    return Parameter("added_mass", "kg", 0.0, float(row.lb_kg), float(row.ub_kg), scale=0.02)
+def added_mass_parameter(data: SwingData, bounds: Bounds = "wide") -> Parameter:
+    """Seed 0. Bounds: those of Table 4.12 (`printed`) or up to 1 kg; at least 3 % of the inertia must be left."""
+    low, high = -math.inf, _MOST
+    if bounds == "printed":
+        row = _row(data.scenario.experiment.wind_speed)
+        low, high = float(row.lb_kg), float(row.ub_kg)
+    least = (1.0 - LEAST_INERTIA_LEFT) * Pendulum.of(data.scenario).least_added_mass
+    return Parameter("added_mass", "kg", 0.0, max(low, least), high, scale=0.02)
 
 
-def _seed_row(data: SwingData) -> Any:
+def _row(wind_speed: float) -> Any:
+    """Of Table 4.12 at the nearest wind speed."""
     table = published("added_mass_seeds")
-    return table.iloc[int(np.argmin(np.abs(table.wind_speed_m_per_s - data.scenario.experiment.wind_speed)))]
+    return table.iloc[int(np.argmin(np.abs(table.wind_speed_m_per_s - wind_speed)))]
+
+
+def _table_seed(data: SwingData) -> float:
+    return float(_row(data.scenario.experiment.wind_speed).x0_kg)
+
+
+SEEDS: dict[str, Callable[[SwingData], float]] = {
+    "zero": lambda data: 0.0,
+    "potential-flow": potential_flow_mass,
+    "table-4.12": _table_seed,
+    "table-4.12-10": lambda data: float(_row(10.0).x0_kg),
+    "table-4.12-20": lambda data: float(_row(20.0).x0_kg),
+}
+"""Named seeds; `table-4.12` is that of the nearest wind speed."""
+DEFAULT_SEEDS = ("zero", "table-4.12")
+
+
+def require_seed(name: str) -> None:
+    """FitError unless it is a name of `SEEDS` or a finite number."""
+    try:
+        known = name in SEEDS or math.isfinite(float(name))
+    except ValueError:
+        known = False
+    if not known:
+        raise FitError(f"seed {name!r}: allowed: {', '.join(SEEDS)}, or a number of kg")
+
+
+def seed_value(name: str, data: SwingData) -> float:
+    """A seed in kg, by its name or as a number; FitError, see `require_seed`."""
+    require_seed(name)
+    return SEEDS[name](data) if name in SEEDS else float(name)
 
 
 def added_mass_problem(data: SwingData) -> Problem:
@@ -60,86 +100,63 @@ def added_mass_problem(data: SwingData) -> Problem:
     return added_mass_model(data).problem([added_mass_parameter(data)])
 
 
-def fit_added_mass(data: SwingData, log: RunLog | None = None) -> FitResult:
-    """Added mass per part of one swing, from zero and from the seed of Table 4.12, whichever ends lower.
+def fit_added_mass(
+    data: SwingData,
+    log: RunLog | None = None,
+    *,
+    seeds: Sequence[str] = DEFAULT_SEEDS,
+    bounds: Bounds = "wide",
+    options: FitOptions = FREE,
+) -> FitResult:
+    """Added mass per part of one swing, from all seeds, whichever ends lower.
 
-    The published seed of 10 m/s takes away more inertia than tail 1 has; the attempt is reported with that reason.
+    A seed outside the bounds is no start; it is reported with the reason (the published seed of 10 m/s takes away more
+    inertia than tail 1 has).
 
     Args:
         log: that the data came from; with it the reactions of both models are compared.
+        seeds: names of `SEEDS`, or numbers of kg.
+
+    Raises:
+        FitError: no such seed, none within the bounds, or no rollout exists.
     """
     model = added_mass_model(data)
-    seed = {"added_mass": float(_seed_row(data).x0_kg)}
-    result = model.fit([added_mass_parameter(data)], [seed])
-    values = {e.name: e.value for e in result.estimates}
-    quasi_steady = model.fit([replace(added_mass_parameter(data), frozen=True)])
-    without = {e.name: e.value for e in quasi_steady.estimates}
-    motion, still = model.motion(values), model.motion(without)
-    facts: dict[str, Any] = {
-        "angle_rms_qss_rad": quasi_steady.residual_rms["angle"],
-        "angle_rms_qss_am_rad": result.residual_rms["angle"],
-        "potential_flow_kg": potential_flow_mass(data),
-        **_reynolds(data, motion),
-    }
-    if log is not None:
-        facts |= _reactions(data, log, motion, values["added_mass"], "qss_am")
-        facts |= _reactions(data, log, still, 0.0, "qss")
-    facts["verdict"] = _verdict(result, facts)
-    curve = {**model.curve(values), "quasi-steady": still[0].tolist()}
-    curve["with added mass"] = curve.pop("model")
-    return replace(result, facts={**result.facts, **facts}, curves={"angle": curve})
+    free = added_mass_parameter(data, bounds)
+    low, high = options.limits(free)
+    values = {name: seed_value(name, data) for name in seeds}
+    refused = {name: _refusal(model, low, high, value) for name, value in values.items()}
+    starts = [{"added_mass": values[name]} for name, reason in refused.items() if not reason]
+    if not starts:
+        raise FitError(f"{data.name}: no seed can be tried: " + "; ".join(f"{n}: {r}" for n, r in refused.items()))
+    first = replace(free, seed=starts[0]["added_mass"], lower=low, upper=high)
+    result = model.fit([first], starts[1:], options=options)
+    names = [name for name, reason in refused.items() if not reason]
+    tried: list[Mapping[str, Any]] = [
+        {"seed": name, **attempt} for name, attempt in zip(names, result.attempts, strict=False)
+    ]
+    tried += result.attempts[len(names) :]
+    tried += [
+        {"seed": name, "start": {"added_mass": values[name]}, "success": False, "status": reason, "iterations": 0}
+        for name, reason in refused.items()
+        if reason
+    ]
+    quasi_steady = model.fit([replace(free, frozen=True)], options=options)
+    facts, curves, warnings = compare(model, log, result, quasi_steady, potential_flow_mass(data))
+    return replace(
+        result,
+        facts={**result.facts, **facts},
+        curves=curves,
+        attempts=tuple(tried),
+        warnings=(*result.warnings, *warnings),
+    )
 
 
-def _reynolds(data: SwingData, motion: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
-    """Largest relative speed and Reynolds number at the tip."""
-    scenario = data.scenario
-    tail, environment = scenario.cheetah_tail, scenario.environment
-    reach = scenario.bar.tail_distance + tail.gap + tail.length
-    tip = reach * motion[1]
-    speed = np.hypot(scenario.experiment.wind_speed - tip * np.cos(motion[0]), tip * np.sin(motion[0]))
-    most = float(np.max(speed))
-    return {
-        "most_speed_m_per_s": most,
-        "most_reynolds": environment.air_density * most * tail.major_axis / environment.air_viscosity,
-    }
-
-
-def _reactions(
-    data: SwingData, log: RunLog, motion: tuple[np.ndarray, np.ndarray], added_mass: float, model: str
-) -> dict[str, float]:
-    """Scatter of the difference of each reaction between log and model; its mean is left out, the bias sets it.
-
-    The first sample is left out too: there the motor's torque jumps.
-    """
-    rig = Rig(data.scenario.varied(aero={"added_mass": added_mass}))
-    limit = data.scenario.mount.angle_limit
-    rows = np.unique(np.linspace(1, len(data.time) - 2, _REACTION_POINTS).astype(int))
-    rows = rows[np.abs(motion[0][rows]) <= limit]
-    torque = 0.5 * (data.motor[1:] + data.motor[:-1])
-    modelled = np.array([rig.reaction(motion[0][i], motion[1][i], torque[i - 1]).wrench for i in rows])
-    places = np.searchsorted(log.time, data.release + data.time[rows] - 1e-9)
-    found = {}
-    for axis, (channel, column) in enumerate(COLUMNS.items()):
-        if column not in log.table.columns:
-            continue
-        difference = log.signal(column)[np.minimum(places, len(log.time) - 1)] - modelled[:, axis]
-        found[f"{channel}_rms_{model}"] = float(np.std(difference))
-    return found
-
-
-def _verdict(result: FitResult, facts: dict[str, Any]) -> str:
-    """What the swing says about added mass, in a sentence."""
-    estimate, warn = result["added_mass"], ""
-    if facts["most_speed_m_per_s"] > CHEETAH_LIMIT:
-        warn = f"; beyond {CHEETAH_LIMIT:g} m/s, where the quasi-steady model was not shown to hold"
-    if not estimate.identifiable:
-        return "the swing does not determine an added mass" + warn
-    better = 1.0 - facts["angle_rms_qss_am_rad"] / facts["angle_rms_qss_rad"]
-    compared = [name for name in REACTIONS if f"{name}_rms_qss" in facts]
-    closer = [name for name in compared if facts[f"{name}_rms_qss_am"] < 0.98 * facts[f"{name}_rms_qss"]]
-    text = f"added mass makes the position error {better:.0%} smaller"
-    if compared:
-        text += f" and {len(closer)} of {len(compared)} reactions closer"
-    if estimate.lower <= 0.0 <= estimate.upper:
-        return "no added mass needed: zero lies in its interval" + warn
-    return text + warn
+def _refusal(model: SwingModel, low: float, high: float, value: float) -> str:
+    """Why a seed is no start; empty when it is one."""
+    if low <= value <= high:
+        return ""
+    try:
+        model.pendulum.total_inertia(value)
+    except FitError as error:
+        return str(error)
+    return f"{value:g} kg lies outside the bounds {low:.4g} .. {high:.4g} kg"

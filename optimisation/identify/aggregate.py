@@ -6,7 +6,8 @@ eps_i = sum(res) / res_i, w_i = eps_i / sum(eps), value = sum(w_i value_i) (thes
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,11 @@ from optimisation.errors import FitError
 from optimisation.identify.published_tables import Flag, published
 from optimisation.least_squares import Problem, solve, solve_rollout
 from optimisation.parameters import Parameter, Parameters
+from optimisation.pipeline import FitResult
+from optimisation.robust import huber, spread
 from workbench.resources import model_path
 
 PERCENTILES = (10.0, 90.0)
-HUBER_LIMIT = 1.345
-"""In standard deviations: 95 % efficient on normal data."""
-
-
-def huber(residual: np.ndarray, limit: float = HUBER_LIMIT) -> np.ndarray:
-    """Residuals whose squares are twice the Huber loss: unchanged within the limit, growing like a root beyond it."""
-    size = np.abs(residual)
-    beyond = np.sqrt(np.maximum(2.0 * limit * size - limit * limit, 0.0))
-    return np.where(size <= limit, residual, np.sign(residual) * beyond)
 
 
 @dataclass(frozen=True)
@@ -49,6 +43,12 @@ class Aggregate:
     low: float
     high: float
     samples: int
+
+    def columns(self) -> dict[str, float | int]:
+        """All of them by name, the percentiles as `p10` and `p90`."""
+        found = asdict(self)
+        low, high = (f"p{p:g}" for p in PERCENTILES)
+        return {low if key == "low" else high if key == "high" else key: value for key, value in found.items()}
 
 
 def weights(resnorms: np.ndarray) -> np.ndarray:
@@ -82,10 +82,34 @@ def aggregate(values: np.ndarray, resnorms: np.ndarray) -> Aggregate:
     )
 
 
+def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd.DataFrame:
+    """All averages of every determined parameter over several fits; the start of a swing is none.
+
+    Args:
+        keys: facts that tell the groups apart, such as tail and wind speed.
+
+    Returns:
+        A row per group and parameter: the keys, parameter, unit, and the columns of its `Aggregate`.
+    """
+    groups: dict[tuple[Any, ...], list[FitResult]] = {}
+    for result in results:
+        groups.setdefault(tuple(result.facts[key] for key in keys), []).append(result)
+    rows = []
+    for place, group in sorted(groups.items()):
+        units = {e.name: e.unit for result in group for e in result.free if not e.name.startswith("start_")}
+        for name, unit in units.items():
+            found = [result for result in group for e in result.free if e.name == name and e.identifiable]
+            if found:
+                values = np.array([result[name].value for result in found])
+                averages = aggregate(values, np.array([result.resnorm for result in found])).columns()
+                rows.append({**dict(zip(keys, place, strict=True)), "parameter": name, "unit": unit, **averages})
+    return pd.DataFrame(rows)
+
+
 def huber_location(values: np.ndarray) -> float:
     """The value with the least Huber loss; its scale is 1.4826 times the median deviation from the median."""
     middle = float(np.median(values))
-    scale = 1.4826 * float(np.median(np.abs(values - middle)))
+    scale = spread(values)
     if scale == 0.0:
         return middle
     parameters = Parameters.of([Parameter("location", "1", middle, scale=scale)])
@@ -97,7 +121,7 @@ def recompute_averages() -> tuple[pd.DataFrame, list[Flag]]:
     """Every weighted average of Tables 4.7, 6.2, 11.1 and 11.2 recomputed beside the printed one.
 
     Returns:
-        A row per average (table, quantity, published, weighted, mean, median, huber, low, high, agrees), and a flag
+        A row per average (table, quantity, published, the `columns` of its `Aggregate`, agrees), and a flag
         for each that differs by more than half a unit of its last printed digit.
     """
     rows = [_compare(*entry) for entry in [*_friction_entries(), *_added_mass_entries()]]
@@ -158,12 +182,6 @@ def _compare(table: str, quantity: str, printed: str, values: np.ndarray, resnor
         "table": table,
         "quantity": quantity,
         "published": float(printed),
-        "weighted": found.weighted,
-        "mean": found.mean,
-        "median": found.median,
-        "huber": found.huber,
-        "low": found.low,
-        "high": found.high,
-        "samples": found.samples,
+        **found.columns(),
         "agrees": math.isclose(float(printed), found.weighted, abs_tol=half * (1.0 + 1e-9), rel_tol=0.0),
     }

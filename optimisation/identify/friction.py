@@ -5,7 +5,7 @@ from __future__ import annotations
 from optimisation.errors import FitError
 from optimisation.identify.published_tables import published
 from optimisation.identify.robot_tail import motor_of
-from optimisation.identify.swing_fit import SwingModel, friction_of, friction_parameters
+from optimisation.identify.swing_fit import FREE, FitOptions, SwingModel, friction_of, friction_parameters
 from optimisation.identify.swing_log import SwingData
 from optimisation.identify.swing_model import Pendulum, air_torque
 from optimisation.pipeline import FitResult
@@ -19,7 +19,7 @@ def friction_seed(robot: bool) -> tuple[float, float]:
     return float(row.coulomb_friction_n_m), float(row.viscous_friction_n_m_s_per_rad)
 
 
-def fit_friction(data: SwingData, stribeck: bool = False) -> FitResult:
+def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = FREE) -> FitResult:
     """Coulomb and viscous friction of one swing.
 
     Args:
@@ -39,4 +39,5 @@ def fit_friction(data: SwingData, stribeck: bool = False) -> FitResult:
     gain = scenario.robot_friction.tanh_gain if scenario.is_robot else scenario.friction.tanh_gain
     model = SwingModel(data, Pendulum.of(scenario), lambda values: [*fixed, friction_of(values, gain)])
     seed = friction_seed(scenario.is_robot)
-    return model.fit(friction_parameters(*seed, stribeck), facts={"model": "stribeck" if stribeck else "smooth"})
+    facts = {"model": "stribeck" if stribeck else "smooth"}
+    return model.fit(friction_parameters(*seed, stribeck), facts=facts, options=options)

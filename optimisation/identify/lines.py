@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from optimisation.errors import FitError
-from optimisation.least_squares import Problem, solve_algebraic
+from optimisation.least_squares import Problem, solve_formula
 from optimisation.parameters import Parameter, Parameters
 from optimisation.pipeline import FitResult, fit
+from optimisation.robust import Loss
 from optimisation.uncertainty import independent_noise
 
 
@@ -22,14 +23,14 @@ def fit_line(
     *,
     name: str,
     facts: Mapping[str, Any] | None = None,
-    through_zero: bool = False,
+    loss: Loss = "squares",
 ) -> FitResult:
-    """Least squares of y = slope x + offset.
+    """The line y = slope x + offset through points.
 
     Args:
         x, y: points (n).
         slope, offset: name and unit of the two parameters.
-        through_zero: freezes the offset at zero.
+        loss: `huber` holds points back that lie far off.
 
     Raises:
         FitError: fewer than three points, or one that is not finite.
@@ -44,16 +45,16 @@ def fit_line(
     parameters = Parameters.of(
         [
             Parameter(slope[0], slope[1], 0.0, scale=height / spread),
-            Parameter(offset[0], offset[1], 0.0, scale=height, frozen=through_zero),
+            Parameter(offset[0], offset[1], 0.0, scale=height),
         ]
     )
-    design = np.column_stack([x, np.ones_like(x)])[:, : len(parameters.free)] / height
+    design = np.column_stack([x, np.ones_like(x)]) / height
     problem = Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name)
-    result = fit(
+    return fit(
         problem,
-        solve_algebraic,
+        solve_formula,
         lambda solution: independent_noise(solution.residual, len(parameters.free)),
         channels={"y": (slice(None), height)},
         facts=facts,
+        loss=loss,
     )
-    return result

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import pandas as pd
 
-from optimisation.identify.aggregate import PERCENTILES, aggregate, recompute_averages
+from optimisation.identify.aggregate import aggregate, recompute_averages
 from optimisation.identify.lines import fit_line
 from optimisation.identify.published_tables import (
     Flag,
@@ -63,28 +63,35 @@ class PublishedCheck:
 def robot_tail_line() -> FitResult:
     """C_N = slope v + intercept through the 160 distinct coefficients (Tables 6.3, 11.4-11.7; ERRATA E26)."""
     rows = robot_tail_rows()
-    return fit_line(
-        rows.relative_velocity_m_per_s.to_numpy(float),
-        rows.cd.to_numpy(float),
+    rows = rows.sort_values("relative_velocity_m_per_s")
+    speed, values = rows.relative_velocity_m_per_s.to_numpy(float), rows.cd.to_numpy(float)
+    line = fit_line(
+        speed,
+        values,
         ("slope", "s/m"),
         ("intercept", "1"),
         name="robot tail, Tables 6.3 and 11.4-11.7",
         facts={"points": len(rows)},
     )
+    curve = {
+        "x": speed.tolist(),
+        "measured": values.tolist(),
+        "line": (line["slope"].value * speed + line["intercept"].value).tolist(),
+        "labels": ["relative speed, m/s", "C_N"],
+    }
+    return replace(line, curves={"C_N": curve})
 
 
 def static_cells() -> pd.DataFrame:
-    """C_D and C_L per cell: weighted (eqs. 4.29-4.31), median, Huber and percentiles."""
+    """C_D and C_L per cell: weighted (eqs. 4.29-4.31), mean, median, Huber and percentiles."""
     found = []
     keys = ["tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s"]
     rows = static_rows()
     for cell, group in rows[~rows.published_bold_outlier.eq(True)].groupby(keys):
         row = dict(zip(keys, cell, strict=True))
         for name in ("cd", "cl"):
-            both = aggregate(group[name].to_numpy(), group.resnorm.to_numpy())
-            low, high = (f"{name}_p{p:g}" for p in PERCENTILES)
-            row |= {name: both.weighted, f"{name}_median": both.median, f"{name}_huber": both.huber}
-            row |= {low: both.low, high: both.high}
+            averages = aggregate(group[name].to_numpy(), group.resnorm.to_numpy()).columns()
+            row |= {f"{name}_{key}": value for key, value in averages.items() if key != "samples"}
         found.append({**row, "samples": len(group)})
     return pd.DataFrame(found)
 

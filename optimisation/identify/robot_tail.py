@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from optimisation.errors import FitError
-from optimisation.identify.swing_fit import SwingModel, normal_force_law
+from optimisation.identify.swing_fit import FREE, FitOptions, SwingModel, normal_force_law
 from optimisation.identify.swing_log import SwingData
 from optimisation.identify.swing_model import Pendulum, Torque, air_torque, friction_torque
 from optimisation.least_squares import Problem
@@ -81,7 +81,7 @@ def robot_tail_problem(data: SwingData, shape: Shape) -> Problem:
     return robot_tail_model(data, shape).problem(shape_parameters(shape, data))
 
 
-def fit_robot_tail(data: SwingData, shape: Shape = "constant") -> FitResult:
+def fit_robot_tail(data: SwingData, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
     """C_N of one swing as a constant, a line over the relative speed, or a table of bins.
 
     Raises:
@@ -89,4 +89,4 @@ def fit_robot_tail(data: SwingData, shape: Shape = "constant") -> FitResult:
     """
     low, high = speed_range(data)
     facts = {"shape": shape, "kp": data.scenario.robot.kp, "least_speed_m_per_s": low, "most_speed_m_per_s": high}
-    return robot_tail_model(data, shape).fit(shape_parameters(shape, data), facts=facts)
+    return robot_tail_model(data, shape).fit(shape_parameters(shape, data), facts=facts, options=options)

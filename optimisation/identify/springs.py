@@ -11,6 +11,7 @@ import pandas as pd
 from optimisation.errors import FitError
 from optimisation.identify.lines import fit_line
 from optimisation.pipeline import FitResult
+from optimisation.robust import Loss
 
 DISPLACEMENT, FORCE = "displacement_m", "force_n"
 CURVED = 0.05
@@ -42,7 +43,7 @@ def read_spring_data(path: Path | str) -> pd.DataFrame:
     return table
 
 
-def fit_spring(table: pd.DataFrame, name: str = "spring") -> FitResult:
+def fit_spring(table: pd.DataFrame, name: str = "spring", loss: Loss = "squares") -> FitResult:
     """Rate and preload of F = rate x + preload.
 
     Loading and unloading may both be in the data; what they differ by is part of the residual. A spring that stiffens
@@ -54,7 +55,7 @@ def fit_spring(table: pd.DataFrame, name: str = "spring") -> FitResult:
     x, force = table[DISPLACEMENT].to_numpy(float), table[FORCE].to_numpy(float)
     if len(x) and np.ptp(x) == 0.0:
         raise FitError(f"{name}: column {DISPLACEMENT!r} is constant ({x[0]:g} m); a spring rate needs a displacement")
-    result = fit_line(x, force, ("rate", "N/m"), ("preload", "N"), name=name, facts={"points": len(x)})
+    result = fit_line(x, force, ("rate", "N/m"), ("preload", "N"), name=name, facts={"points": len(x)}, loss=loss)
     if result["rate"].value <= 0.0:
         raise FitError(
             f"{name}: the force falls with displacement (rate {result['rate'].value:.4g} N/m); "

@@ -20,18 +20,24 @@ _ANGLE_STEP = 1.0
 """Holds within half of this (degrees) of each other are one node."""
 
 
+def node_angle(result: FitResult) -> float:
+    """The angle of the node that a hold belongs to, degrees."""
+    return _ANGLE_STEP * abs(round(float(result.facts["angle_deg"]) / _ANGLE_STEP))
+
+
 def static_sets(results: Sequence[FitResult]) -> dict[str, dict[str, Any]]:
     """Per tail and axis the content of a coefficient file, from what static fits determined.
 
-    A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with 10th and 90th percentile. Sets that do
+    A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with mean, median, Huber location and
+    percentiles beside it. Sets that do
     not span two angles and two speeds make no table and are left out.
     """
     cells: dict[tuple[str, str], dict[tuple[float, float], list[FitResult]]] = defaultdict(lambda: defaultdict(list))
     for result in results:
         if result["cd"].identifiable and result["cl"].identifiable:
             facts = result.facts
-            angle = _ANGLE_STEP * round(float(facts["angle_deg"]) / _ANGLE_STEP)
-            cells[facts["tail"], facts["axis"]][float(facts["wind_speed_m_per_s"]), abs(angle)].append(result)
+            node = (float(facts["wind_speed_m_per_s"]), node_angle(result))
+            cells[facts["tail"], facts["axis"]][node].append(result)
     found = {}
     for (tail, axis), nodes in cells.items():
         speeds, angles = sorted({speed for speed, _ in nodes}), sorted({angle for _, angle in nodes})
@@ -59,14 +65,15 @@ def static_sets(results: Sequence[FitResult]) -> dict[str, dict[str, Any]]:
 def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str, Any]:
     node: dict[str, Any] = {"speed_m_per_s": speed, "angle_rad": round(math.radians(angle), 9), "status": "measured"}
     for name in ("cd", "cl"):
-        node |= _average(name, [result[name].value for result in group], [result.cost for result in group])
+        node |= _average(name, [(result[name].value, result.resnorm) for result in group])
     return {**node, "samples": len(group), "source": "static fits"}
 
 
-def _average(name: str, values: list[float], costs: list[float]) -> dict[str, float]:
-    both = aggregate(np.array(values), 2.0 * np.maximum(costs, 1e-12))
-    numbers = {name: both.weighted, f"{name}_p10": both.low, f"{name}_p90": both.high}
-    return {key: round(value, 5) for key, value in numbers.items()}
+def _average(name: str, pairs: Sequence[tuple[float, float]]) -> dict[str, float]:
+    """The weighted average of values with their resnorms under the name itself, the others beside it."""
+    found = aggregate(*np.array(pairs).T).columns()
+    numbers = {name: found.pop("weighted")} | {f"{name}_{key}": value for key, value in found.items()}
+    return {key: round(value, 5) for key, value in numbers.items() if not key.endswith("_samples")}
 
 
 def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
@@ -75,13 +82,13 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
     for result in results:
         for estimate in result.free:
             if estimate.name.startswith("cn_at_") and estimate.identifiable:
-                bins[float(estimate.name.removeprefix("cn_at_"))].append((estimate.value, result.cost))
+                bins[float(estimate.name.removeprefix("cn_at_"))].append((estimate.value, result.resnorm))
     if len(bins) < 2:
         return None
     nodes = [
         {
             "speed_m_per_s": speed,
-            **_average("cn", [value for value, _ in pairs], [cost for _, cost in pairs]),
+            **_average("cn", pairs),
             "samples": len(pairs),
         }
         for speed, pairs in sorted(bins.items())

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from optimisation.errors import FitError
 from optimisation.identify.static_log import speed_accuracy
 from optimisation.identify.swing_log import SwingData
 from optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out, torque_response
 from optimisation.least_squares import Problem, Solution, solve_rollout
 from optimisation.parameters import Parameter, Parameters
 from optimisation.pipeline import FitResult, fit
+from optimisation.robust import Loss
 from optimisation.uncertainty import Noise, serial_noise
 from workbench.aero.coefficients import SpeedLine, SpeedTable
 from workbench.aero.laws import NormalForceLaw
@@ -25,6 +27,34 @@ from workbench.aero.laws import NormalForceLaw
 Values = Mapping[str, float]
 _START_ANGLE, _START_RATE = 0.02, 1.0
 """How far the start may lie from what the log says, rad and rad/s."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What a user may choose for any fit on swings.
+
+    Attributes:
+        loss: `huber` holds samples back that lie far off.
+        bounds: lower and upper bound by name of the parameter, in place of the model's own.
+    """
+
+    loss: Loss = "squares"
+    bounds: tuple[tuple[str, float, float], ...] = ()
+
+    def limits(self, parameter: Parameter) -> tuple[float, float]:
+        """The bounds of a parameter."""
+        found = {name: (low, high) for name, low, high in self.bounds}
+        return found.get(parameter.name, (parameter.lower, parameter.upper))
+
+    def require_known(self, names: Sequence[str]) -> None:
+        """FitError for a bound on something that the fit does not have."""
+        unknown = [name for name, _, _ in self.bounds if name not in names]
+        if unknown:
+            raise FitError(f"bound on {unknown[0]!r}: the free parameters are {', '.join(names)}")
+
+
+FREE = FitOptions()
+"""Least squares within the model's own bounds."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +102,23 @@ class SwingModel:
         return Problem(everything, residual, name=data.name)
 
     def fit(
-        self, parameters: Sequence[Parameter], seeds: Sequence[Values] = (), facts: Mapping[str, Any] | None = None
+        self,
+        parameters: Sequence[Parameter],
+        seeds: Sequence[Values] = (),
+        facts: Mapping[str, Any] | None = None,
+        options: FitOptions = FREE,
     ) -> FitResult:
-        """Solves and adds the curves of angle and residual."""
-        problem = self.problem(parameters)
+        """Solves and adds the curve of the angle.
+
+        Raises:
+            FitError: bounds that exclude a seed or name no parameter, or no rollout exists.
+        """
+        options.require_known([p.name for p in parameters])
+        bounded = []
+        for p in parameters:
+            low, high = options.limits(p)
+            bounded.append(p if p.frozen else replace(p, lower=low, upper=high))
+        problem = self.problem(bounded)
         result = fit(
             problem,
             solve_rollout,
@@ -84,6 +127,7 @@ class SwingModel:
             channels={"angle": (slice(None), speed_accuracy())},
             facts={**self.data.facts, **(facts or {})},
             warnings=self.data.warnings,
+            loss=options.loss,
         )
         values = {e.name: e.value for e in result.estimates}
         return replace(result, curves={"angle": self.curve(values)})

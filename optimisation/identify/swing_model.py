@@ -63,6 +63,11 @@ class Pendulum:
         arms = [x * math.cos(kilter) + y * math.sin(kilter) for x, y in places]
         return cls(inertia, torques[0], torques[1], tuple(arms))
 
+    @property
+    def least_added_mass(self) -> float:
+        """The added mass per part that takes away all inertia, kg; what there is must lie above it."""
+        return -self.inertia / sum(s * s for s in self.part_distances)
+
     def total_inertia(self, mass_per_part: float) -> float:
         """Inertia with added mass, kg m2.
 
@@ -74,7 +79,7 @@ class Pendulum:
         if total <= 0.0:
             raise FitError(
                 f"an added mass of {mass_per_part:.4g} kg per part takes away more inertia than there is (M + M_added "
-                f"is not positive definite); it must be above {-self.inertia / arms:.4g} kg"
+                f"is not positive definite); it must be above {self.least_added_mass:.4g} kg"
             )
         return total
 

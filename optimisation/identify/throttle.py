@@ -15,6 +15,7 @@ import pandas as pd
 from optimisation.errors import FitError
 from optimisation.identify.lines import fit_line
 from optimisation.pipeline import FitResult
+from optimisation.robust import Loss
 from workbench.logs.schema import read_run_log
 from workbench.signals import check_signals
 
@@ -100,7 +101,7 @@ def steady_points(drive: pd.DataFrame, rule: SteadyRule | None = None, log: str 
     return points
 
 
-def fit_throttle(points: Sequence[SteadyPoint], name: str = "throttle") -> FitResult:
+def fit_throttle(points: Sequence[SteadyPoint], name: str = "throttle", loss: Loss = "squares") -> FitResult:
     """Gain and offset of the line through all steady points.
 
     Raises:
@@ -115,7 +116,13 @@ def fit_throttle(points: Sequence[SteadyPoint], name: str = "throttle") -> FitRe
             "Hold each throttle until the speed settles"
         )
     result = fit_line(
-        throttle, speed, ("throttle_gain", "m/s"), ("throttle_offset", "m/s"), name=name, facts={"points": len(points)}
+        throttle,
+        speed,
+        ("throttle_gain", "m/s"),
+        ("throttle_offset", "m/s"),
+        name=name,
+        facts={"points": len(points)},
+        loss=loss,
     )
     order = np.argsort(throttle)
     line = result["throttle_gain"].value * throttle[order] + result["throttle_offset"].value

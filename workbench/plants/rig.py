@@ -25,8 +25,8 @@ from workbench.aero.jet import Jet
 from workbench.aero.laws import NormalForceLaw, SectionLaw
 from workbench.aero.polar_law import PolarLaw
 from workbench.aero.sections import Air
+from workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, connect_spatial_forces
 from workbench.aero.tail_force import add_to_builder as add_tail_force
-from workbench.aero.tail_force import connect_spatial_forces
 from workbench.aero.wind import WindModel, add_wind
 from workbench.errors import UserError
 from workbench.plants.car import parse_model
@@ -244,6 +244,19 @@ class Rig:
         force = self._rig.tail_force
         validity: Any = force.GetOutputPort("validity").Eval(force.GetMyContextFromRoot(self._context))
         return bool(np.any(validity > 0.0))
+
+    def sections(self, angle: float, rate: float) -> np.ndarray:
+        """What the sections of the tail feel: (n x 4), columns `SECTION_COLUMNS`; rows outside the jet are NaN."""
+        force = self._rig.tail_force
+        if force is None:
+            return np.empty((0, len(SECTION_COLUMNS)))
+        self.set_state(angle, rate, 0.0)
+        context = force.GetMyContextFromRoot(self._context)
+        values: Any = force.GetOutputPort("sections").Eval(context)
+        validity: Any = force.GetOutputPort("validity").Eval(context)
+        table = np.array(values).reshape(-1, len(SECTION_COLUMNS))
+        table[np.array(validity) == NOT_EXPOSED] = np.nan
+        return table
 
     def set_state(self, angle: float, rate: float, torque: float) -> None:
         """Puts the rig into a state; see `reaction`."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from optimisation.errors import FitError
-from optimisation.identify.aggregate import aggregate, huber, recompute_averages, weights
+from optimisation.identify.aggregate import aggregate, recompute_averages, weights
 from optimisation.identify.published_tables import (
     flag_added_mass,
     flag_robot_tail,
@@ -81,8 +81,3 @@ def test_huber_location_lies_between_mean_and_median_of_lopsided_values() -> Non
     found = aggregate(np.array([1.0, 1.1, 0.96, 1.05, 3.0]), np.ones(5))
     assert found.median < found.huber < found.mean
     assert (found.low, found.high) == pytest.approx((0.976, 2.24))
-
-
-def test_huber_residual_is_quadratic_within_and_linear_beyond_its_limit() -> None:
-    loss = 0.5 * huber(np.array([0.5, -1.0, 3.0, -3.0]), 1.0) ** 2
-    assert loss == pytest.approx([0.125, 0.5, 2.5, 2.5])

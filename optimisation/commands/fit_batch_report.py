@@ -1,0 +1,144 @@
+"""What the commands of `aerodima fit` share: a batch with its report, tables over the logs, choices, messages."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from optimisation.fit_batch import BatchResult
+    from optimisation.pipeline import FitResult
+
+
+def fit_batch(
+    title: str,
+    work: Callable[[str], FitResult],
+    logs: list[Path],
+    out: Path,
+    settings: dict[str, Any],
+    workers: int,
+    force: bool,
+    tables: Callable[[list[FitResult], Path], dict[str, Any]] | None = None,
+) -> BatchResult:
+    """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed.
+
+    Args:
+        tables: makes further tables of the report from the results; may write files into the folder.
+    """
+    from optimisation.fit_batch import fit_logs
+    from optimisation.report import write_report
+
+    with typer.progressbar(length=len(logs), label="fitting", file=sys.stderr) as bar:
+        fitted = fit_logs(
+            work,
+            logs,
+            out,
+            settings=settings,
+            workers=workers,
+            force=force,
+            progress=lambda done, _: bar.update(done - bar.pos),
+        )
+    if fitted.reused:
+        typer.echo(f"{fitted.reused} of {len(logs)} were fitted before")
+    extra = tables(fitted.results, out) if tables is not None and fitted.results else {}
+    write_report(out, title, fitted.results, failed=fitted.failed, tables=extra)
+    warn(fitted.failed)
+    show(fitted.results)
+    finish(out, fitted.failed, len(logs))
+    return fitted
+
+
+def averages(results: list[FitResult], out: Path) -> dict[str, Any]:
+    """All averages of every parameter over the logs."""
+    from optimisation.identify.aggregate import averages_table
+
+    return {"averages": averages_table(results)}
+
+
+def compared(results: list[FitResult], out: Path) -> dict[str, Any]:
+    """QSS against QSS-AM per log, and per tail, axis and wind speed; the latter is shown too."""
+    from optimisation.identify.comparison import by_wind_speed, comparison_table
+
+    cells = by_wind_speed(results)
+    for row in cells.itertuples():
+        typer.echo(f"tail {row.tail} {row.axis}, {row.wind_speed_m_per_s:g} m/s: {row.verdict}")
+    return {"by_wind_speed": cells, "qss_against_qss_am": comparison_table(results)}
+
+
+def static_tables(results: list[FitResult], out: Path) -> dict[str, Any]:
+    """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind speed."""
+    from dataclasses import replace
+
+    from optimisation.identify.aggregate import averages_table
+    from optimisation.identify.surfaces import node_angle, static_sets, write_sets
+
+    for path in write_sets(out, static_sets(results)):
+        typer.echo(f"wrote {path}")
+    nodes = [replace(r, facts={**r.facts, "angle_deg": node_angle(r)}) for r in results]
+    return {"averages": averages_table(nodes, ("tail", "axis", "angle_deg", "wind_speed_m_per_s"))}
+
+
+def robot_tables(results: list[FitResult], out: Path) -> dict[str, Any]:
+    """A coefficient file of the bins, and all averages."""
+    from optimisation.identify.surfaces import robot_tail_set, write_sets
+
+    found = robot_tail_set(results)
+    for path in write_sets(out, {"robot_tail_bins": found} if found else {}):
+        typer.echo(f"wrote {path}")
+    return averages(results, out)
+
+
+_MOST_SHOWN = 20
+
+
+def show(results: list[FitResult]) -> None:
+    """The first results in words."""
+    from optimisation.report import in_words
+
+    for result in results[:_MOST_SHOWN]:
+        values = ", ".join(f"{e.name} {in_words(e)}" + (f" {e.unit}" if e.unit != "1" else "") for e in result.free)
+        typer.echo(f"{Path(result.name).name}: {values}")
+    if len(results) > _MOST_SHOWN:
+        typer.echo(f"... and {len(results) - _MOST_SHOWN} more in fits.csv")
+
+
+def warn(failed: dict[str, str]) -> None:
+    """One line per log that failed."""
+    for name, reason in failed.items():
+        typer.echo(f"error: {name}: {reason.removeprefix(f'{name}: ')}", err=True)
+
+
+def finish(out: Path, failed: dict[str, str], total: int) -> None:
+    """Names the report; exit status 2 when a log failed."""
+    typer.echo(f"wrote {out / 'report.html'}")
+    if failed:
+        typer.echo(f"error: {len(failed)} of {total} could not be fitted; the others are done", err=True)
+        raise typer.Exit(2)
+
+
+def choice(flag: str, given: str, allowed: tuple[str, ...]) -> str:
+    """`given`, when it is one of the allowed words; FitError otherwise."""
+    from optimisation.errors import FitError
+
+    if given not in allowed:
+        raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
+    return given
+
+
+def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
+    """`name=low,high` as name and two numbers; FitError where that cannot be read."""
+    from optimisation.errors import FitError
+
+    found = []
+    for text in given or []:
+        name, _, numbers = text.partition("=")
+        try:
+            low, high = (float(number) for number in numbers.split(","))
+        except ValueError:
+            raise FitError(f"--bound {text}: write it as name=lowest,highest") from None
+        found.append((name, low, high))
+    return tuple(found)
