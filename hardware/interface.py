@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus, LeafSystem, State
 
 from hardware.drive.guard import CarGuard
 from hardware.drive.loop import PERIOD, WRITE_DELAY
@@ -17,13 +17,14 @@ from workbench.station import InterfaceFactory
 
 
 class CarInterface(LeafSystem):
-    """Reads and writes the car once per 10 ms, in one discrete update; never waits for a device.
+    """Reads and writes the car once per 10 ms; never waits for a device.
 
-    The update comes `WRITE_DELAY` after the controllers' tick: the commands of a tick leave at once, and what it reads
-    stands on the outputs for the next tick. The outputs are discrete state, so evaluating them costs nothing and
+    It reads in an unrestricted update, which Drake runs before the controllers' discrete updates of the same instant
+    (as the simulated sensors do), and writes `WRITE_DELAY` later: a command is made of the readings of its own tick.
+    One update for both would cost a tick of 10 ms. The outputs are discrete state, so evaluating them costs nothing and
     touches nothing. Faults and ages are on `status`; what follows from them is the guard's (`CarGuard`), and the
     emergency stop stays there until it is reset by hand. A diagram with this system runs at real-time rate 1; every
-    update tells the guard how late it is.
+    reading tells the guard how late it is.
 
     Input and output ports: exactly those of `workbench.ports.STATION_INPUTS` and `STATION_OUTPUTS`.
 
@@ -41,30 +42,34 @@ class CarInterface(LeafSystem):
             name: DiscreteVector(self, np.zeros(fields.size), output=name) for name, fields in STATION_OUTPUTS.items()
         }
         self.DeclareInitializationDiscreteUpdateEvent(self._initialise)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=PERIOD, offset_sec=WRITE_DELAY, update=self._exchange)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=PERIOD, offset_sec=0.0, update=self._read)
+        self.DeclarePeriodicPublishEvent(PERIOD, WRITE_DELAY, self._write)
 
     @property
     def start(self) -> float | None:
-        """Time 0 of the run on `time.monotonic`, s; None before the first update."""
+        """Time 0 of the run on `time.monotonic`, s; None before the first reading."""
         return self._start
-
-    def _exchange(self, context: Context, discrete_state: DiscreteValues) -> None:
-        now = time.monotonic()
-        if self._start is None:
-            self._start = now - context.get_time()
-        steering, throttle, pitch, roll = (self._read(context, name) for name in STATION_INPUTS)
-        command = CarCommand(float(steering[0]), float(throttle[0]), pitch, roll)
-        self._write(self._guard.exchange(command, now, self._start + context.get_time()), discrete_state)
 
     def _initialise(self, context: Context, discrete_state: DiscreteValues) -> None:
         del context
-        self._write(self._guard.reading, discrete_state)
+        self._show(self._guard.reading, discrete_state)
 
-    def _write(self, reading: CarReading, discrete_state: DiscreteValues) -> None:
+    def _read(self, context: Context, state: State) -> None:
+        now = time.monotonic()
+        if self._start is None:
+            self._start = now - context.get_time()
+        self._show(self._guard.read(now, self._start + context.get_time()), state.get_mutable_discrete_state())
+
+    def _show(self, reading: CarReading, discrete_state: DiscreteValues) -> None:
         for name, value in self._values.items():
             value.write(discrete_state, getattr(reading, name))
 
-    def _read(self, context: Context, name: str) -> np.ndarray:
+    def _write(self, context: Context) -> EventStatus:
+        steering, throttle, pitch, roll = (self._command(context, name) for name in STATION_INPUTS)
+        self._guard.write(CarCommand(float(steering[0]), float(throttle[0]), pitch, roll), time.monotonic())
+        return EventStatus.Succeeded()
+
+    def _command(self, context: Context, name: str) -> np.ndarray:
         values: Any = self._ports[name].Eval(context)
         return np.array(values)
 

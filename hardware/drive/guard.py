@@ -141,24 +141,32 @@ class CarGuard:
     # -- once per cycle
 
     def exchange(self, command: CarCommand, now: float, due: float | None = None) -> CarReading:
-        """One cycle.
+        """A whole cycle at once, for those whose command does not depend on its reading."""
+        reading = self.read(now, due)
+        self.write(command, now)
+        return reading
+
+    def read(self, now: float, due: float | None = None) -> CarReading:
+        """The first half of a cycle: what the car says, and what follows from it.
 
         Args:
-            command: what the driver and the tail law ask for.
             now: `time.monotonic()`, s.
             due: when the cycle should have been, on the same clock; None outside of a run.
         """
         self._look_at_clock(now, due)
-        if self.stage is Stage.DRIVING and not command.finite:
-            self.stop("the controller commands NaN or infinity", now, hard=True)
-        passed = command if self.stage is Stage.DRIVING else CarCommand()
-        self.reading = self.wiring.exchange(passed, now)
+        self.reading = self.wiring.read(now)
         self._judge(now)
         if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
             self._exit(now)
         elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
             self._go(Stage.STOPPED, now)
         return self.reading
+
+    def write(self, command: CarCommand, now: float) -> None:
+        """The second half: the command of driver and tail law, if the car drives; otherwise throttle 0."""
+        if self.stage is Stage.DRIVING and not command.finite:
+            self.stop("the controller commands NaN or infinity", now, hard=True)
+        self.wiring.write(command if self.stage is Stage.DRIVING else CarCommand(), now)
 
     def _look_at_clock(self, now: float, due: float | None) -> None:
         self.lateness = 0.0 if due is None else now - due

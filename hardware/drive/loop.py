@@ -19,7 +19,7 @@ from workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, esti
 PERIOD = 0.01
 """s; of every loop that talks to the car."""
 WRITE_DELAY = 0.001
-"""s after a tick, at which the commands of that tick leave and the readings for the next one are taken."""
+"""s after a tick, at which its commands leave: the same instant in the plain loop and in the diagram."""
 Clock = Callable[[], float]
 Wait = Callable[[float], None]
 
@@ -42,7 +42,7 @@ class Row:
         self._unwrap = RowUnwrapper(columns)
 
     def make(self, tick: float, step: PilotStep, reading: CarReading, links: np.ndarray) -> np.ndarray:
-        """The row (columns,) of a tick (s), then the tick of the roll estimator."""
+        """The row (columns,) of a tick (s)."""
         command = step.command
         row = np.concatenate(
             (
@@ -59,8 +59,11 @@ class Row:
                 links,
             )
         )
-        self._estimate = estimate_roll(self._estimate, reading.imu, float(reading.speed[0]), self._settings)
         return self._unwrap.apply(row)
+
+    def estimate(self, reading: CarReading) -> None:
+        """One tick of the roll estimator."""
+        self._estimate = estimate_roll(self._estimate, reading.imu, float(reading.speed[0]), self._settings)
 
 
 def run_loop(
@@ -93,9 +96,11 @@ def run_loop(
             guard.stop(journal.error, clock())
         if time_now + 0.5 * PERIOD > length:  # the row of the end; its tick belongs to what comes after
             break
+        reading = guard.read(clock(), start + time_now)
         step = pilot.step(time_now, reading)
+        row.estimate(reading)
         wait(start + time_now + WRITE_DELAY)
-        reading = guard.exchange(step.command, clock(), start + time_now + WRITE_DELAY)
+        guard.write(step.command, clock())
         if math.isnan(stopped) and guard.stage in (Stage.HOLDING, Stage.EXITING, Stage.STOPPED):
             stopped = time_now
         if guard.finished:

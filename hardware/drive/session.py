@@ -89,6 +89,8 @@ def run_drive(
     safety = load_drive_safety()
     make_schedule(scenario)
     _tell(desk_checks(scenario, options.log.parent, safety), say)
+    if not options.dry_run:
+        car.authorise()
     guard = CarGuard(car, safety, has_tail=scenario.tail.mode != "none")
 
     def stop(name: str) -> None:
@@ -137,7 +139,7 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
 def _wait_for_devices(drive: _Drive) -> None:
     """Until sail, IMU, GPS and operator are heard; what is still silent then is named by the checks."""
     faults = [STATUS.index(f"{source}_fault") for source in ("sail", "imu", "speed", "operator")]
-    waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT)
+    waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT, SourceFault.REPORTED)  # a Teensy that heard nothing yet
     idle_until(
         drive.guard,
         lambda: not any(drive.guard.reading.status[index] in waiting for index in faults),

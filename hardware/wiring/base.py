@@ -109,13 +109,19 @@ class Wiring(Protocol):
         """
         ...
 
-    def exchange(self, command: CarCommand, now: float) -> CarReading:
-        """One cycle, every 10 ms: takes in what came, sends the command; never blocks.
+    def read(self, now: float) -> CarReading:
+        """The first half of a cycle, every 10 ms: takes in what came and lets the motors do what their state asks for.
+
+        Reading and writing are two calls so that a command can be made of the readings of its own cycle; one call for
+        both would let every command wait a cycle, 10 ms in which the tail swings 0.08 rad.
 
         Args:
-            command: finite; anything else is a fault of both motors and leaves throttle 0 and steering 0.
             now: `time.monotonic()`, s.
         """
+        ...
+
+    def write(self, command: CarCommand, now: float) -> None:
+        """The second half: sends the command. What is not finite is a fault of both motors, and throttle 0."""
         ...
 
     def hold(self, now: float) -> None:
@@ -123,7 +129,7 @@ class Wiring(Protocol):
         ...
 
     def disarm(self, now: float) -> None:
-        """Exit frames now and in the following cycles; the links stay open and `exchange` goes on reading."""
+        """Exit frames now and in the following cycles; the links stay open and `read` goes on."""
         ...
 
     def reset(self, now: float) -> None:

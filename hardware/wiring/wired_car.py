@@ -71,6 +71,10 @@ class Watchdog(Protocol):
         """The motors are off; no heartbeats follow."""
         ...
 
+    def trip(self) -> None:
+        """Asks it to switch the motors off."""
+        ...
+
     def close(self) -> None:
         """Ends it in order."""
         ...
@@ -126,7 +130,7 @@ class WiredCar:
         self.name: WiringName = name
         self._settings = motors
         self._mounting, self._safety = mounting, safety
-        self._open_devices, self._authorise = open_devices, authorise
+        self._open_devices, self.authorise = open_devices, authorise
         self.devices: Devices | None = None
         self.group: MotorGroup | None = None
         self._port: _ListeningPort | None = None
@@ -150,7 +154,7 @@ class WiredCar:
     def arm(self) -> None:
         """Begins to switch the motors on. See `Wiring.arm`."""
         devices, group = self._open()
-        self._authorise()
+        self.authorise()
         if devices.teensy.fault:
             raise HardwareError(devices.teensy.fault_text)
         if not self._settings:
@@ -186,8 +190,8 @@ class WiredCar:
 
     # -- one cycle
 
-    def exchange(self, command: CarCommand, now: float) -> CarReading:
-        """See `Wiring.exchange`; after `stop` the last reading, not armed."""
+    def read(self, now: float) -> CarReading:
+        """See `Wiring.read`; after `stop` the last reading, not armed."""
         if self.devices is None or self.group is None:
             return self.reading
         devices, group = self.devices, self.group
@@ -197,9 +201,13 @@ class WiredCar:
         if devices.motor_port is not devices.teensy:
             devices.teensy.poll()
         self._watch(devices, group, now)
-        self._send(devices, group, command, now)
         self.reading = self._read(devices, group, now)
         return self.reading
+
+    def write(self, command: CarCommand, now: float) -> None:
+        """See `Wiring.write`; nothing after `stop`."""
+        if self.devices is not None and self.group is not None:
+            self._send(self.devices, self.group, command, now)
 
     def _watch(self, devices: Devices, group: MotorGroup, now: float) -> None:
         if devices.watchdog is None:
@@ -209,6 +217,8 @@ class WiredCar:
                 for motor in group.motors:
                     motor.set_fault(MotorFault.BUS, devices.watchdog.reason, now)
             devices.watchdog.beat()
+        elif any(motor.fault in (MotorFault.BUS, MotorFault.NO_REPLY) for motor in group.motors):
+            devices.watchdog.trip()  # exit frames of our own may not have left
         else:
             devices.watchdog.disarm()
 

@@ -64,14 +64,16 @@ class FakeWiring:
         self.faults |= {"tail_roll": MotorFault.NO_REPLY, "tail_pitch": MotorFault.OTHER_MOTOR}
         self.fault_text, self.armed = "tail roll: no reply for 5 cycles", False
 
-    def exchange(self, command, now):
-        if self.raises is not None:
-            raise self.raises
+    def write(self, command, now):
         self.commands.append(command)
         position, velocity, kp, kd, _ = command.tail_roll
         if self.armed and (kp or kd):
             self.roll_rate = velocity if kp == 0 else 10.0 * (position - self.roll)
             self.roll = min(1.6, max(-1.6, self.roll + PERIOD * self.roll_rate))
+
+    def read(self, now):
+        if self.raises is not None:
+            raise self.raises
         imu = np.zeros(9)
         imu[2], imu[5] = math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi), self.yaw_rate(len(self.commands))
         status = {f"{source}_age": 0.004 for source in ("tail_pitch", "tail_roll", "sail", "imu", "speed", "operator")}

@@ -86,9 +86,8 @@ SOFT = {
 def test_a_soft_reason_cuts_the_throttle_in_the_next_cycle_holds_the_tail_then_exits(car, cause):
     car.driving()
     cause(car)
-    car.turn()  # the fault is read in this cycle, after its command left
-    assert car.guard.stage is Stage.HOLDING
     car.turn()
+    assert car.guard.stage is Stage.HOLDING
     assert same(car.last, STOP)
     assert car.wiring.calls == ["arm", "hold"]
     car.turn(count=round(SAFETY.tail_hold / PERIOD))
@@ -115,7 +114,6 @@ def test_a_hard_reason_exits_at_once(car, cause):
     cause(car)
     car.turn()
     assert car.wiring.calls[-1] == "disarm"
-    car.turn(count=2)
     assert same(car.last, STOP)
     car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
     assert car.guard.finished
@@ -206,14 +204,14 @@ def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
 
 def test_more_current_than_the_fuse_has_stops_the_car(car):
     car.driving()
-    exchange = car.wiring.exchange
+    read = car.wiring.read
 
-    def powerful(command, now):
-        reading = exchange(command, now)
+    def powerful(now):
+        reading = read(now)
         reading.tail_state[4], reading.tail_torque[1] = 35.0, 24.0  # 840 W
         return reading
 
-    car.wiring.exchange = powerful
+    car.wiring.read = powerful
     car.turn()
     assert car.guard.hard
     assert "35 A; the fuse has 30 A" in car.guard.reason

@@ -120,14 +120,14 @@ def test_the_sequence_turns_swings_and_cuts_the_throttle(tmp_path):
 @pytest.mark.parametrize("run", [plain, diagram], ids=["plain", "diagram"])
 def test_a_fault_ends_the_run_with_a_log_up_to_it(tmp_path, run):
     wiring = FakeWiring()
-    real = wiring.exchange
+    real = wiring.read
 
-    def exchange(command, now):
+    def read(now):
         if len(wiring.commands) == 50:
             wiring.faults["imu"] = SourceFault.SILENT
-        return real(command, now)
+        return real(now)
 
-    wiring.exchange = exchange
+    wiring.read = read
     guard, stopped = run(tmp_path / "run.parquet", wiring)
     log = read_run_log(tmp_path / "run.parquet")
     if run is plain:  # the diagram runs faster than the wall clock by which the guard measures
