@@ -26,16 +26,16 @@ _FROZEN = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Range(BaseModel):
-    """Evenly spaced values, both ends included; `from` in YAML."""
+    """Evenly spaced values, both ends included."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
-    start: float = Field(alias="from", description="first value")
-    to: float = Field(description="last value")
+    model_config = _FROZEN
+    first: float
+    last: float
     number: int = Field(description="of values", ge=1, le=10_000)
 
     def values(self) -> list[Value]:
         """The values; the plain decimals that a reader expects, without the last bits of a division."""
-        return [float(f"{value:.12g}") for value in np.linspace(self.start, self.to, self.number)]
+        return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
 
 
 class Uniform(BaseModel):
@@ -74,9 +74,9 @@ class Sample(BaseModel):
     model_config = _FROZEN
     method: Literal["sobol", "lhs"] = "sobol"
     number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MOST_RUNS)
-    seed: int = Field(1, description="of the scattering", ge=0)
+    seed: int = Field(default=1, description="of the scattering", ge=0)
     factors: dict[str, Uniform | Normal] = Field(min_length=1)
-    new_seeds: bool = Field(False, description="each sample has its own seed, so its own sensor noise")
+    new_seeds: bool = Field(default=False, description="each sample has its own seed, so its own sensor noise")
 
     def rows(self) -> list[dict[str, Value]]:
         """One dict of factor -> value per sample."""
@@ -99,9 +99,9 @@ class Block(BaseModel):
     """One scenario with factors: every combination of the grid, with every sample."""
 
     model_config = _FROZEN
-    name: str = Field("", description="of the block within the study", max_length=40)
+    name: str = Field(default="", description="of the block within the study", max_length=40)
     scenario: str = Field(description="name or path")
-    settings: tuple[str, ...] = Field((), description="overrides of every run, such as car.mass=5.5")
+    settings: tuple[str, ...] = Field(default=(), description="overrides of every run, such as car.mass=5.5")
     grid: dict[str, Annotated[list[Value], Field(min_length=1)] | Range] = {}
     sample: Sample | None = None
 
@@ -125,11 +125,11 @@ class Study(BaseModel):
     """Everything that is to be run. A file with one block may write its keys at the top level."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
-    schema_: Literal["aerodima/study/1"] = Field("aerodima/study/1", alias="schema")
+    schema_: Literal["aerodima/study/1"] = Field(default="aerodima/study/1", alias="schema")
     name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
-    signals: Literal["all", "outcome"] = Field("outcome", description="all: the impulses of the tail too")
-    ensemble: str | None = Field(None, description="name or path: every run for every member of it")
-    members: int | None = Field(None, description="only the likeliest members", ge=1)
+    signals: Literal["all", "outcome"] = Field(default="outcome", description="all: the impulses of the tail too")
+    ensemble: str | None = Field(default=None, description="name or path: every run for every member of it")
+    members: int | None = Field(default=None, description="only the likeliest members", ge=1)
     blocks: tuple[Block, ...] = Field(min_length=1)
 
 

@@ -1,0 +1,1 @@
+"""The built-in studies: each makes a study, draws what its table shows, and writes one page."""

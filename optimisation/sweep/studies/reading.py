@@ -1,0 +1,142 @@
+"""What the table of a study says: survivors, thresholds with islands, bands over an ensemble, probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binomtest
+
+from workbench.ensemble import weighted_quantiles
+
+LEVELS = (0.05, 0.5, 0.95)
+"""Of a band over an ensemble: its lower end, its median, its upper end."""
+CONFIDENCE = 0.95
+
+
+def weights_of(frame: pd.DataFrame) -> np.ndarray:
+    """Weight of each row: that of its ensemble member, 1 without an ensemble; shape (n,)."""
+    return frame["weight"].to_numpy(float) if "weight" in frame.columns else np.ones(len(frame))
+
+
+def ran(frame: pd.DataFrame) -> pd.DataFrame:
+    """The rows of runs that came to an outcome."""
+    return frame[frame["outcome"].notna()]
+
+
+def survived_share(frame: pd.DataFrame) -> float:
+    """Share of the weight that survived; NaN without a run."""
+    frame = ran(frame)
+    if frame.empty:
+        return float("nan")
+    return float(np.average(frame["outcome"] == "survived", weights=weights_of(frame)))
+
+
+def by_value(frame: pd.DataFrame, factor: str) -> list[tuple[float, pd.DataFrame]]:
+    """Value of a numeric factor and the rows that have it, in order of the value."""
+    groups: Any = frame.groupby(factor)
+    return [(float(value), rows) for value, rows in groups]
+
+
+def band(frame: pd.DataFrame, column: str) -> tuple[float, float, float]:
+    """`LEVELS` of a column over the rows, by their weights; three times the value for one row."""
+    frame = ran(frame)
+    low, middle, high = weighted_quantiles(frame[column].to_numpy(float), weights_of(frame), LEVELS)
+    return float(low), float(middle), float(high)
+
+
+@dataclass(frozen=True)
+class Step:
+    """From survival to the first flip along one factor; None where the range does not hold it.
+
+    Attributes:
+        survived: last value before the first flip.
+        flipped: the first flip.
+        islands: values beyond it that were survived.
+    """
+
+    survived: float | None
+    flipped: float | None
+    islands: tuple[float, ...]
+
+    @property
+    def words(self) -> str:
+        """Short, for a table."""
+        beyond = f"; survives again at {', '.join(f'{value:g}' for value in self.islands)}" if self.islands else ""
+        if self.flipped is None:
+            return "no flip" if self.survived is not None else "no run"
+        if self.survived is None:
+            return f"below {self.flipped:g}{beyond}"
+        return f"{self.survived:g} to {self.flipped:g}{beyond}"
+
+    def middle(self, low: float, high: float) -> float:
+        """Of survived and flipped; `low` and `high` where it lies outside the range."""
+        if self.survived is None:
+            return low
+        return high if self.flipped is None else 0.5 * (self.survived + self.flipped)
+
+
+def step_along(frame: pd.DataFrame, factor: str) -> Step:
+    """The step of the rows of one car along a factor; a value counts as survived if most of its weight did."""
+    shares = {value: survived_share(rows) for value, rows in by_value(ran(frame), factor)}
+    survived: float | None = None
+    for value in sorted(shares):
+        if shares[value] < 0.5:
+            return Step(survived, value, tuple(v for v in sorted(shares) if v > value and shares[v] >= 0.5))
+        survived = value
+    return Step(survived, None, ())
+
+
+def steps_of_members(frame: pd.DataFrame, factor: str) -> tuple[list[Step], np.ndarray]:
+    """The step of every member of an ensemble and the members' weights; one step of weight 1 without ensemble."""
+    if "member" not in frame.columns:
+        return [step_along(frame, factor)], np.ones(1)
+    groups = [rows for _, rows in frame.groupby("member", sort=False)]
+    return [step_along(rows, factor) for rows in groups], np.array([rows["weight"].iloc[0] for rows in groups])
+
+
+@dataclass(frozen=True)
+class Probability:
+    """A share of runs with its interval.
+
+    Attributes:
+        value: weighted share.
+        low: lower end of the 95 % interval (Clopper and Pearson, on the effective number of runs).
+        high: upper end.
+        runs: how many came to an outcome.
+        effective: how many equally weighted runs they are worth.
+    """
+
+    value: float
+    low: float
+    high: float
+    runs: int
+    effective: float
+
+
+def rollover_probability(frame: pd.DataFrame) -> Probability:
+    """Share of the runs that flipped; NaN without runs."""
+    frame = ran(frame)
+    if frame.empty:
+        return Probability(float("nan"), 0.0, 1.0, 0, 0.0)
+    weights = weights_of(frame)
+    effective = float(weights.sum() ** 2 / np.sum(weights**2))
+    share = 1.0 - survived_share(frame)
+    whole = max(1, round(effective))
+    interval = binomtest(round(share * whole), whole).proportion_ci(CONFIDENCE, "exact")
+    return Probability(share, float(interval.low), float(interval.high), len(frame), effective)
+
+
+def table_cells(frame: pd.DataFrame, columns: Sequence[str]) -> list[list[str]]:
+    """Rows of texts for a page: numbers to four digits, nothing where there is none."""
+    return [[cell_text(value) for value in row] for row in frame[list(columns)].itertuples(index=False)]
+
+
+def cell_text(value: Any) -> str:
+    """One cell of a table."""
+    if value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value)):
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
