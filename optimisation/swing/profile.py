@@ -9,6 +9,7 @@ optimisation runs the full car again with the new swing and takes the profile an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,8 +40,6 @@ class TurnProfile:
         speed: at the start of the turn, m/s.
         roll, roll_rate: of the car in that run, outwards, rad and rad/s, shape (n,).
         trigger_time: time in the run at which time is 0, s.
-        heading_change: of the run, rad; NaN when it ended in a flip.
-        flipped: the run ended so; beyond `end` its inputs are those of the last upright instant.
     """
 
     time: NDArray[np.float64]
@@ -69,8 +68,11 @@ class TurnProfile:
 
     def curve(self, time: NDArray) -> NDArray[np.float64]:
         """Inputs (..., 5) of the run at times, s; constant beyond its ends."""
-        interpolant = PchipInterpolator(self.time, self.inputs, axis=0)
-        return np.asarray(interpolant(np.clip(time, self.time[0], self.time[-1])))
+        return np.asarray(self._interpolant(np.clip(time, self.time[0], self.time[-1])))
+
+    @cached_property
+    def _interpolant(self) -> PchipInterpolator:
+        return PchipInterpolator(self.time, self.inputs, axis=0)
 
     def state_at(self, time: float) -> tuple[float, float]:
         """Car roll (rad) and roll rate (rad/s) of the run at a time, s."""

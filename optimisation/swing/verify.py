@@ -154,14 +154,16 @@ def heading_ratio(
 ) -> tuple[float, float]:
     """Heading change over the reference's at the highest friction that both survive clean, and that friction.
 
-    From `friction` downwards in steps; NaN twice where there is none.
+    From `friction` downwards in steps; NaN twice where there is none. SwingError when a run fails.
     """
     for lower in range(MOST_LOWER + 1):
         mu = friction - lower * LOWER_FRICTION
         here = (*settings, f"car.tyre_friction={mu:.9g}")
         tasks = [RunTask("", scenario, (*here, *playing)), RunTask("", scenario, (*here, *reference))]
         first, second = engine.rows(tasks)
-        if first.get("clean") and second.get("clean"):
+        if error := first["error"] or second["error"]:
+            raise SwingError(f"{scenario} {' '.join(here)}: {error}")
+        if first["clean"] and second["clean"]:
             return first["heading_change_rad"] / second["heading_change_rad"], mu
     return float("nan"), float("nan")
 

@@ -99,8 +99,8 @@ def _page(swing: SwingFile, found: Verification, verdict: str) -> str:
                 bullets(facts),
                 figure(
                     drawing,
-                    "The turn on the car that the swing was made for: tail, car and motor torque with the swing and with "
-                    "the swing of the thesis (8 rad/s). Shaded: the turn; dotted: the knots, and the limit of the torque.",
+                    "The turn on the car that the swing was made for, with the swing and with that of the thesis "
+                    "(8 rad/s). Shaded: the turn; dotted: the knots, and the limit of the torque.",
                     "Three curves over time: tail roll, car roll, torque of the roll motor",
                 ),
             ),

@@ -1,0 +1,130 @@
+"""The full car under a swing: one run at a friction and a speed, and the highest friction that it survives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from optimisation.swing.profile import TurnProfile, turn_profile
+from optimisation.swing.reduced_car import ReducedCar
+from workbench.controllers.swing_tracker_law import SwingTracker
+from workbench.scenario import Scenario, scenario_from_dict
+from workbench.swing_file import SwingFile
+from workbench.trial import Trial, run_trial
+
+FRICTION_STEP = 0.0125
+"""Resolution of critical frictions."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run of the full car came to.
+
+    Attributes:
+        clean: survived, and neither cage, board nor tail touched the ground.
+        survived: did not roll over.
+        peak_roll: rad; `heading` change, rad; `released` when the swing was, s, or None.
+    """
+
+    clean: bool
+    survived: bool
+    peak_roll: float
+    heading: float
+    released: float | None
+
+
+def varied(scenario: Scenario, **sections: dict[str, Any]) -> Scenario:
+    """The scenario with other values: section -> key -> value.
+
+    Raises:
+        ScenarioError: a value is not allowed.
+    """
+    data = scenario.resolved()
+    for section, values in sections.items():
+        data[section] = data[section] | values
+    return scenario_from_dict(data)
+
+
+def drive(
+    scenario: Scenario, swing: SwingFile | None = None, friction: float | None = None, all_signals: bool = False
+) -> Trial:
+    """One run of the full car, with the controller of the scenario or with a swing whose knots the joints follow.
+
+    Args:
+        scenario: car and turn.
+        swing: played without feedback on the car; None leaves the scenario's controller.
+        friction: of the tyres, instead of the scenario's.
+        all_signals: record what a profile needs.
+    """
+    if friction is not None:
+        scenario = varied(scenario, car={"tyre_friction": friction})
+    law = None
+    if swing is not None:
+        scenario = varied(scenario, tail={"mode": "swing"}, controller={"swing_file": "none", "tracking": "joint_pd"})
+        law = SwingTracker.from_scenario(swing, scenario)
+    return run_trial(scenario, tail_law=law, signals="all" if all_signals else "outcome")
+
+
+def outcome(trial: Trial) -> Outcome:
+    """The figures of a run that swings are compared by."""
+    metrics = trial.summary.metrics
+    return Outcome(
+        clean=bool(metrics.outcome.clean),
+        survived=metrics.outcome.result == "survived",
+        peak_roll=metrics.peak_roll_rad,
+        heading=metrics.heading_change_rad,
+        released=trial.summary.trigger_time,
+    )
+
+
+def profile_of(trial: Trial, scenario: Scenario, friction: float, fallback_release: float) -> TurnProfile:
+    """Profile of a run with all signals, from the release of its swing on; without one from `fallback_release` (s)."""
+    released = trial.summary.trigger_time
+    release = fallback_release if released is None else released
+    return turn_profile(trial.run_log, ReducedCar.of(scenario), release, friction)
+
+
+@dataclass(frozen=True)
+class CriticalFriction:
+    """Highest friction of an unbroken row of clean runs.
+
+    Attributes:
+        value: 0 when the lowest friction looked at is not survived.
+        runs: friction and outcome of every run, by friction.
+    """
+
+    value: float
+    runs: tuple[tuple[float, Outcome], ...]
+
+
+def critical_friction(
+    scenario: Scenario, swing: SwingFile | None, low: float, high: float, step: float = FRICTION_STEP
+) -> CriticalFriction:
+    """Bisection on a grid between `low` and `high`; survival is not monotone, so the runs are kept.
+
+    Args:
+        scenario: car, turn and step of the plant.
+        swing: as `drive`.
+        low, high: frictions, the grid starts at `low`.
+        step: of the grid.
+    """
+    runs: dict[int, Outcome] = {}
+
+    def clean(index: int) -> bool:
+        if index not in runs:
+            runs[index] = outcome(drive(scenario, swing, low + index * step))
+        return runs[index].clean
+
+    lost = round((high - low) / step) + 1
+    held = -1
+    while lost - held > 1:
+        middle = (lost + held) // 2
+        held, lost = (middle, lost) if clean(middle) else (held, middle)
+    rows = tuple((low + index * step, runs[index]) for index in sorted(runs))
+    return CriticalFriction(low + held * step if held >= 0 else 0.0, rows)
+
+
+def headings(scenario: Scenario, swings: Sequence[SwingFile | None], friction: float) -> list[float]:
+    """Heading change of each at one friction, rad."""
+    return [outcome(drive(scenario, swing, friction)).heading for swing in swings]
