@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib
 import matplotlib.pyplot as plt
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from workbench.cli import build_app
@@ -54,3 +55,31 @@ def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (figure,) = set(plt.get_fignums()) - set(before)
     assert len(plt.figure(figure).axes[0].lines) == 3
     plt.close(figure)
+
+
+@pytest.mark.slow
+def test_the_way_from_a_foreign_log_to_coefficients_finds_the_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    section = README[README.index("## From a foreign log to coefficients") : README.index("## Install")]
+    for text in re.findall(r"```(?:python|yaml)\n(.*?)```", section, re.DOTALL):
+        (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text, encoding="utf-8")
+    (block,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    told = ""
+    for line in block.splitlines():
+        program, *words = shlex.split(line)
+        if program == "python":
+            exec(compile((tmp_path / words[0]).read_text(encoding="utf-8"), words[0], "exec"), {})
+            continue
+        assert program == "aerodima"
+        result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+        assert result.exit_code == 0, f"{line}: {result.output}"
+        told += result.output
+    assert "gap of 0.03 s" in told
+    fits = yaml.safe_load((tmp_path / "fits" / "fits.yaml").read_text(encoding="utf-8"))
+    (mass,) = (e for e in fits["fits"][0]["estimates"] if e["name"] == "added_mass")
+    # The straight line across the gap and the encoder's counts cost less than one percent.
+    assert mass["value"] == pytest.approx(0.02, rel=0.01)
+    assert mass["lower"] < mass["upper"]
+    assert {path.name for path in (tmp_path / "fits").iterdir()} >= {"report.html", "fits.csv", "by_wind_speed.csv"}
