@@ -178,7 +178,14 @@ def test_feedback_that_cannot_be_followed_is_refused(changes: dict, message: str
         swing_from_dict(data)
 
 
-@pytest.mark.parametrize("trigger", [{"kind": "yaw_rate"}, {"kind": "time", "threshold_rad_per_s": 1.0}])
+@pytest.mark.parametrize(
+    "trigger",
+    [
+        {"kind": "yaw_rate"},
+        {"kind": "time", "threshold_rad_per_s": 1.0},
+        {"kind": "steering", "threshold_rad": 0.1, "threshold_rad_per_s": 1.0},
+    ],
+)
 def test_a_trigger_has_a_threshold_if_it_looks_at_the_yaw_rate(trigger: dict) -> None:
     with pytest.raises(SwingFileError, match=r"trigger\.threshold_rad_per_s: allowed and needed with kind yaw_rate"):
         swing_from_dict(changed("trigger", trigger))

@@ -195,6 +195,9 @@ class SwingTracker:
             return False
         if trigger.kind == "time":
             return observation.time - memory.announced + EPSILON >= trigger.delay_s
+        if trigger.kind == "steering":
+            assert trigger.threshold_rad is not None
+            return memory.turn * observation.steering_angle > trigger.threshold_rad
         assert trigger.threshold_rad_per_s is not None
         return observation.imu_valid and memory.turn * observation.yaw_rate > trigger.threshold_rad_per_s
 

@@ -102,6 +102,9 @@ def test_delay_and_time_since_the_announcement() -> None:
     delayed = tracker(trigger={"kind": "yaw_rate", "threshold_rad_per_s": 1.0, "delay_s": 0.05})
     states = [tick[0].name for tick in run(delayed, see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15))]
     assert states == ["HOLD", "DELAY", "DELAY", "SWING"]
+    steered = tracker(trigger={"kind": "steering", "threshold_rad": 0.1})
+    looks = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
+    assert [tick[0].name for tick in run(steered, *looks)] == ["HOLD", "HOLD", "SWING"]
     timed = tracker(trigger={"kind": "time", "delay_s": 0.3})
     states = [tick[0].name for tick in run(timed, see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3))]
     assert states == ["HOLD", "HOLD", "HOLD", "SWING"]
