@@ -36,7 +36,7 @@ def tail_at(problem: Problem, x: FloatArray, time: FloatArray) -> tuple[FloatArr
 
 
 def forward_roll(problem: Problem, solution: Solution, number: int, time: FloatArray) -> FloatArray:
-    """Roll of a member at times, rad, integrated with a stiff method to 1e-8 under the tail motion of a solution."""
+    """Roll of a member at times, rad, integrated with a stiff method to 1e-6 under the tail motion of a solution."""
     member = problem.members[number]
     friction = solution.parameter * member.profile.friction if problem.objective == "friction" else None
     speed = solution.parameter if problem.objective == "speed" else None
@@ -49,7 +49,7 @@ def forward_roll(problem: Problem, solution: Solution, number: int, time: FloatA
 
     begin = member.profile.state_at(0.0)
     run = solve_ivp(
-        slope, (0.0, time[-1]), begin, method="LSODA", t_eval=time, rtol=1e-7, atol=1e-8, max_step=0.02,
+        slope, (0.0, time[-1]), begin, method="LSODA", t_eval=time, rtol=1e-5, atol=1e-6, max_step=0.05,
         events=_lost,
     )  # fmt: skip
     roll = np.full(len(time), np.inf)
@@ -114,5 +114,3 @@ def refine(
             break
         problem, solution, error = finer, better, collocation_error(finer, better)
     return problem, solution, error
-
-

@@ -98,4 +98,3 @@ def swing_file(
         provenance=Provenance(**provenance, versions=software_versions()),
         car=data,
     )
-

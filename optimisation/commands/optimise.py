@@ -1,0 +1,86 @@
+"""`aerodima optimise swing`: from a scenario to a swing file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the group `optimise`."""
+    group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
+    group.callback()(_group)
+    group.command()(swing)
+    app.add_typer(group, name="optimise")
+
+
+def _group() -> None:
+    """Find tail swings that let the car turn with more grip or speed."""
+
+
+def swing(
+    scenario: Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")],
+    out: Annotated[Path, typer.Option(help="Swing file to write.")] = Path("swing.yaml"),
+    dof: Annotated[int, typer.Option(help="1: roll; 2: roll and pitch.")] = 1,
+    objective: Annotated[str, typer.Option(help="friction, speed, roll or effort.")] = "friction",
+    seed: Annotated[int, typer.Option(help="Of the random starts.", min=0)] = 1,
+    starts: Annotated[int, typer.Option(help="Random starts per round.", min=1, max=1000)] = 4,
+    knots: Annotated[int, typer.Option(help="Of the first mesh.", min=11, max=121)] = 41,
+    length: Annotated[float, typer.Option(help="Length of the swing from its release, s.", min=0.2, max=3.0)] = 1.0,
+    threshold: Annotated[float | None, typer.Option(help="Yaw rate that releases the swing, rad/s.")] = None,
+    wait: Annotated[float, typer.Option(help="Fixed rest after the release, s; 0 leaves it free.", min=0.0)] = 0.0,
+    torque: Annotated[float | None, typer.Option(help="Torque limit, N m; the motor's by default.")] = None,
+    rounds: Annotated[int, typer.Option(help="Most rounds of profile, solution, full car.", min=1, max=20)] = 4,
+    bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
+    solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
+    wall_time: Annotated[float, typer.Option(help="Limit of the whole search, s.", min=1.0)] = 600.0,
+    warm_start: Annotated[Path | None, typer.Option(help="Swing file to begin with.")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the swing file.")] = False,
+) -> None:
+    """The swing with which the car survives most friction or speed, rolls least, or asks least of its motors.
+
+    An interrupted search goes on when the same command is given again.
+
+    Example: aerodima optimise swing turn_swing --set manoeuvre.speed=4.5 --threshold 0.5 --out swing.yaml
+    """
+    from optimisation.errors import SwingError
+    from optimisation.swing.optimise import Options, optimise_swing
+    from optimisation.swing.transcription import OBJECTIVES
+    from workbench.atomic_write import make_folder, refuse_existing
+    from workbench.scenario import load_scenario
+    from workbench.swing_file import read_swing, write_swing
+
+    chosen: Any = objective
+    solver_name: Any = solver
+    for flag, value, allowed in (
+        ("--objective", objective, OBJECTIVES),
+        ("--solver", solver, ("snopt", "ipopt")),
+        ("--dof", dof, (1, 2)),
+    ):
+        if value not in allowed:
+            raise SwingError(f"{flag}: {value!r}; allowed: {', '.join(map(str, allowed))}")
+    refuse_existing(out, force, SwingError)
+    make_folder(out.parent, SwingError)
+    options = Options(
+        dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
+        torque=torque, rounds=rounds, bound=bound, solver=solver_name, wall_time=wall_time,
+    )  # fmt: skip
+    found = optimise_swing(
+        load_scenario(scenario, list(settings or [])), options, name=out.stem, scenario_name=scenario,
+        settings=tuple(settings or ()), warm_start=None if warm_start is None else read_swing(warm_start),
+        checkpoint=out.with_suffix(".search.json"), told=lambda line: typer.echo(line, err=True),
+    )  # fmt: skip
+    write_swing(found, out, force=force)
+    facts = found.provenance.found
+    typer.echo(f"swing: {out}")
+    if "survived_friction" in facts:
+        typer.echo(
+            f"full car: clean at {facts['survived_speed_m_per_s']:.2f} m/s, friction {facts['survived_friction']:.3f}, "
+            f"peak roll {facts['peak_roll_rad']:.3f} rad"
+        )
+    typer.echo(
+        f"collocation error {facts.get('collocation_error_rad', float('nan')):.4f} rad on {facts.get('knots')} knots"
+    )
