@@ -38,7 +38,7 @@ from workbench.errors import HardwareError
 _REMIND = 0.1
 """Interval of the exit frames to a faulted motor after the first ones, s."""
 _EXTRA_REPLIES = 3
-"""Cycles in a row with more replies than frames until two motors are taken to share the id."""
+"""Replies too many, in cycles in a row, until two motors are taken to share the id."""
 _CAUGHT_UP = 1e-3
 """Distance at which the ramp to the first command ends, rad."""
 
@@ -72,7 +72,7 @@ class Motor:
         self._state_time = 0.0
         self._exit_time = 0.0
         self._exits_left = 0
-        self._unanswered = self._cycle_frames = self._cycle_replies = self._extra_cycles = self._enter_replies = 0
+        self._unanswered = self._cycle_frames = self._cycle_replies = self._owed = self._enter_replies = 0
         self._motor_angle: float | None = None
         self._hold_position = 0.0
         self._gain_time = 0.0
@@ -88,7 +88,7 @@ class Motor:
             raise HardwareError(f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}")
         self._go(MotorState.ENTERING, now)
         self._motor_angle = None
-        self.missed = self._unanswered = self._extra_cycles = self._enter_replies = 0
+        self.missed = self._unanswered = self._owed = self._enter_replies = 0
         self._step_time = now
         neutral = make_neutral(self.settings.motor_id, self.settings.profile)
         for frame in (neutral, make_enter(self.settings.motor_id), neutral):
@@ -272,17 +272,24 @@ class Motor:
             self.missed = 0
         elif gap >= self.settings.safety.reply_time:  # a late loop catches up faster than a motor can answer
             self.missed += 1
-        extra = self._cycle_replies > self._cycle_frames
-        self._extra_cycles = self._extra_cycles + 1 if extra else 0
+        self._owed = self._replies_owed(self._cycle_frames, self._cycle_replies)
         self._cycle_frames = self._cycle_replies = 0
         safety = self.settings.safety
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
-        elif self._extra_cycles >= _EXTRA_REPLIES:
+        elif self._owed <= -_EXTRA_REPLIES:
             self.set_fault(MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now)
         elif self.state is not MotorState.ENTERING and self.missed >= safety.missed_replies:
             bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
             self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
+
+    def _replies_owed(self, frames: int, replies: int) -> int:
+        """Frames that are still to be answered; negative: more replies came than frames went out, cycle after cycle.
+
+        Replies that come late, two in a cycle, are none too many: their frames are still owed.
+        """
+        owed = min(self._owed + frames - replies, self.settings.safety.missed_replies)
+        return owed if replies > frames else max(owed, 0)
 
     def _enter(self, now: float) -> None:
         safety = self.settings.safety

@@ -330,3 +330,22 @@ def test_published_swing_passes_without_a_fault():
     bench.cycle(hold(math.pi / 2, 5.0, 2.0), count=100)
     assert bench.group.ready, bench.group.fault_text
     assert bench.motors[0].position == pytest.approx(math.pi / 2, abs=0.05)
+
+
+def test_replies_that_come_late_and_together_are_not_taken_for_a_second_motor(bench):
+    waiting = []
+
+    def held_up(frame):
+        waiting.append(frame)
+        return []
+
+    def caught_up(frame):
+        waiting.append(frame)
+        answers = waiting[:2]
+        del waiting[:2]
+        return answers
+
+    for respond, cycles in ((held_up, 4), (caught_up, 20)):
+        bench.fakes[1].respond = respond
+        bench.cycle(RUN, count=cycles)
+    assert bench.group.ready, bench.group.fault_text
