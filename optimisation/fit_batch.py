@@ -103,6 +103,15 @@ def fit_logs(
     )
 
 
+def fitted_logs(out: Path) -> list[tuple[str, FitResult]]:
+    """Log and result of every fit that a batch finished in a folder; FitError when there is none."""
+    lines = _lines(out / JOURNAL)
+    found = [(line["log"], _result(line["result"])) for line in lines[1:] if line.get("result") is not None]
+    if not found:
+        raise FitError(f"{out}: holds no finished fits (no {JOURNAL})")
+    return list(dict(found).items())
+
+
 def _one(work: Fit, name: str) -> dict[str, Any]:
     """The outcome of one log as plain data; errors of the log are part of it."""
     try:
@@ -127,20 +136,26 @@ def _key(name: str) -> str:
 
 
 def _read(journal: Path, settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Earlier lines by log; a last line that was cut off is ignored."""
-    if not journal.is_file():
+    """Earlier lines by log."""
+    lines = _lines(journal)
+    if not lines:
         return {}
+    if lines[0].get("settings") != json.loads(json.dumps(settings)):
+        raise FitError(f"{journal}: holds results of other settings; choose another folder, or drop them with --force")
+    return {line["log"]: line for line in lines[1:] if "log" in line}
+
+
+def _lines(journal: Path) -> list[dict[str, Any]]:
+    """Everything in a journal; a last line that was cut off is ignored."""
+    if not journal.is_file():
+        return []
     lines = []
     for text in journal.read_text(encoding="utf-8").splitlines():
         try:
             lines.append(json.loads(text))
         except ValueError:
             continue
-    if not lines:
-        return {}
-    if lines[0].get("settings") != json.loads(json.dumps(settings)):
-        raise FitError(f"{journal}: holds results of other settings; choose another folder, or drop them with --force")
-    return {line["log"]: line for line in lines[1:] if "log" in line}
+    return lines
 
 
 def _result(data: dict[str, Any]) -> FitResult:

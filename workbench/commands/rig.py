@@ -39,6 +39,7 @@ def register(app: typer.Typer) -> None:
     for command in (static, flick, bar, robot):
         run.command()(command)
     group.add_typer(run, name="run")
+    group.command()(campaign)
     app.add_typer(group, name="rig")
 
 
@@ -122,6 +123,46 @@ def robot(
     if kp is not None:
         flags.append(f"robot.kp={kp}")
     _run("robot", scenario, flags, seed, settings, out, live, force)
+
+
+def campaign(
+    name: Annotated[str, typer.Argument(help="static, flick, bar, robot, or a campaign file (YAML).")],
+    out: Annotated[Path, typer.Option(help="Folder for the logs and campaign.csv.")],
+    seed: Annotated[int, typer.Option(help="Seed of the truth and the sensor errors of all logs.", min=0)] = 1,
+    repeats: Annotated[int | None, typer.Option(help="Logs per experiment in place of the campaign's.", min=1)] = None,
+    settings: Settings = None,
+    workers: Annotated[int, typer.Option(help="Worker processes.")] = 2,
+    force: Annotated[bool, typer.Option("--force", help="Make the logs again.")] = False,
+) -> None:
+    """Make all the logs of a campaign, such as the 540 published static holds.
+
+    Asked for again after Ctrl-C it keeps the finished logs and goes on.
+    Example: aerodima rig campaign static --out holds
+    """
+    import sys
+    import time
+
+    from workbench.errors import UserError
+    from workbench.rig_campaign import campaign_tasks, load_campaign
+    from workbench.rig_campaign_run import run_campaign
+
+    start = time.monotonic()
+    tasks = campaign_tasks(load_campaign(name), seed, repeats, settings)
+    with typer.progressbar(length=len(tasks), label="making logs", file=sys.stderr) as bar:
+        try:
+            result = run_campaign(
+                tasks, out, workers=workers, force=force, progress=lambda done, _: bar.update(done - bar.pos)
+            )
+        except KeyboardInterrupt:
+            typer.echo(f"\n{bar.pos} of {len(tasks)} logs are in {out}; the same command makes the rest", err=True)
+            raise
+    if result.reused:
+        typer.echo(f"{result.reused} of {len(tasks)} logs were there before")
+    for log, reason in result.failed.items():
+        typer.echo(f"warning: {log}: {reason}", err=True)
+    typer.echo(f"{len(result.logs)} logs in {out} ({time.monotonic() - start:.0f} s)")
+    if result.failed:
+        raise UserError(f"{len(result.failed)} of {len(tasks)} logs could not be made; the reasons are above")
 
 
 def _flags(**given: float | int | str | None) -> list[str]:
