@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from optimisation.errors import SwingError
-from optimisation.swing import planar
+from optimisation.swing import planar, spatial
 from optimisation.swing.full_car import Outcome, drive, outcome, profile_of, varied
 from optimisation.swing.mesh import refine
 from optimisation.swing.planar import lift_roll
@@ -31,7 +31,7 @@ from workbench.scenario import Scenario
 from workbench.swing_file import SwingFile, read_swing, write_swing
 
 Told = Callable[[str], None]
-_MODELS: dict[int, Any] = {1: planar}
+_MODELS: dict[int, Any] = {1: planar, 2: spatial}
 
 
 @dataclass(frozen=True)

@@ -92,8 +92,8 @@ def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> 
     n_y, n_z = -e_z, e_y  # direction in which positive roll moves it
     lift = lift_state(roll, car)
     wheel = wheel_height(s, c, car)
-    Ay, Az, A2y, A2z = _point(car.com_height - car.tyre_radius, s, c, lift, wheel, car)
-    By, Bz, B2y, B2z = _point(car.axis_height - car.tyre_radius, s, c, lift, wheel, car)
+    Ay, Az, A2y, A2z = point_slopes(car.com_height - car.tyre_radius, s, c, lift, wheel, car)
+    By, Bz, B2y, B2z = point_slopes(car.axis_height - car.tyre_radius, s, c, lift, wheel, car)
 
     M, m, ml, J = car.mass, car.tail_mass, car.tail_mass * car.tail_com, car.tail_inertia[0]
     air_y, air_z, air_roll, air_tail = _air(
@@ -185,7 +185,7 @@ def suspension_moment(roll: Array, roll_rate: Array, lifted: Array, car: Reduced
     return -weight * car.half_track * (1.0 - lifted) * clipped
 
 
-def _point(
+def point_slopes(
     above_wheels: float, s: Array, c: Array, lift: tuple[Array, ...], wheel: tuple[Array, ...], car: ReducedCar
 ) -> tuple[Array, Array, Array, Array]:
     """First and second derivatives with roll of a point (y from the outer wheels' centres, z) on the car's middle."""

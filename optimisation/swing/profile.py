@@ -115,17 +115,12 @@ def turn_profile(
     front = smooth(sum(sideways(f"wheel_force_{wheel}") for wheel in WHEELS[:2]))
     rear = smooth(sum(sideways(f"wheel_force_{wheel}") for wheel in WHEELS[2:]))
     load = smooth(sum(column[f"wheel_force_{wheel}_z_truth_n"] for wheel in WHEELS))
-    inertial_x = np.gradient(smooth(column["tail_momentum_x_truth_n_s"]), time)
-    inertial_y = np.gradient(smooth(column["tail_momentum_y_truth_n_s"]), time)
-    reaction = side * (np.cos(yaw) * inertial_y - np.sin(yaw) * inertial_x)
-    on_car = smooth(sideways("tail_force")) - smooth(reaction)
-    hanging = car.tail_mass * car.gravity + np.gradient(smooth(column["tail_momentum_z_truth_n_s"]), time)
-    hanging = hanging - smooth(column["tail_force_z_truth_n"])
-    front_load = ((load - hanging) * car.com_x + hanging * car.axis_x) / car.wheelbase
-    behind = -car.axis_x / car.com_x
+    force, moment = _tail_on_car(column, time, car, smooth, side)
+    # The tail's moments about the rear axle load the front axle (pitch) and the rear tyres (yaw).
+    front_load = ((load + force[2]) * car.com_x + moment[1]) / car.wheelbase
     front_share = (car.wheelbase - car.com_x) / car.com_x
     weight = (car.mass + car.tail_mass) * car.gravity
-    yaw_force = (front * front_share - rear - (1.0 + behind) * on_car) / weight
+    yaw_force = (front * front_share + moment[2] / car.com_x - force[1] - rear) / weight
     inputs = np.column_stack(
         [
             front / np.maximum(front_load, 0.05 * weight),
@@ -147,6 +142,39 @@ def turn_profile(
         roll_rate=side * column["gyro_x_truth_rad_per_s"][use],
         trigger_time=float(time[start]),
     )
+
+
+def _tail_on_car(
+    column: dict[str, NDArray[np.float64]],
+    time: NDArray[np.float64],
+    car: ReducedCar,
+    smooth: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    side: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Force of the tail on the car and its moment about the body origin, (3, n), in axes that yaw with the car.
+
+    Weight and air less the rate of the tail's momentum; written for a left turn.
+    """
+
+    def vector(stem: str, unit: str) -> NDArray[np.float64]:
+        return np.array([column[f"{stem}_{axis}_truth_{unit}"] for axis in "xyz"])
+
+    def rate(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.array([np.gradient(smooth(row), time) for row in values])
+
+    weight = np.zeros((3, len(time)))
+    weight[2] = -car.tail_mass * car.gravity
+    force = vector("tail_force", "n") + weight
+    moment = vector("tail_force_moment", "n_m") + np.cross(vector("tail_com", "m"), weight, axis=0)
+    force = np.array([smooth(row) for row in force]) - rate(vector("tail_momentum", "n_s"))
+    moment = np.array([smooth(row) for row in moment]) - rate(vector("tail_angular_momentum", "n_m_s"))
+    moment = moment - np.cross(vector("position", "m"), force, axis=0)
+    c, s = np.cos(column["yaw_truth_rad"]), np.sin(column["yaw_truth_rad"])
+
+    def turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.array([c * values[0] + s * values[1], c * values[1] - s * values[0], values[2]])
+
+    return turned(force) * [[1], [side], [1]], turned(moment) * [[side], [1], [side]]
 
 
 def _smoother(time: NDArray[np.float64]):
