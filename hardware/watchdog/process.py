@@ -51,7 +51,7 @@ class WatchdogProcess:
             [sys.executable, "-m", "hardware.watchdog", json.dumps(content)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            start_new_session=True,  # signals of the terminal are not for it
+            process_group=0,  # signals of the terminal are not for it
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
