@@ -1,0 +1,62 @@
+"""`aerodima leaderboard`: every tail controller on the same turns and the same possible cars."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command()(leaderboard)
+
+
+def leaderboard(
+    out: Annotated[Path, typer.Option(help="Folder for tables, page, replays and runs.")] = Path("out/leaderboard"),
+    swing: Annotated[
+        list[str] | None, typer.Option(help="Swing file or name, may be repeated; by default all that ship.")
+    ] = None,
+    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
+    members: Annotated[int | None, typer.Option(help="Only the likeliest members.", min=1)] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="One speed, coarse searches, no robustness.")] = False,
+    step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-4, max=0.005)] = 0.002,
+    replays: Annotated[bool, typer.Option(help="Write a replay of each controller.")] = True,
+    workers: Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")] = 2,
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler to use instead.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Drop runs of other swings or versions.")] = False,
+) -> None:
+    """Compare no tail, held, 8 rad/s, the best fixed speed and optimised swings by what the car survives.
+
+    Asked for again after Ctrl-C, or with more members, it keeps the runs that are there.
+    Example: aerodima leaderboard --members 2 --quick --out out/leaderboard
+    """
+    import sys
+    from contextlib import nullcontext
+    from dataclasses import replace
+
+    from optimisation.leaderboard.contestants import shipped_swings, standard_contestants
+    from optimisation.leaderboard.make import make_leaderboard
+    from optimisation.leaderboard.measure import QUICK, Plan
+    from optimisation.sweep.engine import SerialEngine, open_engine
+    from workbench.ensemble import load_ensemble
+
+    swings = swing if swing is not None else shipped_swings()
+    standard_contestants(swings)
+    cars = load_ensemble(ensemble)
+    chosen = cars.likeliest(len(cars.members) if members is None else min(members, len(cars.members)))
+    plan = replace(QUICK if quick else Plan(), step=step)
+    serial = workers == 1 and scheduler is None
+    with nullcontext(SerialEngine()) if serial else open_engine(workers, scheduler) as engine:
+        board, files = make_leaderboard(
+            out, plan, swings, chosen, engine, replays=replays, force=force,
+            say=lambda line: print(line, file=sys.stderr, flush=True),
+        )  # fmt: skip
+    for row in board.summary.to_dict("records"):
+        frictions = ", ".join(f"{v:.3f}" for name, v in row.items() if name.startswith("critical_friction_at"))
+        typer.echo(
+            f"{row['controller']:28} critical friction {frictions}; highest speed {row['highest_speed_m_per_s']:.2f} "
+            f"m/s; heading {row['heading_ratio_median']:.0%} of that with 8 rad/s"
+        )
+    typer.echo(f"page: {files[-1]}")

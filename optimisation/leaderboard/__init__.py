@@ -1,0 +1,1 @@
+"""Every tail controller on the same turns and the same possible cars."""

@@ -1,0 +1,93 @@
+"""The leaderboard as one piece of work: store, runs, tables, replays."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from optimisation.leaderboard.measure import SCENARIO, Leaderboard, Plan, measure
+from optimisation.leaderboard.memory import RememberingEngine
+from optimisation.leaderboard.page import write_leaderboard
+from optimisation.sweep.engine import Engine
+from optimisation.sweep.store import open_store
+from optimisation.sweep.threshold import SPEED
+from workbench.controllers.law_of_scenario import find_swing
+from workbench.ensemble import Member
+from workbench.logs.schema import software_versions
+from workbench.scenario import default_values, load_scenario
+
+Say = Callable[[str], None]
+
+
+def make_leaderboard(
+    out: Path,
+    plan: Plan,
+    swings: Sequence[str],
+    members: Sequence[Member],
+    engine: Engine,
+    *,
+    replays: bool = True,
+    force: bool = False,
+    say: Say | None = None,
+) -> tuple[Leaderboard, list[Path]]:
+    """Runs what the folder does not hold yet, and writes tables and page.
+
+    Args:
+        out: folder; runs are kept below `runs`.
+        plan: how much is run; a wider plan goes on with the runs of a narrower one.
+        swings: files or names of optimised swings.
+        members: of the ensemble, likeliest first.
+        engine: where to run.
+        replays: also write a replay of each controller at the middle speed.
+        force: drop the runs of other swings or versions.
+        say: told lines of progress.
+
+    Raises:
+        UserError: a swing cannot be read; the folder is in use, or holds the runs of other swings or versions.
+    """
+    say = say or (lambda line: None)
+    with open_store(out / "runs", _identity(swings), force=force) as store:
+        remembering = RememberingEngine(engine, store, say)
+        try:
+            board = measure(plan, swings, members, remembering)
+        except BaseException:
+            say(f"stopped after {remembering.ran} runs; they are kept, the same command goes on with the rest")
+            raise
+        say(f"{remembering.ran} runs made, the others were there")
+    films = _replays(out, board, plan, members[0], say) if replays else {}
+    how = (
+        f"{len(members)} cars of the ensemble; speeds {', '.join(f'{speed:g}' for speed in plan.speeds)} m/s; step "
+        f"{1000 * plan.step:g} ms; critical friction to {plan.friction.tolerance:g}."
+    )
+    return board, write_leaderboard(out, board, films, how)
+
+
+def _identity(swings: Sequence[str]) -> dict[str, Any]:
+    """What a task does not name: content of the swings, parameters, versions."""
+    contents = {
+        swing: hashlib.sha256(find_swing(swing).model_dump_json().encode()).hexdigest() for swing in sorted(swings)
+    }
+    return {
+        "leaderboard": "aerodima/leaderboard/1",
+        "swings": contents,
+        "inputs": {"parameters": default_values(), "scenario": load_scenario(SCENARIO).resolved()},
+        "versions": software_versions(),
+    }
+
+
+def _replays(out: Path, board: Leaderboard, plan: Plan, best: Member, say: Say) -> dict[str, str]:
+    from workbench.replay.page import write_replay_html
+    from workbench.trial import run_trial
+
+    films = {}
+    (out / "replays").mkdir(parents=True, exist_ok=True)
+    for number, contestant in enumerate(board.contestants):
+        say(f"replay of {contestant.name}")
+        settings = [*best.settings, *contestant.settings, f"{SPEED}={plan.middle_speed!r}", f"name={contestant.name}"]
+        trial = run_trial(load_scenario(SCENARIO, settings), signals="all", stop_when_flipped=False)
+        target = f"replays/{number}.html"
+        write_replay_html(trial.run_log, out / target, force=True)
+        films[contestant.name] = target
+    return films

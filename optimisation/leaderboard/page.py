@@ -1,0 +1,184 @@
+"""The leaderboard as tables (CSV) and as one HTML page with pictures and links to replays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from optimisation.leaderboard.contestants import THESIS
+from optimisation.leaderboard.measure import Leaderboard
+from workbench.atomic_write import write_atomically
+from workbench.errors import UserError
+from workbench.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
+from workbench.report.page import Markup, Section, bullets, figure, link, page, paragraph, table
+
+_COLOURS = (BLACK, BLUE, VERMILION, ORANGE, GREEN, PURPLE, SKY, GREY)
+_MARKERS = "osd^vP*X"
+PAGE = "leaderboard.html"
+
+
+def write_leaderboard(folder: Path, board: Leaderboard, replays: Mapping[str, str], how: str) -> list[Path]:
+    """Writes one CSV per table and the page; earlier ones are replaced.
+
+    Args:
+        folder: of the leaderboard.
+        board: what was measured.
+        replays: controller -> file beside the page.
+        how: one line about members, speeds and step.
+    """
+    paths = []
+    for field in fields(board):
+        frame = getattr(board, field.name)
+        if isinstance(frame, pd.DataFrame) and len(frame):
+            path = folder / f"{field.name}.csv"
+            write_atomically(path, lambda p, frame=frame: frame.to_csv(p, index=False), True, UserError)  # type: ignore[misc]
+            paths.append(path)
+    text = leaderboard_page(board, replays, how)
+    write_atomically(folder / PAGE, lambda p: _write(p, text), True, UserError)
+    return [*paths, folder / PAGE]
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -> str:
+    """The page as text."""
+    sections = [
+        Section("summary", "Standing", (paragraph(how), _summary(board.summary), _what_counts())),
+        Section(
+            "friction",
+            "Critical friction over speed",
+            (
+                figure(
+                    plot_frictions(board.frictions),
+                    "Highest tyre friction survived clean. Large marks: median of the ensemble, dots: its members. "
+                    "A hollow mark has turned less than 95 % as far as with 8 rad/s and is no faster turn.",
+                    "Critical friction of each controller over the speed of the turn",
+                ),
+            ),
+        ),
+        Section(
+            "map",
+            "Survival over speed and friction",
+            (
+                figure(
+                    plot_maps(board.map),
+                    "On the likeliest car. Green: survived clean; hatched: something touched the ground; red: flipped.",
+                    "One map of outcomes per controller",
+                ),
+            ),
+        ),
+    ]
+    if len(board.robustness):
+        wide = board.robustness.pivot(index="controller", columns="change", values="critical_friction")
+        order = list(dict.fromkeys(board.robustness["controller"]))
+        changes = list(dict.fromkeys(board.robustness["change"]))
+        rows = [[name, *(f"{wide.loc[name, change]:.3f}" for change in changes)] for name in order]
+        speed = board.robustness["speed_m_per_s"].iloc[0]
+        words = f"Critical friction at {speed:g} m/s on the likeliest car, as planned and with one thing otherwise."
+        numbers = tuple(range(1, len(changes) + 1))
+        sections.append(
+            Section("robustness", "Robustness", (paragraph(words), table(["controller", *changes], rows, numbers)))
+        )
+    if replays:
+        links = bullets(Markup(link(target, name).text) for name, target in replays.items())
+        sections.append(Section("replays", "Replays", (links,)))
+    return page(
+        "Tail controllers on the same turns", "Who keeps the car on its wheels, clean, and still turns.", sections
+    )
+
+
+def _what_counts() -> Markup:
+    return paragraph(
+        "Critical friction: highest tyre friction survived clean, weighted median over the ensemble. A gain over the "
+        "8 rad/s swing counts where the heading change is at least 95 % of that swing's, compared at the highest "
+        "friction that both survive."
+    )
+
+
+def _summary(summary: pd.DataFrame) -> Markup:
+    names = list(summary.columns)
+    shown = [name for name in names if name != "controller"]
+    header = ["controller", *(_words(name) for name in shown)]
+    rows = [[row["controller"], *(_cell(name, row[name]) for name in shown)] for row in summary.to_dict("records")]
+    thesis = [number for number, row in enumerate(rows) if row[0] == THESIS.name]
+    return table(header, rows, numbers=tuple(range(1, len(header))), marked=thesis)
+
+
+def _words(name: str) -> str:
+    for unit in ("m_per_s", "rad_per_s", "n_m", "rad", "j"):
+        if name.endswith(f"_{unit}") and "_at_" not in name and "8_rad" not in name:
+            shown = {"m_per_s": "m/s", "rad_per_s": "rad/s", "n_m": "N m", "rad": "deg", "j": "J"}[unit]
+            return f"{name.removesuffix('_' + unit).replace('_', ' ')} [{shown}]"
+    return name.replace("_m_per_s", " m/s").replace("_rad_per_s", " rad/s").replace("_", " ")
+
+
+def _cell(name: str, value: float) -> str:
+    if value != value:
+        return "-"
+    if name.startswith(("gain", "share", "rollover", "heading_ratio")):
+        return f"{value:+.1%}" if name.startswith("gain") else f"{value:.0%}"
+    if name.endswith("_rad"):
+        return f"{np.degrees(value):.1f}"
+    return f"{value:.3f}" if "friction" in name else f"{value:.2f}"
+
+
+def plot_frictions(frictions: pd.DataFrame) -> Figure:
+    """Critical friction over speed, one marker and colour per controller, side by side at each speed."""
+    names = list(dict.fromkeys(frictions["controller"]))
+    speeds = sorted(frictions["speed_m_per_s"].unique())
+    with styled():
+        image, grid = new_figure(11.0, 4.8)
+        axes = grid[0, 0]
+        for number, name in enumerate(names):
+            colour, marker = _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)]
+            own = frictions[frictions["controller"] == name]
+            for place, speed in enumerate(speeds):
+                part = own[own["speed_m_per_s"] == speed]
+                x = place + 0.1 * (number - 0.5 * (len(names) - 1))
+                axes.plot(np.full(len(part), x), part["critical_friction"], ".", color=colour, markersize=4, alpha=0.6)
+                turned = part["heading_ratio"].median() >= 0.95
+                axes.plot(
+                    x, part["critical_friction"].median(), marker, color=colour, markersize=9,
+                    markerfacecolor=colour if turned else "white", label=name if place == 0 else None,
+                )  # fmt: skip
+        axes.set_xticks(range(len(speeds)), [f"{speed:g} m/s" for speed in speeds])
+        axes.set_ylabel("critical friction [1]")
+        axes.set_xlabel("speed of the turn")
+        image.legend(loc="outside upper center", ncols=4)
+    return image
+
+
+def plot_maps(survival: pd.DataFrame) -> Figure:
+    """Small maps of outcome over speed and friction."""
+    names = list(dict.fromkeys(survival["controller"]))
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    speeds, frictions = (sorted(survival[key].unique()) for key in ("speed_m_per_s", "friction"))
+    with styled():
+        image, grid = new_figure(11.0, 2.9 * rows, rows, columns, sharex=True, sharey=True)
+        for axes, name in zip(grid.flat, names, strict=False):
+            own = survival[survival["controller"] == name]
+            for row in own.to_dict("records"):
+                x, y = speeds.index(row["speed_m_per_s"]), frictions.index(row["friction"])
+                flipped, clean = row["outcome"] != "survived", row["clean"] is True or row["clean"] == True  # noqa: E712
+                colour = VERMILION if flipped else GREEN if clean else "#b8e0d2"
+                axes.fill(
+                    [x - 0.5, x + 0.5, x + 0.5, x - 0.5], [y - 0.5, y - 0.5, y + 0.5, y + 0.5], facecolor=colour,
+                    edgecolor="white", hatch=None if flipped or clean else "///", linewidth=1.0,
+                )  # fmt: skip
+            axes.set_title(name, fontsize=9)
+            axes.set_xticks(range(len(speeds)), [f"{speed:g}" for speed in speeds])
+            axes.set_yticks(range(len(frictions)), [f"{friction:g}" for friction in frictions])
+            axes.grid(False)
+        for axes in list(grid.flat)[len(names) :]:
+            axes.set_axis_off()
+        image.supxlabel("speed [m/s]", fontsize=9.5)
+        image.supylabel("tyre friction [1]", fontsize=9.5)
+    return image
