@@ -6,7 +6,16 @@ from importlib import import_module
 
 import typer
 
-COMMAND_MODULES: tuple[str, ...] = ("fit", "optimise", "coverage", "verify", "sweep", "threshold", "leaderboard")
+COMMAND_MODULES: tuple[str, ...] = (
+    "fit",
+    "optimise",
+    "coverage",
+    "feedback",
+    "verify",
+    "sweep",
+    "threshold",
+    "leaderboard",
+)
 """Modules of this package in the order of the help page; each has `register(app)`."""
 
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from optimisation.leaderboard.contestants import THESIS
 from optimisation.leaderboard.measure import Leaderboard
 from workbench.atomic_write import write_atomically
+from workbench.ensemble import weighted_quantiles
 from workbench.errors import UserError
 from workbench.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
 from workbench.report.page import Markup, Section, bullets, figure, link, page, paragraph, table
@@ -143,10 +144,13 @@ def plot_frictions(frictions: pd.DataFrame) -> Figure:
                 part = own[own["speed_m_per_s"] == speed]
                 x = place + 0.1 * (number - 0.5 * (len(names) - 1))
                 axes.plot(np.full(len(part), x), part["critical_friction"], ".", color=colour, markersize=4, alpha=0.6)
-                turned = part["heading_ratio"].median() >= 0.95
+                median, turned = (
+                    weighted_quantiles(part[column], part["weight"], [0.5])[0]
+                    for column in ("critical_friction", "heading_ratio")
+                )
                 axes.plot(
-                    x, part["critical_friction"].median(), marker, color=colour, markersize=9,
-                    markerfacecolor=colour if turned else "white", label=name if place == 0 else None,
+                    x, median, marker, color=colour, markersize=9,
+                    markerfacecolor=colour if turned >= 0.95 else "white", label=name if place == 0 else None,
                 )  # fmt: skip
         axes.set_xticks(range(len(speeds)), [f"{speed:g} m/s" for speed in speeds])
         axes.set_ylabel("critical friction [1]")

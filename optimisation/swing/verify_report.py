@@ -146,7 +146,6 @@ def plot_verification(swing: SwingFile, found: Verification) -> Figure:
             torque.axhline(level, color=BLACK, linestyle=":")
         tail.set_ylabel("tail roll [deg]")
         car.set_ylabel("car roll [deg]")
-        car.set_ylim(-25, 90)
         torque.set(ylabel="torque of the roll motor [N m]", xlabel="time [s]")
         torque.set_xlim(release - 0.3, min(log.time[-1], release + swing.knots.time_s[-1] + 1.0))
         tail.legend(loc="lower right")

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
+from typer.testing import CliRunner, Result
 
 from optimisation.errors import SwingError
 from optimisation.swing.feedback import FEEDBACK_NAMES, discretise, lqr_gains, with_feedback
+from workbench.cli import build_app
 from workbench.controllers.swing_reference import SwingReference
 from workbench.controllers.swing_tracker_law import SwingTracker
 from workbench.resources import model_path
 from workbench.scenario import Scenario, load_scenario
-from workbench.swing_file import SwingFile, read_swing, swing_from_dict
+from workbench.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
 from workbench.trial import Trial, run_trial
 
 
@@ -87,6 +90,20 @@ def test_feedback_keeps_a_car_flatter_on_more_grip_than_it_was_made_for(tracked:
     }
     assert roll["feedback"] < 0.75 * roll["joint_pd"]
     assert roll["torque"] < 0.75 * roll["joint_pd"]
+
+
+def test_command(tmp_path: Path) -> None:
+    def call(*words: object) -> Result:
+        return CliRunner().invoke(build_app(), ["feedback", *map(str, words)], catch_exceptions=False)
+
+    out, short = tmp_path / "tracked.yaml", ("--set", "manoeuvre.duration=3.0")
+    result = call("thesis_8_rad_per_s", "--out", out, *short)
+    assert result.exit_code == 0, result.output
+    assert read_swing(out).gains.feedback is not None
+    assert "exists already" in call("thesis_8_rad_per_s", "--out", out).stderr
+    light = write_swing(thesis().model_copy(update={"car": {"tail.mass": 0.1}}), tmp_path / "light.yaml")
+    refusal = call(light, "--out", tmp_path / "other.yaml", *short)
+    assert (refusal.exit_code, "tail.mass: made for 0.1" in refusal.stderr) == (2, True)
 
 
 def test_no_feedback_around_a_fall_or_around_a_swing_that_never_starts() -> None:
