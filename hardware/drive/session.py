@@ -139,7 +139,8 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
 def _wait_for_devices(drive: _Drive) -> None:
     """Until sail, IMU, GPS and operator are heard; what is still silent then is named by the checks."""
     faults = [STATUS.index(f"{source}_fault") for source in ("sail", "imu", "speed", "operator")]
-    waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT, SourceFault.REPORTED)  # a Teensy that heard nothing yet
+    # A Teensy that heard nothing yet reports that its watchdog has acted; an IMU that is being set up counts as lost.
+    waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT, SourceFault.REPORTED, SourceFault.LOST)
     idle_until(
         drive.guard,
         lambda: not any(drive.guard.reading.status[index] in waiting for index in faults),

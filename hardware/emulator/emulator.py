@@ -6,6 +6,7 @@ up and the largest delay is reported.
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import select
@@ -86,7 +87,7 @@ class Emulator:
         self._make_devices(firmware)
         truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
         self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts)
-        self._sample_due = 0.0
+        self._sample_due, self._imu_due = 0.0, settings.scenario.imu.delay
         self._begin = time.monotonic()
 
     def _make_devices(self, firmware: FirmwareSettings) -> None:
@@ -118,6 +119,8 @@ class Emulator:
         step = self._settings.scenario.simulation.step
         self._begin = time.monotonic()
         self._board.begin("start", self._begin)
+        gc.collect()
+        gc.freeze()  # a collection that looks through all of Drake's objects would stop the car for 30 ms
         self._write_ready()
         tick = 0
         while not self._end:
@@ -181,14 +184,17 @@ class Emulator:
             joints, torques = car.joints(), car.output("tail_torque")
             for index, motor in enumerate(self._motors):
                 motor.set_joint(float(joints[index]), float(joints[2 + index]), float(torques[index]))
+        imu = self._settings.scenario.imu
+        if time_s >= self._imu_due:  # as soon as the station shows a sample, or its age would grow by most of a period
+            self._imu_due += 1.0 / imu.rate
+            self._imu.set_reading(car.output("imu"))
         if time_s >= self._sample_due:
-            self._sample_due += 1.0 / self._settings.scenario.imu.rate
+            self._sample_due += 1.0 / imu.rate
             self._sample(time_s)
 
     def _sample(self, time_s: float) -> None:
-        """What the sensors measure anew, at the rate of the IMU; the slower GPS keeps its own pace."""
+        """What GPS and sail measure anew, at the rate of the IMU; the slower GPS keeps its own pace."""
         car = self._car
-        self._imu.set_reading(car.output("imu"))
         self._write("gps", self._gps.turn(float(car.output("speed")[0]), time_s))
         if car.has_tail:
             self._teensy.set_sail(self._mounting.encoder_angle(float(car.output("tail_state")[2])))

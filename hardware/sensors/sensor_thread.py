@@ -27,6 +27,10 @@ class Session(Protocol[Found]):
         """The next sample and when it was taken (s, monotonic); None after a short wait without one."""
         ...
 
+    def align(self, due: float) -> None:
+        """A sample is wanted at `due` (s, monotonic) and every period after it; for devices that are asked."""
+        ...
+
     @property
     def fault_text(self) -> str:
         """What the device itself reports, empty while it is well."""
@@ -69,6 +73,10 @@ class SensorThread(Generic[T]):
         """Seconds since the newest sample was taken; infinite before the first."""
         newest = self._newest
         return math.inf if newest is None else max(0.0, now - newest[0])
+
+    def align(self, due: float) -> None:
+        """A sample is wanted at `due` (s, monotonic) and every period after it."""
+        self._session.align(due)
 
     def fault(self, now: float) -> tuple[SourceFault, str]:
         """Why the sensor cannot be trusted at present, and the same in words."""

@@ -201,6 +201,7 @@ class WiredCar:
         if devices.motor_port is not devices.teensy:
             devices.teensy.poll()
         self._watch(devices, group, now)
+        devices.imu.align(now + _CYCLE)
         self.reading = self._read(devices, group, now)
         return self.reading
 
