@@ -1,5 +1,6 @@
 """A study: which runs are to be made, as a YAML file of scenarios with grids and samples of their numbers."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -115,6 +116,12 @@ class Block(BaseModel):
                 yield dict(zip(names, combination, strict=True)) | sampled
 
     @property
+    def size(self) -> int:
+        """How many points there are."""
+        lengths = [axis.number if isinstance(axis, Range) else len(axis) for axis in self.grid.values()]
+        return math.prod(lengths) * (1 if self.sample is None else self.sample.number)
+
+    @property
     def factors(self) -> list[str]:
         """Keys that differ from run to run."""
         sampled = [] if self.sample is None else [*self.sample.factors, *(["seed"] if self.sample.new_seeds else [])]
@@ -193,13 +200,13 @@ def plan_runs(study: Study) -> list[PlannedRun]:
         ensemble = load_ensemble(study.ensemble)
         members = ensemble.members if study.members is None else ensemble.likeliest(study.members)
     factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
+    if (number := sum(block.size for block in study.blocks) * len(members)) > MOST_RUNS:
+        raise SweepError(f"{study.name}: {number} runs; allowed: at most {MOST_RUNS}")
     runs: list[PlannedRun] = []
     for number, block in enumerate(study.blocks):
         for point in block.points():
             for member in members:
                 runs.append(_run(study, block, block.name or str(number), point, member, factors, len(runs)))
-                if len(runs) > MOST_RUNS:
-                    raise SweepError(f"{study.name}: more than {MOST_RUNS} runs; allowed: fewer factors or values")
     return runs
 
 

@@ -1,0 +1,11 @@
+"""One pair of worker processes for all tests of the engine: starting them takes seconds."""
+
+import pytest
+
+from optimisation.sweep.engine import open_engine
+
+
+@pytest.fixture(scope="session")
+def engine():
+    with open_engine(2) as opened:
+        yield opened

@@ -1,0 +1,135 @@
+"""A stopped study goes on, its table is the same as without a stop; one client at a time; a full disk loses nothing."""
+
+import errno
+import json
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from optimisation.sweep import store
+from optimisation.sweep.engine import SerialEngine, SweepError
+from optimisation.sweep.run_study import run_study
+from optimisation.sweep.store import PARTS, TABLE, make_frame, open_store, read_table
+from optimisation.sweep.study import load_study
+from tests.optimisation.sweep.tiny import tiny_study, write_study
+
+
+class Stopping(SerialEngine):
+    """Is interrupted after so many runs, as by Ctrl-C."""
+
+    def __init__(self, after):
+        self.left = after
+        self.names = []
+
+    def rows(self, tasks, done=None):
+        def count(place, row):
+            done(place, row)
+            self.names.append(row["settings"])
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+        return super().rows(tasks, count)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed")
+    run_study(load_study(tiny_study(folder)), folder / "out", SerialEngine())
+    return folder / "out"
+
+
+def test_stopped_study_goes_on_without_losing_or_doubling_a_run(tmp_path, undisturbed):
+    study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
+    said = []
+    first, second = Stopping(3), Stopping(-1)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, out, first, say=said.append)
+    assert "stopped: 3 of 4 runs are kept" in said[-1]
+    assert not (out / TABLE).exists()
+    run_study(study, out, second, say=said.append)
+    assert (len(first.names), len(second.names)) == (3, 1)
+    assert not set(first.names) & set(second.names)
+    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+    assert (out / "table.csv").read_bytes() == (undisturbed / "table.csv").read_bytes()
+    assert not list((out / PARTS).iterdir())
+    third = Stopping(-1)
+    pd.testing.assert_frame_equal(run_study(study, out, third), read_table(out))
+    assert third.names == []
+
+
+def test_table_is_tidy_and_carries_the_study(undisturbed):
+    table = read_table(undisturbed)
+    assert len(table) == 4
+    assert table["manoeuvre.speed"].tolist() == pytest.approx([1.0, 4 / 3, 5 / 3, 2.0])
+    assert (table["outcome"] == "survived").all()
+    assert not [name for name in table.columns if "wall" in name or "created" in name]
+    metadata = json.loads(pq.read_schema(undisturbed / TABLE).metadata[store.METADATA_KEY])
+    assert metadata["study"]["name"] == "tiny"
+    assert json.loads((undisturbed / "timing.json").read_text())["runs_of_the_last_call"] == 4
+
+
+def test_member_that_makes_no_plant_is_a_row_with_its_reason(tmp_path):
+    study = load_study(write_study(tmp_path / "s.yaml", "grid:\n  car.mass: [6.0, 1.3]\n"))
+    said = []
+    table = run_study(study, tmp_path / "out", SerialEngine(), say=said.append)
+    assert table["outcome"].tolist()[0] == "survived"
+    assert pd.isna(table["outcome"].iloc[1])
+    assert table["error"].iloc[1]
+    assert "1 failed, the first: " in said[-1]
+
+
+def test_second_client_and_another_study_are_refused(tmp_path, undisturbed):
+    study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
+    busy = pytest.raises(SweepError, match="another client is writing this study")
+    with open_store(out, {"runs": "others"}), busy:
+        run_study(study, out, SerialEngine())
+    with pytest.raises(SweepError, match="holds results of another study"):
+        run_study(study, out, SerialEngine())
+    run_study(study, out, SerialEngine(), force=True)
+    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("")
+    with pytest.raises(SweepError, match=r"holds other files \(thesis\.tex\)"):
+        run_study(study, tmp_path / "mine", SerialEngine())
+
+
+def test_full_disk_is_one_clear_error_and_what_was_written_is_used_again(tmp_path, undisturbed, monkeypatch):
+    study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
+    monkeypatch.setattr(store, "FLUSH_AFTER", 0.0)
+    whole, parts = store._write, []
+
+    def full_after_two_parts(path, text):
+        if PARTS in path.parts:
+            if len(parts) == 2:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            parts.append(path)
+        whole(path, text)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "_write", full_after_two_parts)
+        with pytest.raises(SweepError, match=r"cannot be written \(No space left on device\)"):
+            run_study(study, out, SerialEngine())
+    assert len(list((out / PARTS).iterdir())) == 2
+    rest = Stopping(-1)
+    run_study(study, out, rest)
+    assert len(rest.names) == 2
+    assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
+
+
+def test_damaged_part_is_named(tmp_path):
+    with open_store(tmp_path / "out", {}) as opened:
+        opened.add(0, {"outcome": "survived"})
+        opened.flush()
+        (part,) = (tmp_path / "out" / PARTS).iterdir()
+        part.write_text("{")
+        with pytest.raises(SweepError, match=f"{part.name}: damaged"):
+            opened.rows()
+
+
+def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():
+    rows = [{"clean": None, "peak": None, "n": 1, "error": "x"}, {"clean": True, "peak": 0.5, "n": 2.0, "error": ""}]
+    there, back = make_frame(rows), make_frame(rows[::-1])
+    assert there.dtypes.to_dict() == back.dtypes.to_dict()
+    assert [str(kind) for kind in there.dtypes] == ["boolean", "float64", "float64", "str"]

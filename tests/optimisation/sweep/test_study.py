@@ -1,0 +1,96 @@
+"""Study files: grids, samples, ensembles; what is wrong in them is named."""
+
+import numpy as np
+import pytest
+
+from optimisation.sweep.study import Normal, Sample, Study, Uniform, load_study, plan_runs
+from tests.optimisation.sweep.tiny import tiny_study, write_study
+from workbench.ensemble import load_ensemble
+from workbench.errors import UserError
+from workbench.scenario import load_scenario
+
+
+def test_grid_is_every_combination_in_order(tmp_path):
+    text = "grid:\n  manoeuvre.speed: [2.0, 3.0]\n  car.tyre_friction: {first: 0.5, last: 0.6, number: 3}\n"
+    runs = plan_runs(load_study(write_study(tmp_path / "s.yaml", text)))
+    points = [(run.place["manoeuvre.speed"], run.place["car.tyre_friction"]) for run in runs]
+    assert points == [(v, mu) for v in (2.0, 3.0) for mu in (0.5, 0.55, 0.6)]
+    scenario = load_scenario(runs[1].task.scenario, list(runs[1].task.settings))
+    assert (scenario.manoeuvre.speed, scenario.car.tyre_friction, scenario.tail.mode) == (2.0, 0.55, "none")
+
+
+@pytest.mark.parametrize("method", ["sobol", "lhs"])
+def test_sample_is_even_within_its_limits_and_the_same_for_the_same_seed(method):
+    factors = {"car.mass": Uniform(low=5.0, high=6.0), "manoeuvre.speed": Normal(mean=4.0, deviation=0.1)}
+    sample = Sample(method=method, number=64, seed=3, factors=factors, new_seeds=True)
+    rows = sample.rows()
+    assert rows == sample.rows()
+    assert rows != Sample(method=method, number=64, seed=4, factors=factors, new_seeds=True).rows()
+    mass, speed = (np.array([row[name] for row in rows]) for name in factors)
+    assert 5.0 <= mass.min() <= 5.05
+    assert 5.95 <= mass.max() <= 6.0
+    assert np.mean(mass) == pytest.approx(5.5, abs=0.02)  # a random sample of 64 would err by 0.036
+    assert (np.mean(speed), np.std(speed)) == pytest.approx((4.0, 0.1), abs=0.02)
+    assert [row["seed"] for row in rows] == list(range(1, 65))
+
+
+def test_ensemble_multiplies_the_runs_and_overrides_come_after_the_member(tmp_path):
+    text = "ensemble: car\nmembers: 2\ngrid:\n  car.com_height: [0.2]\n"
+    runs = plan_runs(load_study(write_study(tmp_path / "s.yaml", text)))
+    members = load_ensemble("car").likeliest(2)
+    assert [run.place["member"] for run in runs] == [member.name for member in members]
+    assert sum(float(run.place["weight"]) for run in runs) == pytest.approx(1.0)
+    assert {load_scenario("straight", list(run.task.settings)).car.com_height for run in runs} == {0.2}
+
+
+def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):
+    text = "grid:\n  sail_encoder.noise: [1.0e-5]\n  car.tyre_stiffness_front: [1.0e6]\n"
+    (run,) = plan_runs(load_study(write_study(tmp_path / "s.yaml", text)))
+    scenario = load_scenario("straight", list(run.task.settings))
+    assert (scenario.sail_encoder.noise, scenario.car.tyre_stiffness_front) == (1e-5, 1e6)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("grid:\n  car.tyre_frction: [0.5]\n", "'car.tyre_frction': no such number; did you mean 'car.tyre_friction'"),
+        ("grid:\n  cars.mass: [5.0]\n", "'cars' is no section; did you mean 'car'"),
+        ("grid:\n  speed: [5.0]\n", "'speed': allowed is section.key"),
+        ("grid:\n  car.mass: []\n", "blocks.0.grid.car.mass"),
+        ("grid:\n  car.mass: {first: 5.0, last: 6.0, number: 0}\n", "number: 0"),
+        ("grid:\n  car.mass: [.nan]\n", "nan"),
+        ("sample: {number: 4, factors: {}}\n", "factors"),
+        ("sample: {number: 4, factors: {car.mass: {low: 6.0, high: 5.0}}}\n", "allowed: above low"),
+        ("grid: {car.mass: [5.0]}\nsample: {number: 2, factors: {car.mass: {low: 5.0, high: 6.0}}}\n", "one of them"),
+        ("samples: {number: 4}\n", "samples: unknown key"),
+        (
+            "grid: {car.mass: {first: 5, last: 6, number: 9999}, car.track: {first: 0.2, last: 0.3, number: 99}}",
+            "989901 runs; allowed: at most 100000",
+        ),
+        ("ensemble: nothing\n", "nothing"),
+    ],
+)
+def test_mistakes_in_a_study_are_named_with_what_is_allowed(tmp_path, text, said):
+    path = write_study(tmp_path / "wrong.yaml", text)
+    with pytest.raises(UserError) as raised:
+        plan_runs(load_study(path))
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_missing_file_other_schema_and_missing_scenario_are_refused(tmp_path):
+    with pytest.raises(UserError, match="no such file"):
+        load_study(tmp_path / "absent.yaml")
+    old = tiny_study(tmp_path)
+    old.write_text(old.read_text().replace("study/1", "study/0"))
+    with pytest.raises(UserError, match="'aerodima/study/0' is not read by this version"):
+        load_study(old)
+    other = tiny_study(tmp_path)
+    other.write_text(other.read_text().replace("scenario: straight", "scenario: sideways"))
+    with pytest.raises(UserError, match=r"scenarios/sideways\.yaml"):
+        load_study(other)
+
+
+def test_study_survives_a_round_trip_through_json(tmp_path):
+    study = load_study(tiny_study(tmp_path))
+    assert Study.model_validate_json(study.model_dump_json(by_alias=True)) == study

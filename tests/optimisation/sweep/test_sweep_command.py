@@ -1,0 +1,125 @@
+"""`aerodima sweep run`, end to end in processes: a worker killed, Ctrl-C, a scheduler that was started by hand."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+from typer.testing import CliRunner
+
+from optimisation.sweep.engine import SerialEngine
+from optimisation.sweep.run_study import run_study
+from optimisation.sweep.store import PARTS, TABLE
+from optimisation.sweep.study import load_study
+from tests.optimisation.sweep.tiny import tiny_study, write_study
+from workbench.cli import build_app
+
+PATIENCE = 120.0
+"""s; a busy machine starts workers slowly."""
+AERODIMA = [sys.executable, "-m", "workbench.cli"]
+
+
+def wait_for(condition, process=None):
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        assert process is None or process.poll() is None, process.communicate()
+        time.sleep(0.05)
+
+
+@contextmanager
+def started(*command):
+    """A process that is gone at the end; it has a process group of its own, so that a Ctrl-C reaches it alone."""
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.communicate(timeout=PATIENCE)
+
+
+def parts(out: Path) -> int:
+    return len(list((out / PARTS).glob("*.json")))
+
+
+def workers_of(process) -> list[psutil.Process]:
+    children = psutil.Process(process.pid).children(recursive=True)
+    return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+
+
+@pytest.mark.slow
+def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
+    study = write_study(tmp_path / "study.yaml", "grid:\n  manoeuvre.speed: {first: 1.0, last: 2.0, number: 24}\n")
+    study.write_text(study.read_text().replace("duration=0.2", "duration=1.0"))
+    out = tmp_path / "out"
+    command = [*AERODIMA, "sweep", "run", str(study), "--out", str(out)]
+    with started(*command) as client:
+        wait_for(lambda: parts(out) >= 2, client)
+        workers_of(client)[0].send_signal(signal.SIGKILL)
+        there = parts(out)
+        wait_for(lambda: parts(out) >= there + 2, client)
+        os.killpg(client.pid, signal.SIGINT)  # as the terminal does: the workers get it too
+        _, told = client.communicate(timeout=PATIENCE)
+    assert client.returncode == 130, told
+    assert "runs are kept; the same command goes on with the rest" in told
+    assert "Traceback" not in told
+    assert 4 <= parts(out) < 24
+    assert not (out / TABLE).exists()
+    second = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
+    assert " there already" in second.stderr
+    run_study(load_study(study), tmp_path / "undisturbed", SerialEngine())
+    assert (out / TABLE).read_bytes() == (tmp_path / "undisturbed" / TABLE).read_bytes()
+
+
+@pytest.mark.slow
+def test_scheduler_and_worker_started_by_hand_give_the_same_table(tmp_path):
+    study, found = tiny_study(tmp_path), tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker"]
+    here = ["--host", "127.0.0.1", "--scheduler-file", str(found), "--no-dashboard"]
+    with ExitStack() as stack:
+        stack.enter_context(started(*dask, *here, "--port", "0"))
+        wait_for(found.exists)
+        stack.enter_context(started(*worker, *here, "--nthreads", "1", "--local-directory", str(tmp_path)))
+        address = json.loads(found.read_text())["address"]
+        wait_for(lambda: _has_worker(address))
+        command = [*AERODIMA, "sweep", "run", str(study), "--out", str(tmp_path / "out"), "--scheduler", address]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+        assert done.returncode == 0, done.stderr
+    run_study(load_study(study), tmp_path / "here", SerialEngine())
+    assert (tmp_path / "out" / TABLE).read_bytes() == (tmp_path / "here" / TABLE).read_bytes()
+
+
+def _has_worker(address: str) -> bool:
+    from distributed import Client
+
+    with Client(address, timeout=PATIENCE) as client:
+        return bool(client.nthreads())
+
+
+def refused(*words: str) -> str:
+    result = CliRunner().invoke(build_app(), list(words), catch_exceptions=False)
+    assert result.exit_code == 2
+    (line,) = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    return line
+
+
+def test_mistakes_end_in_one_line_before_any_worker_is_started(tmp_path):
+    wrong = write_study(tmp_path / "wrong.yaml", "grid:\n  car.tyre_frction: [0.5]\n")
+    out = str(tmp_path / "out")
+    assert "did you mean 'car.tyre_friction'" in refused("sweep", "run", str(wrong), "--out", out)
+    assert "--workers 0" in refused("sweep", "run", str(tiny_study(tmp_path)), "--out", out, "--workers", "0")
+    assert "car.hight" in refused("sweep", "turn", "--out", out, "--set", "car.hight=0.2")
+    assert "nowhere" in refused("sweep", "tail", "--out", out, "--ensemble", "nowhere")
+    assert "allowed: below high" in refused("threshold", "friction", "turn_none", "--from", "0.9", "--to", "0.5")
+    assert "goals.csv: no such file" in refused("sweep", "shapes", str(tmp_path / "goals.csv"), "--out", out)
+    assert not (tmp_path / "out").exists()
