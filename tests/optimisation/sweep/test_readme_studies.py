@@ -1,0 +1,48 @@
+"""The studies that the README shows are read, planned and run as it says."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from optimisation.sweep.store import read_table
+from optimisation.sweep.study import load_study, plan_runs
+from workbench.cli import build_app
+
+README = (Path(__file__).resolve().parents[3] / "README.md").read_text(encoding="utf-8")
+SECTION = README[README.index("## Studies of many runs") : README.index("## Folders")]
+
+
+def write_study(folder: Path) -> Path:
+    (text,) = re.findall(r"```yaml\n(.*?)```", SECTION, re.DOTALL)
+    path = folder / "study.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_study_of_the_readme_is_planned_also_with_the_lines_that_are_commented_out(tmp_path):
+    path = write_study(tmp_path)
+    assert len(plan_runs(load_study(path))) == 9
+    path.write_text(re.sub(r"^# (sample|ensemble)", r"\1", path.read_text(), flags=re.MULTILINE))
+    members = {run.place["member"] for run in plan_runs(load_study(path))}
+    assert len(plan_runs(load_study(path))) == 9 * 64 * len(members)
+
+
+@pytest.mark.slow
+def test_commands_of_the_readme_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_study(tmp_path)
+    (block,) = re.findall(r"```sh\n(.*?)```", SECTION, re.DOTALL)
+    outputs = []
+    for line in block.splitlines():
+        program, *words = shlex.split(line)
+        assert program == "aerodima"
+        result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+        assert result.exit_code == 0, f"{line}: {result.output}"
+        outputs.append(result.stdout)
+    table = read_table(tmp_path / "sweeps" / "grip")
+    assert table["outcome"].isin(["survived", "flipped"]).all()
+    assert set(table["outcome"]) == {"survived", "flipped"}
+    assert re.search(r"car\.tyre_friction: survives up to 0\.\d+, flips at 0\.\d+ \(tolerance 0\.01", outputs[1])
