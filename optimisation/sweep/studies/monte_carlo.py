@@ -55,7 +55,8 @@ def read_monte_carlo(frame: pd.DataFrame) -> Findings:
     picture = Picture(
         "rollover",
         _figure(frame, rows),
-        "Left: probability with its 95 % interval. Right: the samples over friction and speed; crosses flipped.",
+        "Left: probability with its 95 % interval. Beside: the samples of each tail mode over speed and friction; open "
+        "marks survived, crosses flipped.",
         "Rollover probability of each tail mode, and the samples",
     )
     said = tuple(
@@ -73,34 +74,24 @@ def read_monte_carlo(frame: pd.DataFrame) -> Findings:
 
 def _figure(frame: pd.DataFrame, rows: Sequence[dict[str, Any]]) -> Figure:
     with styled():
-        figure, axes = new_figure(9.6, 3.8, 1, 2)
-        left, right = axes[0]
-        for place, row in enumerate(rows):
+        figure, axes = new_figure(11.0, 3.6, 1, 1 + len(rows))
+        left, samples = axes[0, 0], axes[0, 1:]
+        for place, (row, ax) in enumerate(zip(rows, samples, strict=True)):
             style = MODE_STYLES[row["tail_mode"]]
             value = row["rollover_probability"]
             errors = np.array([[max(0.0, value - row["low_95_percent"])], [max(0.0, row["high_95_percent"] - value)]])
             left.errorbar(place, value, errors, fmt=style.marker, color=style.colour, capsize=6, markersize=8)
             part = ran(frame[frame["block"] == row["tail_mode"]])
-            flipped = part["outcome"] == "flipped"
-            right.plot(
-                part[SPEED][~flipped],
-                part[FRICTION][~flipped],
-                style.marker,
-                color=style.colour,
-                markersize=4,
-                markerfacecolor="none",
-                label=f"{style.words}, survived",
-            )
-            right.plot(
-                part[SPEED][flipped],
-                part[FRICTION][flipped],
-                FLIPPED_MARKER,
-                color=style.colour,
-                markersize=6,
-                label=f"{style.words}, flipped",
-            )
-        left.set_xticks(range(len(rows)), [MODE_STYLES[row["tail_mode"]].words for row in rows])
+            for outcome, marker, face in (
+                ("survived", style.marker, "none"),
+                ("flipped", FLIPPED_MARKER, style.colour),
+            ):
+                shown = part[part["outcome"] == outcome]
+                ax.plot(shown[SPEED], shown[FRICTION], marker, color=style.colour, markersize=5, markerfacecolor=face)
+            ax.set(xlabel="speed, m/s", title=style.words)
+            ax.sharex(samples[0])
+            ax.sharey(samples[0])
+        samples[0].set_ylabel("tyre friction")
+        left.set_xticks(range(len(rows)), [MODE_STYLES[row["tail_mode"]].words.replace(" ", "\n") for row in rows])
         left.set(ylabel="rollover probability", ylim=(-0.05, 1.05), xlim=(-0.5, len(rows) - 0.5), title="Rollover")
-        right.set(xlabel="speed, m/s", ylabel="tyre friction", title="Samples")
-        figure.legend(loc="outside right upper", fontsize=7)
     return figure

@@ -52,8 +52,8 @@ def read_trigger(frame: pd.DataFrame) -> Findings:
     log = run_trial(load_scenario("turn_none", [f"manoeuvre.speed={speed!r}"])).run_log
     sentences = _lead(log)
     caption = (
-        f"Tailless turn at {speed:.2f} m/s: yaw rate, and the load on the inner wheels less that on the outer ones as "
-        "a share of both. Dotted: yaw rate of the published trigger, and inner wheels without load."
+        f"Tailless turn at {speed:.2f} m/s: yaw rate and lateral acceleration, and the share of the load that "
+        "the inner wheels carry. Dotted: the yaw rate of the published trigger, and inner wheels without load."
     )
     picture = Picture("signals", _signals_figure(log), caption, "Yaw rate and wheel load over time in a turn")
     return read_friction(frame, SETUPS, sentences, (picture,))
@@ -76,10 +76,7 @@ def _lead(log: Any) -> tuple[str, ...]:
     }
     first = {name: time[turning & over] for name, over in crossed.items()}
     told = [f"{name} at {times[0] - 2.0:.3f} s" if times.size else f"{name}: never" for name, times in first.items()]
-    return (
-        "After the steering command of the tailless turn: " + "; ".join(told) + ". A load sensor on the wheels would "
-        "report late by as much as the others are early, which is why a yaw rate is the better trigger.",
-    )
+    return ("After the steering command of the tailless turn: " + "; ".join(told) + ".",)
 
 
 def _signals_figure(log: Any) -> Figure:
