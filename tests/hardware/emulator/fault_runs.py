@@ -1,0 +1,314 @@
+"""A car that drives on the emulator until something goes wrong, and what was seen on its bus.
+
+`python -m tests.hardware.emulator.fault_runs` measures the fault table of hardware/README.md.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import can
+import numpy as np
+import yaml
+
+from hardware.drive.guard import CarGuard, Stage
+from hardware.drive.loop import PERIOD, wait_until
+from hardware.emulator.emulator import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
+from hardware.emulator.events import read_events
+from hardware.protocol.ak70 import make_exit
+from hardware.protocol.radio import RadioMode
+from hardware.watchdog.process import WatchdogProcess
+from hardware.wiring.base import CarCommand
+from hardware.wiring.car_ports import CarPorts, read_ports
+from hardware.wiring.direct_can import direct_can
+from hardware.wiring.drive_safety import load_drive_safety
+from hardware.wiring.teensy_bridge import teensy_bridge
+from workbench.errors import HardwareError
+from workbench.scenario import Scenario, load_scenario
+
+SCENARIO = "turn_swing"
+_READY_TIME = 60.0
+_PITCH = np.array([0.0, 0.0, 17.0, 5.0, 0.0])
+_ROLL = np.array([-math.pi / 2, 0.0, 17.0, 5.0, 0.0])
+RUN_OVER = "the run is over"
+AT = 1.5
+"""When the fault comes: s after the motors were entered. The car drives by then."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault of the table, and what must follow.
+
+    Attributes:
+        fault: entry of the script without its time; None: `break_command` or the operator.
+        stops: whether the car must stop. within: s from the fault to the motors off, as long as the cause allows.
+        reason: part of the reason that the drive gives.
+    """
+
+    name: str
+    wiring: str
+    fault: dict | None = None
+    stops: bool = True
+    within: float = 0.3
+    reason: str = ""
+    operator: tuple[dict, ...] = ({"time": 0.0},)
+    broken_command: CarCommand | None = None
+
+
+@dataclass
+class Outcome:
+    """What a run came to. Times in s since the fault; NaN: never.
+
+    Attributes:
+        motors_off: when the second motor was off. throttle_neutral: when the pulse was.
+        exits: exit frames on the bus after the fault. entered_again: enter frames after the fault.
+    """
+
+    reason: str
+    motors_off: float
+    throttle_neutral: float
+    exits: int
+    entered_again: int
+    events: list[dict] = field(repr=False)
+
+
+class EmulatorProcess:
+    """`aerodima emulate` as a context manager."""
+
+    def __init__(self, folder: Path, wiring: str, script: dict | None = None) -> None:
+        self.folder = folder / "emulated"
+        path = folder / "script.yaml"
+        path.write_text(yaml.safe_dump({"schema": "aerodima/emulation/1", **(script or {})}))
+        command = ["emulate", SCENARIO, "--out", str(self.folder), "--wiring", wiring, "--faults", str(path)]
+        self.process = subprocess.Popen([sys.executable, "-m", "workbench.cli", *command], stdout=subprocess.DEVNULL)
+
+    def __enter__(self) -> EmulatorProcess:
+        end = time.monotonic() + _READY_TIME
+        while not (self.folder / READY_FILE).exists():
+            assert self.process.poll() is None, "the emulator ended"
+            assert time.monotonic() < end, "the emulator is not ready"
+            time.sleep(0.05)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.terminate()
+        try:
+            self.process.wait(30.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+
+    @property
+    def ports(self) -> CarPorts:
+        return read_ports(self.folder / PORTS_FILE)
+
+    @property
+    def events(self) -> list[dict]:
+        return read_events(self.folder / EVENTS_FILE)
+
+    def traffic(self) -> list[can.Message]:
+        """Frames of the finished log, those of the motors too."""
+        return list(can.BLFReader(self.folder / TRAFFIC_FILE))
+
+
+def open_car(scenario: Scenario, ports: CarPorts, wiring: str):
+    """The wiring of a scenario, allowed to arm."""
+    if wiring == "teensy_bridge":
+        return teensy_bridge(scenario, ports, lambda: None)
+    return direct_can(scenario, ports, lambda: None, lambda can: WatchdogProcess(can, ports.motor_ids))
+
+
+def drive_until_stopped(guard: CarGuard, run_time: float, command_at: Callable[[float], CarCommand]) -> None:
+    """Arms, drives with the commands for `run_time` s after entering, and lets the car stop."""
+
+    def turn(condition: Callable[[], bool], limit: float, command: Callable[[float], CarCommand]) -> bool:
+        begin = due = time.monotonic()
+        while not condition():
+            now = time.monotonic()
+            if now - begin > limit:
+                return False
+            guard.exchange(command(now), now, due if guard.stage is Stage.DRIVING else None)
+            due = max(due + PERIOD, now - 0.05)
+            wait_until(due)
+        return True
+
+    def idle(_: float) -> CarCommand:
+        return CarCommand()
+
+    assert turn(lambda: _heard(guard), 10.0, idle), guard.reading.fault_text
+    entered = time.monotonic()
+    guard.arm(entered)
+    assert turn(lambda: guard.ready or guard.finished, 5.0, idle), guard.reading.fault_text
+    guard.drive(RadioMode.AUTO, time.monotonic())
+    turn(lambda: guard.finished, run_time, lambda now: command_at(now - entered))
+    guard.stop(RUN_OVER, time.monotonic())
+    turn(lambda: guard.finished, 3.0, idle)
+
+
+def _heard(guard: CarGuard) -> bool:
+    """Every source but the motors has been heard, and none has a fault."""
+    status = guard.reading.status
+    return bool(np.all(status[5:12:2] == 0.0)) and guard.reading.operator.mode is RadioMode.AUTO
+
+
+def run_case(case: Case, folder: Path, run_time: float = 4.0) -> Outcome:
+    """Drives on the emulator with the fault of a case."""
+    faults = [] if case.fault is None else [{"time": AT, **case.fault}]
+    scenario = load_scenario(SCENARIO)
+    with EmulatorProcess(folder, case.wiring, {"faults": faults, "operator": list(case.operator)}) as emulator:
+        car = open_car(scenario, emulator.ports, case.wiring)
+        guard = CarGuard(car, load_drive_safety())
+        good = CarCommand(0.1, 0.3, _PITCH, _ROLL)
+        moment = AT if case.broken_command is not None else math.inf
+        broken_at: list[float] = []
+
+        def command_at(since: float) -> CarCommand:
+            if since < moment or case.broken_command is None:
+                return good
+            broken_at.append(time.monotonic())
+            return case.broken_command
+
+        try:
+            car.start()
+            gc.collect()
+            gc.freeze()  # as the drive does: no pause of the collector within the run
+            drive_until_stopped(guard, run_time, command_at)
+        finally:
+            car.stop("over")
+            gc.unfreeze()
+        time.sleep(1.3)  # the watchdog process goes on after the end
+        reason = guard.reason
+    events = emulator.events
+    began = broken_at[0] if broken_at else _fault_time(events, case)
+    return _outcome(reason, began, events, emulator.traffic())
+
+
+def _fault_time(events: list[dict], case: Case) -> float:
+    if case.fault is None:
+        entered = next(event["time_s"] for event in events if event["event"] == "entered")
+        return entered + next(entry["time"] for entry in case.operator if entry.get("stop"))
+    return next(event["time_s"] for event in events if event["event"] == "fault_on")
+
+
+def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Message]) -> Outcome:
+    def when(name: str, joint: str | None = None) -> float:
+        found = [e["time_s"] for e in events if e["event"] == name and e.get("joint") == joint and e["time_s"] >= began]
+        return found[0] - began if found else math.nan
+
+    clock = time.time() - time.monotonic()
+    after = [message for message in traffic if not message.is_rx and message.timestamp - clock >= began]
+    exits = sum(bytes(message.data) == make_exit(1).data for message in after)
+    enters = sum(bytes(message.data) == b"\xff" * 7 + b"\xfc" for message in after)
+    off = [when("off", joint) for joint in ("tail_pitch", "tail_roll")]
+    return Outcome(reason, float(np.max(off)), when("throttle_neutral"), exits, enters, events)
+
+
+def _motor(name: str, wiring: str = "direct_can", **keys) -> Case:
+    return Case(name.replace("_", " "), wiring, {"fault": name, "part": "tail_roll"}, **keys)
+
+
+def _device(device: str, name: str, wiring: str, duration: float | None = None, **keys) -> Case:
+    fault = {"fault": name, "part": device} | ({} if duration is None else {"duration": duration})
+    return Case(f"{device} {name}", wiring, fault, **keys)
+
+
+def _reply_lost(name: str, wiring: str, stops: bool, **extra) -> Case:
+    return Case(
+        f"reply lost {name}",
+        wiring,
+        {"fault": "reply_lost", "part": "tail_roll", **extra},
+        stops,
+        reason="no reply" * stops,
+    )
+
+
+_SOFT = load_drive_safety().tail_hold
+CASES = (
+    _reply_lost("once", "direct_can", False, count=1),
+    _reply_lost("for 100 ms", "direct_can", True, duration=0.1),
+    _reply_lost("for ever", "direct_can", True),
+    _reply_lost("once", "teensy_bridge", False, count=1),
+    _reply_lost("for ever", "teensy_bridge", True),
+    _motor("reply_corrupted", reason="no reply"),
+    _motor("reply_short", reason="no reply"),
+    _motor("reply_long", reason="no reply"),
+    _motor("foreign_id", reason="no reply"),
+    _motor("double_id"),
+    _motor("v3_frame", reason="V3 firmware"),
+    _motor("over_temperature", reason="95"),
+    _motor("motor_fault", reason="over-current"),
+    _motor("encoder_jump", reason="jumped"),
+    _motor("out_of_range", reason="allowed is", within=1.3),
+    _motor("motor_fault", "teensy_bridge", reason="over-current"),
+    _motor("encoder_jump", "teensy_bridge", reason="jumped"),
+    Case("bus off", "direct_can", {"fault": "bus_off"}, reason="no reply", within=0.5),
+    Case("bus off for 0.4 s", "teensy_bridge", {"fault": "bus_off", "duration": 0.4}, reason="no reply", within=0.7),
+    _device("can", "unplugged", "direct_can", 0.5, within=0.9),
+    _device("can", "silent", "direct_can", reason="no reply"),
+    _device("can", "serial_noise", "direct_can"),
+    _device("teensy", "unplugged", "teensy_bridge"),
+    _device("teensy", "unplugged", "direct_can"),
+    _device("teensy", "silent", "teensy_bridge"),
+    _device("teensy", "silent", "direct_can"),
+    _device("teensy", "serial_noise", "teensy_bridge"),
+    Case("Teensy hung", "teensy_bridge", {"fault": "teensy_hung"}, within=0.9),
+    Case("Teensy hung", "direct_can", {"fault": "teensy_hung"}),
+    _device("imu", "silent", "direct_can", reason="IMU", within=0.3 + _SOFT),
+    _device("gps", "silent", "direct_can", reason="GPS", within=1.3 + _SOFT),
+    _device("radio", "silent", "direct_can", reason="radio", within=0.5 + _SOFT),
+    _device("radio", "silent", "teensy_bridge", reason="radio", within=0.5 + _SOFT),
+    Case("operator stop", "direct_can", None, operator=({"time": 0.0}, {"time": AT, "stop": True}), reason="emergency"),
+    Case(
+        "operator stop", "teensy_bridge", None, operator=({"time": 0.0}, {"time": AT, "stop": True}), reason="emergency"
+    ),
+    Case("commanded NaN", "direct_can", None, broken_command=CarCommand(math.nan, 0.3, _PITCH, _ROLL), reason="NaN"),
+    Case(
+        "commanded NaN",
+        "teensy_bridge",
+        None,
+        broken_command=CarCommand(0.1, 0.3, _PITCH, math.nan * _ROLL),
+        reason="NaN",
+    ),
+)
+
+
+def _measured(case: Case) -> Outcome:
+    """An outcome; a run that a busy computer ended before the fault came is made again."""
+    found = Outcome("not measured: the computer is too busy", math.nan, math.nan, 0, 0, [])
+    for _ in range(3):
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                found = run_case(case, Path(folder), run_time=AT + 2.5)
+        except (HardwareError, AssertionError) as error:
+            print(f"again: {error}", file=sys.stderr)
+            continue
+        if (not case.stops and found.reason == RUN_OVER) or (case.stops and math.isfinite(found.motors_off)):
+            break
+    return found
+
+
+def main() -> None:
+    """Measures every case once and prints the rows of the table."""
+    print("| fault | wiring | motors off | throttle neutral | FD frames | the drive says |")
+    print("|---|---|---|---|---|---|", flush=True)
+    wanted = sys.argv[1:]
+    for case in CASES:
+        if wanted and not any(f"{case.name}-{case.wiring}".startswith(word) for word in wanted):
+            continue
+        found = _measured(case)
+        times = [
+            f"{value * 1000:.0f} ms" if math.isfinite(value) else "-"
+            for value in (found.motors_off, found.throttle_neutral)
+        ]
+        print(f"| {case.name} | {case.wiring} | {times[0]} | {times[1]} | {found.exits} | {found.reason} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
