@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hardware.motor_group import FramePort
+from hardware.motor_group import FramePort, check_distinct_ids
 from hardware.motor_settings import MotorSettings, load_motor_safety, motor_settings
 from hardware.radio_link import RadioLink
 from hardware.sensors.readers import gps_thread, imu_thread
@@ -45,10 +45,12 @@ def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tupl
             safety=safety,
         )
 
-    return (
+    motors = (
         settings("tail pitch", ports.tail_pitch, scenario.tail.pitch_limit, mounting.tail_pitch_direction),
         settings("tail roll", ports.tail_roll, scenario.tail.roll_limit, mounting.tail_roll_direction),
     )
+    check_distinct_ids(motors)
+    return motors
 
 
 @contextmanager

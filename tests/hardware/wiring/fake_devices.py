@@ -1,0 +1,118 @@
+"""Devices in memory for `WiredCar`: a bus with two motors in simulated time, a Teensy, sensors and a radio."""
+
+import math
+
+from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.sensors.bno055 import Bno055Sample
+from hardware.sensors.ublox import GpsSample
+from hardware.teensy_link import TeensyFault
+from hardware.wiring.base import SourceFault
+from hardware.wiring.car_ports import ports_from_dict
+from hardware.wiring.drive_safety import load_drive_safety
+from hardware.wiring.mounting import load_mounting
+from hardware.wiring.open_ports import tail_motors
+from hardware.wiring.wired_car import Devices, WiredCar
+from tests.hardware.fake_motors import FakeMotor, FakePort
+from workbench.errors import HardwareError
+from workbench.scenario import load_scenario
+
+PORTS = {"schema": "aerodima/ports/1", "teensy": {"path": "/dev/a"}, "imu": {"path": "/dev/b"}}
+
+
+class FakeTeensyLink:
+    def __init__(self):
+        self.fault, self.fault_text = TeensyFault.NONE, ""
+        self.sail, self.sent_time = -0.2, math.nan
+        self.pulses, self.noted = [], None
+
+    def age(self, now):
+        return 0.005
+
+    def poll(self):
+        return []
+
+    def set_pulses(self, servo, throttle):
+        self.noted = (servo, throttle)
+
+    def commit(self):
+        self.pulses.append(self.noted)
+
+
+class FakeSensor:
+    def __init__(self, sample):
+        self.newest = (0.0, sample)
+        self.code, self.text = SourceFault.NONE, ""
+        self.aligned = None
+
+    def align(self, due):
+        self.aligned = due
+
+    def age(self, now):
+        return now - self.newest[0]
+
+    def fault(self, now):
+        return self.code, self.text
+
+
+class FakeRadio:
+    def __init__(self):
+        self.command, self.stopped, self.silence = OperatorCommand(RadioMode.AUTO), False, 0.05
+        self.rejected, self.last_error = 0, ""
+
+    def poll(self):
+        pass
+
+    def age(self, now):
+        return self.silence
+
+    def clear_stop(self):
+        self.stopped = False
+
+
+class FakeWatchdog:
+    def __init__(self):
+        self.calls, self.healthy, self.reason = [], True, ""
+
+    def arm(self):
+        self.calls.append("arm")
+
+    def beat(self):
+        self.calls.append("beat")
+
+    def disarm(self):
+        self.calls.append("disarm")
+
+    def close(self):
+        self.calls.append("close")
+
+
+class CarOnTheBench:
+    def __init__(self, *settings, authorised=True):
+        self.scenario = load_scenario("auto_turn", list(settings))
+        self.port = FakePort([FakeMotor(1, 0.05), FakeMotor(2, -1.5)])
+        self.teensy, self.radio, self.watchdog = FakeTeensyLink(), FakeRadio(), FakeWatchdog()
+        level = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.9), (1.0, 2.0, 3.0))
+        self.imu, self.gps = FakeSensor(level), FakeSensor(GpsSample(3.3, 0.05, True, 9, 10.0))
+        self.closed = []
+        devices = Devices(
+            self.port, self.teensy, self.imu, self.gps, self.radio, None, self.watchdog, [lambda: self.closed.append(1)]
+        )
+
+        def authorise():
+            if not authorised:
+                raise HardwareError("no watchdog test of direct_can is recorded")
+
+        mounting = load_mounting()
+        motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
+        self.car = WiredCar("direct_can", motors, mounting, load_drive_safety(), lambda: devices, authorise)
+        self.now = 10.0
+
+    def cycle(self, command, count=1):
+        for _ in range(count):
+            self.now += 0.01
+            self.port.now = self.now
+            for motor in self.port.motors:
+                motor.advance(0.01)
+            reading = self.car.read(self.now)
+            self.car.write(command, self.now)
+        return reading
