@@ -209,6 +209,7 @@ def _wait_for_operator(drive: _Drive) -> RadioMode:
 def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) -> Path:
     """The run with its log, then the end of it; the log is closed whatever happened."""
     guard, stopped = drive.guard, math.nan
+    begin, busy = time.monotonic(), time.process_time()
     try:
         stopped = run()
         guard.stop(RUN_OVER, time.monotonic())
@@ -218,7 +219,8 @@ def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) ->
         drive.car.stop(guard.reason)  # before anything else: writing a log may take its time
         raise
     finally:
-        journal.add_facts(log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns))
+        share = (time.process_time() - busy) / (time.monotonic() - begin)
+        journal.add_facts({**log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns), "cpu_share": share})
         path = journal.close()
     return path
 
