@@ -10,6 +10,7 @@ from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, made_up_run, times
 from workbench.errors import LogError
 from workbench.logs.schema import RunLog
 from workbench.metrics import tail_impulses
+from workbench.tail_impulses import tail_yaw_impulses
 
 LENGTH, HEIGHT = 0.6, 0.24
 """Of the arm and of its axis above the ground, m."""
@@ -200,3 +201,25 @@ def test_no_tail_no_impulses_and_no_truth_is_an_error() -> None:
         tail_impulses(made_up_run(truth=False))
     with pytest.raises(LogError, match="tail_mass_kg"):
         tail_impulses(dataclasses.replace(made_up_run(), extra={}))
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@pytest.mark.parametrize("yaw", [0.0, 2.1])
+def test_a_tail_behind_the_centre_of_mass_that_speeds_up_outwards_turns_the_car_out_of_the_turn(
+    direction: str, side: float, yaw: float
+) -> None:
+    """Lever times change of momentum; the window ends while the tail still moves outwards, before it is upright."""
+    lever = 0.15
+    run = point_mass_run(*speeding_up(side), yaw=yaw, direction=direction)
+    ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    com = run.vector("position", "truth_m") + lever * ahead
+    run = dataclasses.replace(
+        run, table=run.table.assign(**{f"com_{a}_truth_m": com[:, n] for n, a in enumerate("xyz")})
+    )
+    shorter = {**run.scenario, "manoeuvre": {**run.scenario["manoeuvre"], "turn_hold": 0.1}}  # until 2.24 s
+    found = tail_yaw_impulses(dataclasses.replace(run, scenario=shorter))
+    roll, rate = speeding_up(1.0)
+    outwards = LENGTH * rate[at(2.24)] * math.cos(roll[at(2.24)])
+    assert outwards > 1.0
+    assert found.inertial == pytest.approx(-lever * TAIL_MASS * outwards, rel=1e-3)
+    assert (found.weight, found.aerodynamic) == (0.0, 0.0)
