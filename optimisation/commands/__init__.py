@@ -15,6 +15,7 @@ COMMAND_MODULES: tuple[str, ...] = (
     "sweep",
     "threshold",
     "leaderboard",
+    "calibrate",
 )
 """Modules of this package in the order of the help page; each has `register(app)`."""
 

@@ -57,21 +57,30 @@ def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -
         ModelError: gearbox and wheels alone are heavier than the car, or the chassis' own centre of mass would be
             outside the car.
     """
-    parts = [(car.gearbox_mass, tail.mount_x, gearbox_height(car, tail))]
-    for axle, x in (("front", car.wheelbase), ("rear", 0.0)):
-        parts.append((2 * unsprung_mass(car, axle), x, axle_statics(car, gravity, axle).wheel_height))
-    parts.append((SHAFT_MASS, 0.0, axle_statics(car, gravity, "rear").wheel_height))
-    mass = car.mass - sum(part[0] for part in parts)
+    mass, x, z = chassis_centre(car, tail, gravity)
     if mass <= 0:
         raise ModelError(f"car.mass: {car.mass:g} kg; allowed: more than its parts, {car.mass - mass:g} kg")
-    x = (car.mass * car.com_x - sum(m * px for m, px, _ in parts)) / mass
-    z = (car.mass * car.com_height - sum(m * pz for m, _, pz in parts)) / mass
     if not 0 < z < 2 * car.com_height:
         raise ModelError(
             f"car.com_height: {car.com_height:g} m puts the chassis alone at {z:g} m; lower gearbox or raise it"
         )
     roll, pitch, yaw = car.gyration_roll, car.gyration_pitch, car.gyration_yaw
     return Inertial(mass, (x, 0.0, z), (mass * roll**2, mass * pitch**2, mass * yaw**2))
+
+
+def chassis_centre(car: CarParameters, tail: TailParameters, gravity: float) -> tuple[float, float, float]:
+    """Mass (kg) and place (x, z in B, m) of the chassis alone: what is left of the car without gearbox and wheels.
+
+    Parameters that are arrays of one shape give arrays; nothing is checked.
+    """
+    parts = [(car.gearbox_mass, tail.mount_x, gearbox_height(car, tail))]
+    for axle, x in (("front", car.wheelbase), ("rear", 0.0)):
+        parts.append((2 * unsprung_mass(car, axle), x, axle_statics(car, gravity, axle).wheel_height))
+    parts.append((SHAFT_MASS, 0.0, axle_statics(car, gravity, "rear").wheel_height))
+    mass = car.mass - sum(part[0] for part in parts)
+    x = (car.mass * car.com_x - sum(m * px for m, px, _ in parts)) / mass
+    z = (car.mass * car.com_height - sum(m * pz for m, _, pz in parts)) / mass
+    return mass, x, z
 
 
 def gearbox_height(car: CarParameters, tail: TailParameters) -> float:

@@ -1,0 +1,115 @@
+"""What the targets say about the parameters: sensitivities, shrinkage of the prior, and what stays undetermined.
+
+A direction of the parameters is undetermined when its variance after the calibration is that of the prior. The
+directions are the generalised eigenvectors of C_posterior v = lambda C_prior v, so lambda is that ratio. Parameters
+that are positive count by their logarithm: a product such as friction x height is then a direction.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from optimisation.calibration.prior import Prior
+from optimisation.calibration.stages import StageResult
+
+FloatArray = NDArray[np.float64]
+
+STEP = 0.1
+"""Step of a sensitivity, share of the prior range."""
+NAMED = 0.35
+"""A parameter is named in a direction when its loading reaches this share of the largest."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One combination of parameters.
+
+    Attributes:
+        ratio: variance after the calibration over that of the prior.
+        loadings: (n), in standard deviations of the prior, largest magnitude 1.
+        words: the combination, largest loadings first.
+    """
+
+    ratio: float
+    loadings: FloatArray
+    words: str
+
+
+def sensitivities(stage: StageResult) -> dict[str, FloatArray]:
+    """Change of each target for a step of each parameter by a tenth of its prior range, the others held.
+
+    Mean over the members by their weight, from the surrogates; the step goes to both sides and is clipped to the range.
+
+    Returns:
+        Target name, with unit at its end -> (n), in the order of the keys.
+    """
+    prior = stage.prior
+    kept = stage.weights > 0.0
+    values, weights = prior.values(stage.members.coordinates[kept]), stage.weights[kept]
+    targets = {"flip_speed_m_per_s": stage.flip.flip_speed} if stage.target.must_flip else {}
+    targets |= {name: surrogate.predict for name, surrogate in stage.metrics.items()}
+    found = {name: np.zeros(len(prior.keys)) for name in targets}
+    for column, (low, high) in enumerate(prior.ranges):
+        ends = []
+        for side in (-0.5, 0.5):
+            moved = values.copy()
+            moved[:, column] = np.clip(moved[:, column] + side * STEP * (high - low), low, high)
+            ends.append(moved)
+        taken = (ends[1][:, column] - ends[0][:, column]) / (STEP * (high - low))
+        for name, predict in targets.items():
+            change = predict(prior.coordinates(ends[1])) - predict(prior.coordinates(ends[0]))
+            found[name][column] = float(weights @ (change / taken))
+    return found
+
+
+def shrinkage(prior: Prior, values: FloatArray, weights: FloatArray, reference: FloatArray) -> FloatArray:
+    """1 - variance of the members over the variance of the prior, per parameter (n): 0 = nothing was learnt.
+
+    Args:
+        prior: for the scale of the parameters.
+        values: of the members (m, n).
+        weights: of the members (m).
+        reference: cars of the prior (k, n), equally likely.
+    """
+    scaled, plain = _scaled(prior, values), _scaled(prior, reference)
+    mean = weights @ scaled
+    result: FloatArray = 1.0 - (weights @ (scaled - mean) ** 2) / np.var(plain, axis=0)
+    return result
+
+
+def directions(stage: StageResult) -> list[Direction]:
+    """Combinations of parameters, best determined first; from the pool of the stage with its surrogates.
+
+    The members themselves are too few for a covariance of this size.
+    """
+    scaled = _scaled(stage.prior, stage.prior.values(stage.pool))
+    before, after = _covariance(scaled, stage.pool_prior), _covariance(scaled, stage.pool_posterior)
+    deviation = np.sqrt(np.diag(before))
+    ratios, vectors = eigh(after / np.outer(deviation, deviation), before / np.outer(deviation, deviation))
+    found = []
+    for ratio, vector in zip(ratios, vectors.T, strict=True):
+        loadings = vector / vector[int(np.argmax(np.abs(vector)))]
+        found.append(Direction(float(ratio), loadings, _in_words(loadings, stage.prior)))
+    return found
+
+
+def _scaled(prior: Prior, values: FloatArray) -> FloatArray:
+    positive = prior.ranges[:, 0] > 0.0
+    return np.where(positive, np.log(np.where(positive, values, 1.0)), values)
+
+
+def _covariance(points: FloatArray, weights: FloatArray) -> FloatArray:
+    centred = points - weights @ points
+    return (centred.T * weights) @ centred
+
+
+def _in_words(loadings: FloatArray, prior: Prior) -> str:
+    order = [i for i in np.argsort(-np.abs(loadings)) if abs(loadings[i]) >= NAMED][:5]
+    words = ""
+    for place, i in enumerate(order):
+        name = f"log {prior.keys[i]}" if prior.ranges[i, 0] > 0.0 else prior.keys[i]
+        sign = "-" if loadings[i] < 0 else "+" if place else ""
+        words += f"{' ' if place else ''}{sign}{' ' if place and sign else ''}{abs(loadings[i]):.2f} {name}"
+    return words

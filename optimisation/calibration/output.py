@@ -1,0 +1,156 @@
+"""What a calibration leaves behind: the ensemble file, its tables, plots and one page that says what they mean."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from optimisation.calibration.calibrate import Calibration, member_frame, member_name
+from optimisation.calibration.identifiability import directions, sensitivities, shrinkage
+from optimisation.calibration.page import calibration_page
+from optimisation.calibration.plan import assumed_elsewhere
+from optimisation.calibration.runs import RunStore
+from optimisation.calibration.validation import LEVELS, validate
+from optimisation.calibration.weights import effective_size, systematic_sample
+from optimisation.sweep.engine import Engine
+from workbench.atomic_write import write_atomically
+from workbench.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
+from workbench.errors import UserError
+from workbench.logs.schema import software_versions
+
+REPORT = "index.html"
+PRIOR_SAMPLE = 4096
+
+
+def write_calibration(
+    result: Calibration, out: Path, store: RunStore, engine: Engine, say: Callable[[str], None]
+) -> Path:
+    """Writes `<plan>.yaml` (the ensemble), `members.parquet`, three tables as CSV and `index.html`; the page's path."""
+    path = out / f"{result.plan.name}.yaml"
+    _write_text(path, ensemble_text(result))
+    ensemble = load_ensemble(path)
+    say("validation: Tables 7.1 to 7.4 ...")
+    validated = validate(ensemble.members, result.plan.discrepancy, store, engine)
+    frame = member_frame(result)
+    write_atomically(out / "members.parquet", lambda temporary: frame.to_parquet(temporary), True, UserError)
+    sensitivity = sensitivity_table(result)
+    parameters = parameter_table(result)
+    _write_csv(out / "validation.csv", pd.DataFrame([v.as_row() for v in validated]))
+    _write_csv(out / "sensitivities.csv", sensitivity)
+    _write_csv(out / "parameters.csv", parameters)
+    combinations = directions(result.car)
+    _write_csv(
+        out / "directions.csv",
+        pd.DataFrame([{"variance_ratio": d.ratio, "combination": d.words} for d in combinations]),
+    )
+    page = calibration_page(result, ensemble, validated, sensitivity, parameters, combinations)
+    _write_text(out / REPORT, page)
+    return out / REPORT
+
+
+def ensemble_text(result: Calibration) -> str:
+    """The ensemble as the text of its file: equal calibrations give equal text."""
+    weights = result.tail.weights
+    content: dict[str, Any] = {
+        "schema": ENSEMBLE_SCHEMA,
+        "name": result.plan.name,
+        "provenance": provenance(result),
+        "best": member_name(result.best),
+    }
+    lines = [
+        "# Cars that the published flip speeds and Table 7.1 leave possible, each with its weight; made by",
+        f"# `aerodima calibrate --plan {result.plan.name} --seed {result.plan.seed}` (workbench/ensemble.py reads it).",
+        yaml.safe_dump(content, sort_keys=False, width=116, allow_unicode=True).rstrip(),
+        "members:",
+    ]
+    cars = result.values
+    for place in result.kept:
+        values = ", ".join(f"{key}: {_number(value)}" for key, value in cars[place].items())
+        lines.append(f"- {{name: {member_name(place)}, weight: {weights[place]:.6f}, values: {{{values}}}}}")
+    return "\n".join(lines) + "\n"
+
+
+def provenance(result: Calibration) -> dict[str, Any]:
+    """How the ensemble was made, as plain data."""
+    tail, check = result.tail, result.check
+    none, swing = result.car.target.bracket, tail.target.bracket
+    held = f"survives {swing.survived:g} m/s" + (f", flips at {swing.flipped:g} m/s" if tail.target.must_flip else "")
+    return {
+        "method": "design of runs, polynomial surrogates, importance sampling, weights by the members' own runs",
+        "plan": f"calibration/plans/{result.plan.name}.yaml",
+        "seed": result.plan.seed,
+        "runs": result.runs,
+        "targets": {
+            "tailless": f"survives {none.survived:g} m/s, flips at {none.flipped:g} m/s; Table 7.1 with discrepancy",
+            "tailed": held,
+        },
+        "effective_sample_size": round(effective_size(tail.weights), 1),
+        "fine_step": {
+            "step_s": check.step,
+            "members": len(check.places),
+            "share_of_weight_in_tailless_bracket": round(check.shares[0], 3),
+            "share_of_weight_that_meets_the_tail_target": round(check.shares[1], 3),
+        },
+        "left_at_their_value": assumed_elsewhere(result.plan),
+        "versions": software_versions(),
+    }
+
+
+def sensitivity_table(result: Calibration) -> pd.DataFrame:
+    """Change of each target for a tenth of the prior range of each parameter, one row per parameter."""
+    frame = pd.DataFrame({"parameter": result.car.prior.keys})
+    for name, values in sensitivities(result.car).items():
+        frame[name] = values
+    return frame
+
+
+def parameter_table(result: Calibration) -> pd.DataFrame:
+    """Per parameter: prior, quantiles of the ensemble, best value, and how much was learnt."""
+    prior, places = result.tail.prior, result.kept
+    values = prior.values(result.tail.members.coordinates[places])
+    weights = result.tail.weights[places]
+    reference = _prior_sample(result)
+    learnt = shrinkage(prior, values, weights, reference)
+    best = prior.values(result.tail.members.coordinates[[result.best]])[0]
+    rows = []
+    for column, key in enumerate(prior.keys):
+        low, median, high = weighted_quantiles(values[:, column], weights, LEVELS)
+        rows.append(
+            {
+                "parameter": key,
+                "prior_low": prior.ranges[column, 0],
+                "prior_high": prior.ranges[column, 1],
+                "low": low,
+                "median": median,
+                "high": high,
+                "best": best[column],
+                "learnt": learnt[column],
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _prior_sample(result: Calibration) -> np.ndarray:
+    """Cars of the plausible prior, equally likely (k, n)."""
+    points, density = result.tail.prior.draw(PRIOR_SAMPLE, result.plan.seed)
+    weights = np.exp(density - np.max(density))
+    chosen = systematic_sample(weights, len(points), result.plan.seed)
+    return result.tail.prior.values(points[chosen])
+
+
+def _number(value: Any) -> str:
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    is_bare = "e" in text and "." not in text  # YAML reads 1e-05 as a text
+    return text.replace("e", ".0e", 1) if is_bare and not math.isnan(float(value)) else text
+
+
+def _write_text(path: Path, text: str) -> None:
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8") and None, True, UserError)
+
+
+def _write_csv(path: Path, frame: pd.DataFrame) -> None:
+    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False, lineterminator="\n"), True, UserError)

@@ -1,0 +1,173 @@
+"""The page of a calibration; every sentence with a number is made of the result."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from optimisation.calibration.calibrate import ENOUGH, Calibration, member_frame
+from optimisation.calibration.identifiability import Direction
+from optimisation.calibration.plan import assumed_elsewhere
+from optimisation.calibration.plots import (
+    plot_directions,
+    plot_group,
+    plot_posterior,
+    plot_sensitivities,
+    plot_validation,
+)
+from optimisation.calibration.validation import Validated
+from workbench.ensemble import Ensemble
+from workbench.report.page import Markup, Section, bullets, figure, finding, page, paragraph, table
+from workbench.report.words import metric_name, metric_unit
+
+DETERMINED = 0.2
+"""A combination counts as determined when its variance fell below this share of the prior's."""
+CLOSE_Z = 2.0
+"""A metric is counted as met when the published figure lies within this many standard deviations."""
+
+
+def calibration_page(
+    result: Calibration,
+    ensemble: Ensemble,
+    validated: Sequence[Validated],
+    sensitivity: pd.DataFrame,
+    parameters: pd.DataFrame,
+    combinations: Sequence[Direction],
+) -> str:
+    """The whole page as HTML text."""
+    sections = (
+        _outcome(result, ensemble),
+        _validation(validated),
+        _parameters(result, parameters),
+        _sensitivity(sensitivity),
+        _directions(combinations),
+    )
+    lead = (
+        f"{len(ensemble.members)} cars, worth {ensemble.effective_size:.0f} equally likely ones, that the published "
+        f"flip speeds and Table 7.1 leave possible; {result.runs} runs, seed {result.plan.seed}."
+    )
+    return page("Calibration of the car", lead, sections)
+
+
+def _outcome(result: Calibration, ensemble: Ensemble) -> Section:
+    tail, check = result.tail, result.check
+    none, swing = result.car.target.bracket, tail.target.bracket
+    design = tail.design
+    said = [
+        f"Tailless: every member survives {none.survived:g} m/s and flips at {none.flipped:g} m/s at the default step; "
+        f"at {check.step:g} s that holds in {check.shares[0]:.0%} of the weight ({len(check.places)} members run).",
+    ]
+    if tail.target.must_flip:
+        said.append(
+            f"Tailed: every member survives {swing.survived:g} m/s and flips at {swing.flipped:g} m/s; at "
+            f"{check.step:g} s {check.shares[1]:.0%} of the weight."
+        )
+    else:
+        margins = tail.prior.group(design.fast) - tail.prior.group(design.coordinates[:, tail.prior.leading])
+        said.append(
+            f"Tailed: the published flip at {swing.flipped:g} m/s is not met. Of the plausible cars that meet the "
+            f"tailless bracket, with tails over the whole prior, {tail.bracket_share:.1%} would survive "
+            f"{swing.survived:g} m/s and flip in the turn at {swing.flipped:g} m/s. Over the design of "
+            f"{len(margins)} cars the swinging tail flips {np.median(margins):+.3f} (median; {np.min(margins):+.3f} to "
+            f"{np.max(margins):+.3f}) above the group of the car, friction x height / half track. The tail is held to "
+            f"surviving {swing.survived:g} m/s alone, and its parameters stay nearly as wide as their prior."
+        )
+    said.append(
+        f"Effective sample size {ensemble.effective_size:.0f}, needed {ENOUGH}. Best member: {ensemble.best.name}."
+    )
+    return Section("outcome", "What came out", (finding(*(paragraph(line) for line in said)),))
+
+
+def _validation(validated: Sequence[Validated]) -> Section:
+    header = ("table", "metric", "unit", "published", "5 %", "median", "95 %", "z", "z with discrepancy", "survived")
+    rows = [
+        (
+            v.source + (" *" if v.used else ""),
+            metric_name(v.metric),
+            metric_unit(v.metric),
+            f"{v.published:.2f}",
+            f"{v.low:.2f}",
+            f"{v.median:.2f}",
+            f"{v.high:.2f}",
+            f"{v.z:+.1f}",
+            f"{v.z_with_discrepancy:+.1f}",
+            f"{v.survived:.0%}",
+        )
+        for v in validated
+    ]
+    tested = [v for v in validated if not v.used]
+    within = sum(abs(v.z) <= CLOSE_Z for v in tested)
+    allowed = sum(abs(v.z_with_discrepancy) <= CLOSE_Z for v in tested)
+    parts = (
+        finding(
+            paragraph(
+                f"Of the {len(tested)} figures that were not calibrated to, {within} lie within {CLOSE_Z:g} standard "
+                f"deviations of the ensemble, {allowed} with the stated model discrepancy added."
+            )
+        ),
+        figure(plot_validation(validated), "Band of 90 % of the weight over the published figure.", "Validation"),
+        table(header, rows, numbers=range(3, 10)),
+        paragraph("* used in the calibration. Physical tables are compared after the car's zero-phase filters."),
+    )
+    return Section("validation", "Tables 7.1 to 7.4", parts)
+
+
+def _parameters(result: Calibration, parameters: pd.DataFrame) -> Section:
+    header = ("parameter", "prior", "5 %", "median", "95 %", "best", "learnt")
+    rows = [
+        (
+            row.parameter,
+            f"{row.prior_low:g} to {row.prior_high:g}",
+            *(f"{value:.4g}" for value in (row.low, row.median, row.high, row.best)),
+            f"{row.learnt:+.0%}",
+        )
+        for row in parameters.itertuples()
+    ]
+    members = member_frame(result)
+    parts: tuple[Markup, ...] = (
+        figure(
+            plot_posterior(parameters, members),
+            "Weight of the members over the prior range; dotted: a flat prior; red: the best member.",
+            "Histograms of all parameters",
+        ),
+        figure(plot_group(members), "What decides the flip: each dot a member, its size its weight.", "Friction"),
+        table(header, rows, numbers=range(1, 7)),
+        paragraph(
+            "Learnt: share of the variance of the plausible prior that the targets took away; negative values are "
+            "scatter of the members, or a prior that the targets pull to one end."
+        ),
+        paragraph(f"Left at their value: {', '.join(assumed_elsewhere(result.plan))}."),
+    )
+    return Section("parameters", "Parameters", parts)
+
+
+def _sensitivity(sensitivity: pd.DataFrame) -> Section:
+    return Section(
+        "sensitivities",
+        "Sensitivity of each target to each parameter",
+        (
+            figure(
+                plot_sensitivities(sensitivity),
+                "Change of the target, in its unit, for a step of the parameter by a tenth of its prior range, the "
+                "others held; mean over the members. Colour: over the largest change of that target.",
+                "Sensitivities as a heat map",
+            ),
+        ),
+    )
+
+
+def _directions(combinations: Sequence[Direction]) -> Section:
+    good = [d for d in combinations if d.ratio < DETERMINED]
+    loose = [d for d in combinations if d.ratio >= DETERMINED]
+    parts = (
+        paragraph(
+            f"{len(good)} of {len(combinations)} combinations are determined (variance below {DETERMINED:.0%} of the "
+            f"prior's); the other {len(loose)} are not identifiable from these targets."
+        ),
+        figure(plot_directions(combinations), "Eigenvalues of the covariance against the prior's.", "Eigenvalues"),
+        paragraph("Determined:"),
+        bullets([f"{d.words} (variance × {d.ratio:.3f})" for d in good] or ["none"]),
+        paragraph("Not identifiable, least first:"),
+        bullets([f"{d.words} (variance × {d.ratio:.2f})" for d in reversed(loose)]),
+    )
+    return Section("identifiability", "Which combinations the data determine", parts)

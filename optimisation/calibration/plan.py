@@ -1,0 +1,174 @@
+"""The plan of a calibration: what varies, what it is held to, what is implausible, and how many runs that takes.
+
+Plans are files of `models/calibration/plans` (schema `aerodima/calibration-plan/1`). The prior of a parameter is its
+range in `models/parameters`; the targets are the published tables; the plan adds how far the model may be off.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from workbench.errors import ScenarioError
+from workbench.parameter_files import ParameterEntry, read_yaml
+from workbench.published import TurnMetrics
+from workbench.quantity import explain, nearest
+from workbench.resources import model_path, models_dir
+from workbench.scenario import SECTIONS, load_parameter_entries
+
+PLAN_SCHEMA = "aerodima/calibration-plan/1"
+
+CALIBRATED_METRICS = tuple(
+    name for name in TurnMetrics.__dataclass_fields__ if name != "speed_m_per_s" and "kohut" not in name
+)
+"""Metrics that carry information of their own: the speed is commanded, Kohut is speed times yaw rate."""
+
+
+class Discrepancy(BaseModel):
+    """How far the model may be off from one published metric: one standard deviation over the published figure."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    relative: float = Field(gt=0, le=10)
+    reason: str = Field(min_length=1)
+
+
+class Limit(BaseModel):
+    """One bound of what is plausible."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    value: float
+    unit: str
+    reason: str = Field(min_length=1)
+
+
+class Plausible(BaseModel):
+    """What a car cannot be, whatever it would explain.
+
+    Attributes:
+        lowest_chassis_com, highest_chassis_com: of the chassis without wheels and gearbox above the ground, m.
+        lowest_group, highest_group: friction x height of the centre of mass / half track.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    lowest_chassis_com: Limit
+    highest_chassis_com: Limit
+    lowest_group: Limit
+    highest_group: Limit
+
+
+class StageSize(BaseModel):
+    """Runs of one stage.
+
+    Attributes:
+        points: cars of the design.
+        halvings: of the search for the flip of each car of the design, at either speed.
+        step: of the plant in the design, s; members have the default step.
+        members: cars that are simulated for their weight.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    points: int = Field(ge=4, le=4096)
+    halvings: int = Field(ge=2, le=12)
+    step: float = Field(gt=0, le=0.005)
+    members: int = Field(ge=4, le=4096)
+
+
+class CheckSize(BaseModel):
+    """The check at a fine step: how many members, and the step (s)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    members: int = Field(ge=1, le=4096)
+    step: float = Field(gt=0, le=0.002)
+
+
+class CalibrationPlan(BaseModel):
+    """A plan as its file has it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    schema_: Literal["aerodima/calibration-plan/1"] = Field(alias="schema")
+    name: str = Field(min_length=1, max_length=80)
+    seed: int = Field(ge=0)
+    car: tuple[str, ...] = Field(min_length=1)
+    tail: tuple[str, ...] = Field(min_length=1)
+    discrepancy: dict[str, Discrepancy]
+    plausible: Plausible
+    car_stage: StageSize
+    tail_stage: StageSize
+    check: CheckSize
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> "CalibrationPlan":
+        if set(self.discrepancy) != set(CALIBRATED_METRICS):
+            raise ValueError(f"discrepancy: {sorted(self.discrepancy)}; allowed: {', '.join(CALIBRATED_METRICS)}")
+        needed = {"car.com_height", "car.tyre_friction", "car.track"}
+        if not needed <= set(self.car):
+            raise ValueError(f"car: {', '.join(sorted(needed - set(self.car)))} missing; the flip depends on it first")
+        names = [*self.car, *self.tail]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"car, tail: {twice[0]!r} stands there twice; allowed: once")
+        return self
+
+
+def load_plan(name_or_path: str | Path = "car") -> CalibrationPlan:
+    """Loads a plan by path, or by name from `models/calibration/plans`.
+
+    Raises:
+        ScenarioError: names the file, the key and what is allowed.
+    """
+    path = Path(name_or_path)
+    if not path.suffix and path.name == str(name_or_path) and not path.exists():
+        names = sorted(found.stem for found in (models_dir() / "calibration/plans").glob("*.yaml"))
+        if path.name not in names:
+            raise ScenarioError(f"calibration plan {path.name!r}: there is no such plan; {nearest(path.name, names)}")
+        path = model_path(f"calibration/plans/{path.name}.yaml")
+    data = read_yaml(path)
+    try:
+        plan = CalibrationPlan.model_validate(data)
+    except ValidationError as error:
+        raise explain(error, str(path), CalibrationPlan) from None
+    for key in (*plan.car, *plan.tail):
+        prior_of(key, str(path))
+    return plan
+
+
+def prior_of(key: str, where: str) -> tuple[float, float]:
+    """Prior range of `section.key` in `models/parameters`.
+
+    Raises:
+        ScenarioError: there is no such parameter, or it has no prior.
+    """
+    section, _, name = key.partition(".")
+    if section not in SECTIONS:
+        raise ScenarioError(f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
+    entries = load_parameter_entries(section)
+    if name not in entries:
+        raise ScenarioError(f"{where}: {key}: unknown key; {nearest(name, list(entries))}")
+    prior = entries[name].prior
+    if prior is None:
+        with_prior = sorted(f"{section}.{other}" for other, entry in entries.items() if entry.prior is not None)
+        raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {', '.join(with_prior)}")
+    return prior
+
+
+def prior_ranges(keys: tuple[str, ...]) -> NDArray[np.float64]:
+    """Lowest and highest value of each parameter (n, 2)."""
+    return np.array([prior_of(key, "prior") for key in keys])
+
+
+def assumed_elsewhere(plan: CalibrationPlan) -> list[str]:
+    """Parameters with a prior that the plan leaves at their value, as `section.key`."""
+    varied = {*plan.car, *plan.tail}
+
+    def open_entries(section: str) -> list[tuple[str, ParameterEntry]]:
+        return [(key, entry) for key, entry in load_parameter_entries(section).items() if entry.prior is not None]
+
+    return [f"{s}.{key}" for s in SECTIONS for key, _ in open_entries(s) if f"{s}.{key}" not in varied]

@@ -1,0 +1,181 @@
+"""The runs of a calibration, kept on the disk as they come, so that an interrupted calibration can go on.
+
+Every decision of a calibration follows from its plan, its seed and the rows of these runs. So the same command with the
+same folder repeats the decisions, takes the rows that are there, and runs only what is missing.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from optimisation.sweep.engine import Engine
+from optimisation.sweep.task import RunTask
+from workbench.atomic_write import make_folder
+from workbench.ensemble import Value
+from workbench.errors import UserError
+from workbench.logs.schema import software_versions
+from workbench.scenario import Scenario
+
+RUNS_SCHEMA = "aerodima/calibration-runs/1"
+RUNS = "runs.jsonl"
+
+DEFAULT_LOG_RATE = 500.0
+"""Hz; a coarser step than its period logs every step."""
+DRIVING = 0.9
+"""Share of the commanded speed that a car must have reached when its turn begins."""
+
+Said = Callable[[int, int], None]
+"""Told how many runs of how many are done."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One run of a car.
+
+    Attributes:
+        values: `section.key` -> value.
+        tail_mode: `none`, `held` or `swing`.
+        speed: commanded, m/s.
+        step: of the plant, s; None for the default.
+        manoeuvre: of the scenario, `turn` or `slalom`; a slalom has no tail arm.
+        settings: further overrides.
+    """
+
+    values: Mapping[str, Value]
+    tail_mode: str
+    speed: float
+    step: float | None = None
+    manoeuvre: str = "turn"
+    settings: tuple[str, ...] = ()
+
+    def task(self) -> RunTask:
+        """As a task of the engine; its name is its content, so equal runs have equal names.
+
+        Without a tail arm its parameters say nothing; they are left out, so that cars that differ in them share a run.
+        """
+        acting = {
+            key: value for key, value in self.values.items() if self.tail_mode != "none" or _acts_without_arm(key)
+        }
+        settings = [f"{key}={value}" for key, value in acting.items()]
+        settings += [f"manoeuvre.speed={self.speed!r}", *self.settings]
+        if self.step is not None:
+            rate = min(DEFAULT_LOG_RATE, 1.0 / self.step)
+            settings += [f"simulation.step={self.step!r}", f"simulation.log_rate={rate:.9g}"]
+        scenario = f"turn_{self.tail_mode}" if self.manoeuvre == "turn" else self.manoeuvre
+        digest = hashlib.sha256("\n".join([scenario, *settings]).encode()).hexdigest()[:20]
+        return RunTask(digest, scenario, tuple(settings))
+
+
+def car_values(keys: Sequence[str], rows: NDArray[np.float64]) -> list[dict[str, Value]]:
+    """Cars of rows of parameters (m, n), with six digits: what a run gets is what a file says."""
+    return [{key: float(f"{value:.6g}") for key, value in zip(keys, row, strict=True)} for row in rows]
+
+
+class RunStore:
+    """Rows of finished runs in `runs.jsonl` of a folder.
+
+    Args:
+        folder: made when it is not there.
+        base: scenario of everything that does not vary.
+        varied: keys that do, left out of what must agree.
+        force: drop the rows that are there.
+
+    Raises:
+        UserError: the folder holds runs of other parameters or versions, or no such file at all can be made.
+    """
+
+    def __init__(self, folder: Path, base: Scenario, varied: Iterable[str], *, force: bool = False):
+        make_folder(folder, UserError)
+        self.path = folder / RUNS
+        if force:
+            self.path.unlink(missing_ok=True)
+        self._head = {"schema": RUNS_SCHEMA, "versions": software_versions(), "base": _digest(base, varied)}
+        self._rows = self._read()
+        if not self.path.exists():
+            self._append(self._head)
+
+    def run(self, wanted: Sequence[Wanted], engine: Engine, said: Said | None = None) -> pd.DataFrame:
+        """Rows of runs, in their order; those that are not in the store are run and stored first."""
+        tasks = [run.task() for run in wanted]
+        missing = list({task.name: task for task in tasks if task.name not in self._rows}.values())
+        count = len(tasks) - len(missing)
+
+        def keep(_: int, row: dict[str, Any]) -> None:
+            nonlocal count
+            count += 1
+            self._rows[row["run"]] = row
+            self._append(row)
+            if said is not None:
+                said(count, len(tasks))
+
+        if missing:
+            engine.rows(missing, keep)
+        return pd.DataFrame([self._rows[task.name] for task in tasks])
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def _append(self, row: dict[str, Any]) -> None:
+        with self.path.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(row, default=_plain) + "\n")
+
+    def _read(self) -> dict[str, dict[str, Any]]:
+        """Rows by name; a last line that an interruption cut off is dropped from the file."""
+        if not self.path.exists():
+            return {}
+        lines = self.path.read_text(encoding="utf-8").splitlines()
+        rows = []
+        for number, text in enumerate(lines):
+            try:
+                rows.append(json.loads(text))
+            except ValueError:
+                if number != len(lines) - 1:
+                    raise UserError(f"{self.path}: line {number + 1} is damaged; drop the runs with --force") from None
+                self.path.write_text("".join(line + "\n" for line in lines[:-1]), encoding="utf-8")
+        if not rows or rows[0] != self._head:
+            raise UserError(
+                f"{self.path}: holds runs of other parameters, or of another version; choose another folder, or drop "
+                "them with --force"
+            )
+        return {row["run"]: row for row in rows[1:]}
+
+
+def survives(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    """Which runs survived (m)."""
+    return np.asarray(rows["outcome"] == "survived", bool)
+
+
+def flips_in_the_turn(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    """Which runs flipped in the turn (m): they still drove at their speed when it began.
+
+    A high car with its tail behind may tip over backwards while it gathers speed; that is no flip in the turn. A run
+    without outcome is neither a survival nor a flip.
+    """
+    if "speed_m_per_s" not in rows:
+        return np.zeros(len(rows), bool)
+    driving = rows["speed_m_per_s"].to_numpy(float) > DRIVING * rows["commanded_speed_m_per_s"].to_numpy(float)
+    return np.asarray(rows["outcome"] == "flipped", bool) & driving
+
+
+def _acts_without_arm(key: str) -> bool:
+    """The place of the tail's joints is that of the gearbox, which stays on the car."""
+    return not key.startswith("tail.") or key.startswith("tail.mount_")
+
+
+def _digest(base: Scenario, varied: Iterable[str]) -> str:
+    content = base.resolved()
+    for key in varied:
+        section, _, name = key.partition(".")
+        content[section].pop(name, None)
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else str(value)

@@ -1,0 +1,150 @@
+"""Surrogates of what cars do over their coordinates: polynomial chaos, fitted by Bayesian linear regression.
+
+Sums of Legendre polynomials up to degree 2, orthonormal over the unit cube, with a Gaussian prior on the coefficients
+that holds second-order terms smaller than linear ones. They only steer where real runs are made; the weight of every
+member rests on its real run (`optimisation.calibration.stages`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+FloatArray = NDArray[np.float64]
+
+LINEAR_SCALES = (0.03, 0.1, 0.3, 1.0)
+"""Candidates for the prior standard deviation of a linear coefficient, in standard deviations of the quantity."""
+NOISES = (0.03, 0.1, 0.3, 1.0)
+"""Candidates for what the polynomial leaves over, in the same unit."""
+CHUNK = 4096
+"""Points that are expanded at a time; all at once would take gigabytes."""
+LEADING_SCALE = 3.0
+"""Prior standard deviation of the linear coefficient of a leading coordinate, same unit."""
+SECOND_ORDER = 0.15
+"""Prior standard deviation of a second-order coefficient relative to a linear one."""
+
+
+def basis(coordinates: FloatArray) -> FloatArray:
+    """Orthonormal Legendre polynomials up to degree 2 of coordinates (m, n): shape (m, 1 + n + n (n + 1) / 2).
+
+    Order: 1; the linear terms; the squares; the products of two different coordinates.
+    """
+    x = 2.0 * np.asarray(coordinates, float) - 1.0
+    linear = np.sqrt(3.0) * x
+    squares = np.sqrt(5.0) * 0.5 * (3.0 * x**2 - 1.0)
+    first, second = np.triu_indices(x.shape[1], 1)
+    return np.hstack([np.ones((len(x), 1)), linear, squares, linear[:, first] * linear[:, second]])
+
+
+def coefficient_scales(size: int, linear: float) -> FloatArray:
+    """Prior standard deviations of the coefficients of `basis` for `size` coordinates; the constant is free."""
+    second = linear * SECOND_ORDER
+    return np.concatenate([[1e3], np.full(size, linear), np.full(size + size * (size - 1) // 2, second)])
+
+
+@dataclass(frozen=True)
+class Surrogate:
+    """One quantity over the coordinates.
+
+    Attributes:
+        centre, spread: of the runs it was fitted to.
+        coefficients: of `basis`, in spreads.
+        error: standard deviation of its prediction of cars left out of the fit, unit of the quantity.
+    """
+
+    centre: float
+    spread: float
+    coefficients: FloatArray
+    error: float
+
+    def predict(self, coordinates: FloatArray) -> FloatArray:
+        """The quantity at coordinates (m, n)."""
+        parts = np.array_split(np.asarray(coordinates), max(1, len(coordinates) // CHUNK))
+        return self.centre + self.spread * np.concatenate([basis(part) @ self.coefficients for part in parts])
+
+
+def fit(
+    coordinates: FloatArray, values: FloatArray, cars: NDArray[np.int64] | None = None, leading: tuple[int, ...] = ()
+) -> Surrogate:
+    """Bayesian linear regression on `basis`; noise and prior scale are chosen by the error of cars left out.
+
+    Args:
+        coordinates: (m, n).
+        values: of the quantity (m); all finite.
+        cars: number of the car of each run (m); runs of one car are left out together. One car each by default.
+        leading: columns that are known to matter most; they are not held to the prior scale of the others.
+    """
+    cars = np.arange(len(values)) if cars is None else cars
+    members = [np.flatnonzero(cars == car) for car in np.unique(cars)]
+    centre, spread = float(np.mean(values)), float(np.std(values)) or 1.0
+    y, features = (values - centre) / spread, basis(coordinates)
+    best: tuple[float, FloatArray] | None = None
+    for linear in LINEAR_SCALES:
+        scales = coefficient_scales(coordinates.shape[1], linear)
+        for column in leading:
+            scales[1 + column] = LEADING_SCALE
+        scaled = features * scales
+        gram = scaled @ scaled.T
+        for noise in NOISES:
+            inverse = np.linalg.inv(gram + noise**2 * np.eye(len(y)))
+            weighted = inverse @ y
+            left_out = [np.linalg.solve(inverse[np.ix_(own, own)], weighted[own]) for own in members]
+            error = float(np.sqrt(np.mean(np.concatenate(left_out) ** 2)))
+            if best is None or error < best[0]:
+                best = error, scales * (scaled.T @ (inverse @ y))
+    assert best is not None
+    return Surrogate(centre, spread, best[1], best[0] * spread)
+
+
+@dataclass(frozen=True)
+class FlipSurrogate:
+    """Where a car flips: its critical group at two speeds, over the other coordinates.
+
+    Attributes:
+        column: of the coordinate that stands for the group.
+        speeds: slow and fast, m/s.
+        slow, fast: surrogates of the critical coordinate at these speeds: the car flips above it.
+        resolution: of the searches that found it.
+    """
+
+    column: int
+    speeds: tuple[float, float]
+    slow: Surrogate
+    fast: Surrogate
+    resolution: float
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a predicted critical coordinate."""
+        return float(np.hypot(max(self.slow.error, self.fast.error), self.resolution / np.sqrt(12.0)))
+
+    def bracket(self, coordinates: FloatArray) -> FloatArray:
+        """Probability (m) that the car survives the slow speed and flips at the fast one."""
+        slow, fast = self._standardised(coordinates)
+        return np.maximum(ndtr(slow) - ndtr(fast), 0.0)
+
+    def window(self, coordinates: FloatArray, deviations: float = 3.0) -> tuple[FloatArray, FloatArray]:
+        """Ends (m), (m) of the group's coordinate between which the bracket can be met; the rest decides them."""
+        others = np.delete(coordinates, self.column, axis=1)
+        slow, fast = self.slow.predict(others), self.fast.predict(others)
+        reach = deviations * self.deviation
+        low = np.clip(np.minimum(slow, fast) - reach, 0.0, 1.0 - self.resolution)
+        return low, np.clip(slow + reach, low + self.resolution, 1.0)
+
+    def survival(self, coordinates: FloatArray) -> FloatArray:
+        """Probability (m) that the car survives the slow speed."""
+        result: FloatArray = ndtr(self._standardised(coordinates)[0])
+        return result
+
+    def flip_speed(self, coordinates: FloatArray) -> FloatArray:
+        """Speed (m) at which the car flips, m/s: linear in the group between and beyond the two speeds."""
+        others = np.delete(coordinates, self.column, axis=1)
+        slow, fast = self.slow.predict(others), self.fast.predict(others)
+        share = (slow - coordinates[:, self.column]) / np.maximum(slow - fast, self.resolution)
+        return self.speeds[0] + (self.speeds[1] - self.speeds[0]) * share
+
+    def _standardised(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        others, own = np.delete(coordinates, self.column, axis=1), coordinates[:, self.column]
+        slow, fast = self.slow.predict(others), self.fast.predict(others)
+        return (slow - own) / self.deviation, (np.minimum(fast, slow) - own) / self.deviation
