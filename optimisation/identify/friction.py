@@ -24,7 +24,8 @@ def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = 
 
     Args:
         data: a bar swing, or a robot swing (its air and motor are taken from its scenario).
-        stribeck: also a breakaway torque that dies out with speed.
+        stribeck: also a breakaway torque that dies out with speed. It shows in the last swings before the tail stops:
+            without one its speed is not determined and is named so. Two starts, with a small and with a large part.
 
     Raises:
         FitError: another kind of swing, or no rollout exists.
@@ -40,4 +41,6 @@ def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = 
     model = SwingModel(data, Pendulum.of(scenario), lambda values: [*fixed, friction_of(values, gain)])
     seed = friction_seed(scenario.is_robot)
     facts = {"model": "stribeck" if stribeck else "smooth"}
-    return model.fit(friction_parameters(*seed, stribeck), facts=facts, options=options)
+    large = {"coulomb": 0.5 * seed[0], "breakaway_excess": seed[0], "stribeck_speed": 1.0}
+    starts = [large] if stribeck else []
+    return model.fit(friction_parameters(*seed, stribeck), starts, facts=facts, options=options)

@@ -20,10 +20,12 @@ from workbench.sensors.rig_encoder import count_angle
 RATE = 1000.0
 
 
-def bar_log(coulomb: float, viscous: float, angle: float = 1.5, duration: float = 5.0) -> RunLog:
+def bar_log(
+    coulomb: float, viscous: float, angle: float = 1.5, duration: float = 5.0, stribeck: tuple[float, ...] = ()
+) -> RunLog:
     """A free swing of the bare bar, let go at once."""
     scenario = load_rig_scenario("bar").varied(experiment={"angle": angle, "duration": duration, "rest": 0.0})
-    return _log(scenario, [friction_torque(coulomb, viscous, 10.0)], 0.0, None)
+    return _log(scenario, [friction_torque(coulomb, viscous, 10.0, stribeck)], 0.0, None)
 
 
 def flick_log(added_mass: float, seed: int, wind_speed: float = 10.0, duration: float = 1.5) -> RunLog:

@@ -150,6 +150,8 @@ def test_breakaway_friction_is_found_when_it_is_there_and_undetermined_when_not(
     plain = fit_friction(swing_data(log, "bar_swing"), stribeck=True)
     assert plain["breakaway_excess"].value < 0.002 or not plain["breakaway_excess"].identifiable
     assert plain.facts["model"] == "stribeck"
+    assert not plain["stribeck_speed"].identifiable
+    assert any("do not determine stribeck_speed" in warning for warning in plain.warnings)
 
 
 def test_an_added_mass_beyond_the_inertia_names_the_least_one() -> None:
