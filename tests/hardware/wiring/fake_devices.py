@@ -82,6 +82,9 @@ class FakeWatchdog:
     def disarm(self):
         self.calls.append("disarm")
 
+    def trip(self):
+        self.calls.append("trip")
+
     def close(self):
         self.calls.append("close")
 
