@@ -3,7 +3,6 @@
 from optimisation.sweep.engine import SerialEngine
 from optimisation.sweep.threshold import FRICTION, SPEED
 
-
 LIMITS = {"turn_none": 0.62, "turn_held": 0.72, "turn_swing": 0.82}
 
 
