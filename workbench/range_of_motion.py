@@ -155,7 +155,7 @@ class _TailQuery:
         self._context = self._plant.GetMyMutableContextFromRoot(context)
         self._query_port = built.scene_graph.get_query_output_port()
         self._graph_context = built.scene_graph.GetMyContextFromRoot(context)
-        self._joints = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
+        self._joints: list[Any] = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
 
     def clearances(self, pitch: float, roll: float) -> list[float]:
         """To each of `PARTS`, m."""

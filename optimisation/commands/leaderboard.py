@@ -54,7 +54,7 @@ def leaderboard(
             say=lambda line: print(line, file=sys.stderr, flush=True),
         )  # fmt: skip
     for row in board.summary.to_dict("records"):
-        frictions = ", ".join(f"{v:.3f}" for name, v in row.items() if name.startswith("critical_friction_at"))
+        frictions = ", ".join(f"{v:.3f}" for name, v in row.items() if str(name).startswith("critical_friction_at"))
         typer.echo(
             f"{row['controller']:28} critical friction {frictions}; highest speed {row['highest_speed_m_per_s']:.2f} "
             f"m/s; heading {row['heading_ratio_median']:.0%} of that with 8 rad/s"

@@ -156,7 +156,7 @@ class _Measurer:
         ]
         found = find_thresholds(cases, self._plan.friction, self._clean)
         values = pd.Series([_survived(threshold) for threshold in found]).groupby(rates).mean()
-        best = float(values.idxmax())
+        best = float(values.index[int(np.argmax(values.to_numpy()))])
         return fixed_speed(best, f"best fixed, {best:g} rad/s")
 
     def critical_frictions(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
@@ -280,7 +280,10 @@ def summarise_board(
     robustness: pd.DataFrame,
 ) -> pd.DataFrame:
     """One row per controller: weighted medians over the ensemble, and how often it beats the others."""
-    reference = frictions[frictions["controller"] == THESIS.name].set_index(["member", "speed_m_per_s"])
+    thesis = frictions[frictions["controller"] == THESIS.name]
+    reference = dict(
+        zip(zip(thesis["member"], thesis["speed_m_per_s"], strict=True), thesis["critical_friction"], strict=True)
+    )
     rows = []
     for contestant in contestants:
         name = contestant.name
@@ -290,8 +293,8 @@ def summarise_board(
             row[f"critical_friction_at_{speed:g}_m_per_s"] = _median(part["critical_friction"], part["weight"])
             there = runs[(runs["controller"] == name) & (runs["speed_m_per_s"] == speed)]
             row[f"rollover_probability_at_{speed:g}_m_per_s"] = _share(there["outcome"] == "flipped", there["weight"])
-        baseline = reference.loc[list(zip(own["member"], own["speed_m_per_s"], strict=True)), "critical_friction"]
-        gain = own["critical_friction"].to_numpy() / baseline.to_numpy() - 1.0
+        baseline = [reference[turn] for turn in zip(own["member"], own["speed_m_per_s"], strict=True)]
+        gain = own["critical_friction"].to_numpy() / np.array(baseline) - 1.0
         row["gain_over_8_rad_per_s"] = _median(gain, own["weight"])
         row["share_no_worse_than_8_rad_per_s"] = _share(gain >= -1e-9, own["weight"])
         row["heading_ratio_median"] = _median(own["heading_ratio"], own["weight"])

@@ -27,10 +27,10 @@ from workbench.controllers.swing_reference import SwingReference
 from workbench.controllers.swing_tracker_law import SwingTracker, TrackerMemory
 from workbench.controllers.tail_law import Observation
 from workbench.scenario import Scenario, scenario_from_dict
-from workbench.swing_file import Feedback, SwingFile
+from workbench.swing_file import Feedback, FeedbackState, SwingFile
 from workbench.trial import run_trial
 
-FEEDBACK_NAMES = ("car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate")
+FEEDBACK_NAMES: tuple[FeedbackState, ...] = ("car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate")
 _PLANAR_ORDER = tuple(PLANAR_STATES.index(name) for name in ("roll", "roll_rate", "tail_roll", "tail_roll_rate"))
 _NOISES = ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")
 
@@ -147,6 +147,8 @@ def with_feedback(
         nominal=tuple(map(tuple, states.tolist())),
         roll_torque_n_m=tuple(torque.tolist()),
         roll_gains=tuple(map(tuple, gains.tolist())),
+        pitch_torque_n_m=None,
+        pitch_gains=None,
         funnel=tuple(getattr(funnel, name) for name in FEEDBACK_NAMES),
     )
     return swing.model_copy(update={"gains": swing.gains.model_copy(update={"feedback": feedback})})

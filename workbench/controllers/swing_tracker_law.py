@@ -238,9 +238,9 @@ class SwingTracker:
         roll_target, pitch_target = self.reference.start
         if memory.state == SwingState.RECOCK:
             share = min(1.0, elapsed / max(self._recock_time(memory), EPSILON))
-            roll = memory.mirror * memory.start_roll
+            from_roll = memory.mirror * memory.start_roll
             kp, kd = self.settings.settle_kp, self.settings.settle_kd
-            roll_command = [roll + share * (roll_target - roll), 0.0, kp, kd, 0.0]
+            roll_command = [from_roll + share * (roll_target - from_roll), 0.0, kp, kd, 0.0]
             pitch_ramp = memory.start_pitch + share * (pitch_target - memory.start_pitch)
             return np.array([pitch_ramp, 0.0, hold.kp, hold.kd, 0.0]), np.array(roll_command)
         return (

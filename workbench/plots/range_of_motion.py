@@ -1,6 +1,7 @@
 """Picture of a range-of-motion map: clearance over tail roll and pitch, and what is met first."""
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -41,7 +42,9 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
         for number, part in enumerate(PARTS):
             mask = np.where(touched == number, 1.0, np.nan)
             right.contourf(np.degrees(r), np.degrees(p), mask, levels=[0.5, 1.5], colors=[_PART_COLOURS[part]])
-        handles = [Patch(color=_PART_COLOURS[part], label=part) for n, part in enumerate(PARTS) if np.any(touched == n)]
+        handles: list[Artist] = [
+            Patch(color=_PART_COLOURS[part], label=part) for n, part in enumerate(PARTS) if np.any(touched == n)
+        ]
         handles.append(Patch(facecolor="white", edgecolor=BLACK, label="free"))
         handles.append(Line2D([], [], color=BLACK, label="touches"))
         handles.append(Line2D([], [], color=BLACK, linestyle=(0, (3, 2)), label=f"{1000 * margin:.0f} mm left"))
