@@ -1,0 +1,78 @@
+"""`aerodima emulate`: wrong input is one line; its end is orderly; what it leaves can be read."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import can
+import pytest
+
+from hardware.commands.emulate import emulate
+from hardware.emulator.events import read_events
+from hardware.wiring.car_ports import read_ports
+from workbench.errors import UserError
+from workbench.logs.schema import read_run_log
+from workbench.resources import model_path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"wiring": "usb"}, "--wiring usb: allowed: direct_can, teensy_bridge"),
+        ({"profile": "ak70_v3"}, "V3 firmware speaks another protocol"),
+        ({"motor_ids": (1, 1)}, "both motors have the id 1"),
+        ({"motor_ids": (1, 64)}, "motor id 64: allowed is 1 to 63"),
+        ({"duration": 0.0}, "--duration 0 s: allowed is more than 0"),
+        ({"faults": Path("nowhere.yaml")}, "nowhere.yaml: no such file"),
+        ({"scenario": str(model_path("scenarios/rig/robot.yaml"))}, r"robot\.yaml"),
+        ({"scenario": "no_such_car"}, "no_such_car"),
+        ({"settings": ["tail.mode=flying"]}, "tail.mode"),
+    ],
+)
+def test_wrong_input_is_one_line_and_leaves_nothing_behind(tmp_path, arguments, message):
+    out = tmp_path / "out"
+    with pytest.raises(UserError, match=message) as caught:
+        emulate(**{"scenario": "turn_swing", "out": out, "wiring": "direct_can", "profile": "ak70_10_v1_0_8",
+                   "faults": None, "motor_ids": (1, 2), "published_strings": False, "duration": None, "settings": None,
+                   **arguments})  # fmt: skip
+    assert "\n" not in str(caught.value)
+    assert not out.exists()
+
+
+def test_a_folder_with_something_in_it_is_not_used(tmp_path):
+    (tmp_path / "mine.txt").touch()
+    result = _run(tmp_path, "--duration", "0.1")
+    assert result.returncode == 2
+    assert result.stderr == f"error: {tmp_path}: is not empty; an emulator writes into a folder of its own\n"
+
+
+def test_a_missing_compiler_is_one_line(tmp_path):
+    environment = {"PATH": str(tmp_path), "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    result = _run(tmp_path / "out", "--duration", "0.1", environment=environment)
+    assert result.returncode == 2
+    assert result.stderr.startswith("error: the firmware's core needs a C++17 compiler")
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
+    from tests.hardware.emulator.fault_runs import EmulatorProcess
+
+    with EmulatorProcess(tmp_path, "direct_can") as emulator:
+        ports = read_ports(emulator.folder / "ports.json")
+        assert Path(ports.can.channel).is_char_device()
+        emulator.process.send_signal(number)
+        assert emulator.process.wait(30.0) == 0
+    assert read_events(emulator.folder / "events.jsonl")[-1]["event"] == "ended"
+    log = read_run_log(emulator.folder / "truth.parquet")
+    assert log.has_truth
+    assert log.extra["emulated"] == "direct_can"
+    assert list(can.BLFReader(emulator.folder / "traffic.blf")) == []
+    assert list((emulator.folder / "ports").iterdir()) == []
+
+
+def _run(out, *arguments, environment=None):
+    command = [sys.executable, "-m", "workbench.cli", "emulate", "turn_swing", "--out", str(out), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
