@@ -164,8 +164,8 @@ class TeensyLink:
         """The frame of a report; None if the motor has not answered since the last one, or is none of ours."""
         if report.motor_id not in self._counters:
             return None
-        if report.replies is not None and report.replies == self._counters[report.motor_id]:
-            return None
+        if report.replies is not None and report.replies == (self._counters[report.motor_id] or 0):
+            return None  # a counter that is 0 at the start: the motor has never answered
         self._counters[report.motor_id] = report.replies
         temperature = None if report.temperature is None else float(report.temperature)
         state = MitReply(report.motor_id, report.position, report.velocity, report.torque, temperature, report.fault)

@@ -244,3 +244,10 @@ def test_share_of_a_pulse(share, pulses, expected):
 def test_share_out_of_range_is_refused(share):
     with pytest.raises(FrameError, match="allowed is -1 to 1"):
         pulse(share, SERVO_PULSES)
+
+
+def test_motors_that_never_answered_have_no_position(car):
+    car.teensy.deaf = {1, 2}
+    car.turn(20)
+    assert car.link.fault is TeensyFault.NONE
+    assert [motor.age(time.monotonic()) for motor in car.group.motors] == [math.inf, math.inf]
