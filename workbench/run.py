@@ -9,6 +9,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, EventStatus, OutputPort
 
+from workbench.controllers.law_of_scenario import swing_facts
 from workbench.controllers.manoeuvre import make_schedule, run_time
 from workbench.controllers.tail_controller import TailController
 from workbench.controllers.tail_law import TailLaw
@@ -113,7 +114,7 @@ def run_scenario(
         UserError: wrong scenario, unwritable or existing log.
     """
     car = assemble(scenario, meshcat=meshcat)
-    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station))
+    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | swing_facts(scenario))
     columns = recorded_columns(car.signals)
     with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
         RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)

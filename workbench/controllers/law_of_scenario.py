@@ -31,6 +31,12 @@ def swing_of_scenario(scenario: Any) -> SwingFile | None:
     return None if name == NO_SWING or scenario.tail.mode != "swing" else find_swing(name)
 
 
+def swing_facts(scenario: Any) -> dict[str, Any]:
+    """The whole swing that a scenario names, for `extra` of a run log, which must suffice to repeat the run."""
+    swing = swing_of_scenario(scenario)
+    return {} if swing is None else {"swing": swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
+
+
 def refuse_other_car(scenario: Any) -> None:
     """Raises SwingFileError, naming every parameter that differs, when the scenario's swing is for another car."""
     swing = swing_of_scenario(scenario)

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.logs.schema import read_run_log
 from workbench.resources import model_path
-from workbench.swing_file import SwingFile, read_swing, write_swing
+from workbench.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
 
 SHORT = ("--set", "manoeuvre.duration=2.7", "--speed", "3.33")
 NOISES = ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")
@@ -25,6 +25,7 @@ def test_the_published_swing_is_played_and_mirrored_for_a_right_turn(call: Calla
         result = call("turn", "--swing", "thesis_8_rad_per_s", "--direction", side, "--log", log, *SHORT, *QUIET)
         assert result.exit_code == 0, result.output
         logs[side] = read_run_log(log)
+    assert swing_from_dict(logs["left"].extra["swing"]) == read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
     left, right = (logs[side].signal("tail_roll_angle_rad") for side in ("left", "right"))
     assert left[0] < -1.5
     assert left[-1] > 1.0
