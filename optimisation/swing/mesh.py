@@ -1,4 +1,4 @@
-"""How far a collocated roll is from the roll of the same tail motion integrated finely, and finer meshes until it fits."""
+"""How far a collocated roll is from the same motion integrated finely, and finer meshes until it fits."""
 
 from __future__ import annotations
 

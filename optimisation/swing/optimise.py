@@ -64,7 +64,7 @@ class Options:
     wait: float = 0.0
     torque: float | None = None
     rounds: int = 4
-    trust: float = 0.12
+    trust: float = 0.08
     bound: float = 5e-3
     solver: SolverName = "snopt"
     iterations: int = 300
@@ -82,7 +82,7 @@ class Search:
     Attributes:
         friction, speed: at which the profile's run survived.
         swing: of that run; None is the scenario's own controller.
-        rounds: done.
+        rounds: done; `stalled` of them, the last ones, gained nothing.
         found: figures for the provenance.
         finished: nothing more was gained.
     """
@@ -92,6 +92,7 @@ class Search:
     swing: SwingFile | None = None
     rounds: int = 0
     found: dict[str, float] = field(default_factory=dict)
+    stalled: int = 0
     finished: bool = False
 
 
@@ -149,8 +150,8 @@ def _first(scenario: Scenario, options: Options, car: ReducedCar, warm: SwingFil
     held = outcome(drive(varied(scenario, tail={"mode": "held"})))
     if options.objective in ("roll", "effort") and held.survived and held.peak_roll < lift_roll(car):
         raise SwingError(
-            f"this turn needs no swing: with the tail held the car rolls {held.peak_roll:.3f} rad, its inner wheels lift "
-            f"at {lift_roll(car):.3f} rad"
+            f"this turn needs no swing: with the tail held the car rolls {held.peak_roll:.3f} rad, its inner wheels "
+            f"lift at {lift_roll(car):.3f} rad"
         )
     friction, speed = scenario.car.tyre_friction, scenario.manoeuvre.speed
     for _ in range(8):
@@ -164,8 +165,8 @@ def _first(scenario: Scenario, options: Options, car: ReducedCar, warm: SwingFil
             end = scenario.manoeuvre.turn_start + scenario.manoeuvre.turn_hold
             if scenario.manoeuvre.kind == "turn" and trial.released + options.wait > end:
                 raise SwingError(
-                    f"trigger: the swing begins at {trial.released + options.wait:.3f} s, after the turn, which ends at "
-                    f"{end:g} s; allowed: a lower --threshold or a shorter --wait"
+                    f"trigger: the swing begins at {trial.released + options.wait:.3f} s, after the turn, which ends "
+                    f"at {end:g} s; allowed: a lower --threshold or a shorter --wait"
                 )
             told(f"begin at {speed:.2f} m/s, friction {friction:.3f}: peak roll {trial.peak_roll:.3f} rad")
             return Search(friction, speed, warm)
@@ -177,7 +178,8 @@ def _first(scenario: Scenario, options: Options, car: ReducedCar, warm: SwingFil
             break
     lowest = f"{speed:.2f} m/s" if options.objective == "speed" else f"friction {friction:.3f}"
     raise SwingError(
-        f"nothing survives this turn at {scenario.manoeuvre.speed:g} m/s, looked down to {lowest}; allowed: a slower turn"
+        f"nothing survives this turn at {scenario.manoeuvre.speed:g} m/s, looked down to {lowest}; "
+        "allowed: a slower turn"
     )
 
 
@@ -273,14 +275,18 @@ def _climb(
         reached = (friction, speed, run)
     if reached is None:
         search.finished = True
-        told("  the new swing loses where the old one survived: kept the old one")
         if search.swing is None:
-            search.swing = swing
+            raise SwingError(
+                f"the full car rolls over with the swing at friction {search.friction:.3f}, {search.speed:.2f} m/s, "
+                "where the reduced model does not; allowed: begin at less friction or speed"
+            )
+        told("  the new swing loses where the old one survived: kept the old one")
         return
     found |= {"peak_roll_rad": round(reached[2].peak_roll, 6), "heading_rad": round(reached[2].heading, 6)}
     found |= {"survived_friction": round(reached[0], 6), "survived_speed_m_per_s": round(reached[1], 6)}
     gained = reached[0] > search.friction * 1.0001 or reached[1] > search.speed * 1.0001
-    search.finished = not gained
+    search.stalled = 0 if gained else search.stalled + 1
+    search.finished = search.stalled > 1
     search.friction, search.speed = reached[0], reached[1]
     search.found = found
     search.swing = swing.model_copy(
@@ -314,10 +320,15 @@ def _keep(checkpoint: Path | None, search: Search, scenario: Scenario, options: 
     write_swing(search.swing, swing_path, force=True)
     data = {
         "key": _key(scenario, options), "friction": search.friction, "speed": search.speed,
-        "rounds": search.rounds, "finished": search.finished, "swing": swing_path.read_text(encoding="utf-8"),
+        "rounds": search.rounds, "stalled": search.stalled, "finished": search.finished,
+        "swing": swing_path.read_text(encoding="utf-8"),
     }  # fmt: skip
     swing_path.unlink()
-    write_atomically(checkpoint, lambda path: path.write_text(json.dumps(data), encoding="utf-8"), True, SwingError)
+
+    def write(path: Path) -> None:
+        path.write_text(json.dumps(data), encoding="utf-8")
+
+    write_atomically(checkpoint, write, True, SwingError)
 
 
 def _resumed(checkpoint: Path | None, scenario: Scenario, options: Options) -> Search | None:
@@ -335,4 +346,6 @@ def _resumed(checkpoint: Path | None, scenario: Scenario, options: Options) -> S
     path.write_text(data["swing"], encoding="utf-8")
     swing = read_swing(path)
     path.unlink()
-    return Search(data["friction"], data["speed"], swing, data["rounds"], finished=data["finished"])
+    return Search(
+        data["friction"], data["speed"], swing, data["rounds"], stalled=data["stalled"], finished=data["finished"]
+    )

@@ -34,10 +34,10 @@ STATES = ("roll", "tail_roll", "roll_rate", "tail_roll_rate")
 """rad, rad, rad/s, rad/s."""
 CONTROLS = ("tail_roll_torque",)
 """Torque of the roll motor, N m."""
-INPUTS = ("front_ratio", "yaw_force", "speed", "lateral_speed", "yaw_rate")
+INPUTS = ("front_ratio", "yaw_force", "speed", "lateral_speed", "yaw_rate", "roll_moment")
 """What the turn does to the car: sideways over vertical force of the front tyres (1, positive to the left); rear tyre
 force that the yaw acceleration takes away, over the weight (1); velocity of the body origin forwards and to the left,
-m/s; yaw rate, rad/s."""
+m/s; yaw rate, rad/s; moment on the roll that the model does not explain in the run, N m outwards."""
 
 LIFT_WIDTH = 0.012
 """Roll over which the inner tyres leave the ground, rad: width of a smooth step."""
@@ -53,7 +53,7 @@ def derivative(state: Array, control: Array, inputs: Array, car: ReducedCar) -> 
     Args:
         state: (..., 4) as `STATES`.
         control: (..., 1) as `CONTROLS`.
-        inputs: (..., 5) as `INPUTS`.
+        inputs: (..., 6) as `INPUTS`.
         car: numbers.
 
     Returns:
@@ -85,7 +85,7 @@ def holding_torque(state: Array, inputs: Array, car: ReducedCar) -> Array:
 def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> tuple[Array, ...]:
     """m11, m12, m21, m22, b1, b2 of M (roll'', tail_roll'') = b, sideways motion eliminated."""
     roll, tail_roll, roll_rate, tail_rate = np.moveaxis(state, -1, 0)
-    ratio, yaw_force, speed, lateral_speed, yaw_rate = np.moveaxis(inputs, -1, 0)
+    ratio, yaw_force, speed, lateral_speed, yaw_rate, unexplained = np.moveaxis(inputs, -1, 0)
     alpha, alpha_rate = roll + tail_roll, roll_rate + tail_rate
     s, c = np.sin(roll), np.cos(roll)
     e_y, e_z = -np.sin(alpha), np.cos(alpha)  # along the tail
@@ -126,7 +126,7 @@ def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> 
     spring = suspension_moment(roll, roll_rate, lift[1], car)
     friction = car.coulomb * np.tanh(car.tanh_gain * tail_rate) + car.viscous * tail_rate
     right_y = f0 + air_y - c_y
-    right_roll = wheel[0] * f0 - g * (M * Az + t_z) + spring + gyroscopic + air_roll - c_roll
+    right_roll = wheel[0] * f0 - g * (M * Az + t_z) + spring + gyroscopic + air_roll - c_roll + unexplained
     right_tail = control[..., 0] - friction - g * ml * n_z + air_tail - c_tail
 
     # Sideways acceleration out: y'' = (right_y - a1 roll'' - a2 tail_roll'') / total.
@@ -225,7 +225,7 @@ def motion(
     Args:
         roll, roll_rate: of the car, (...).
         tail: angle, rate and acceleration of the tail roll, each (..., 1).
-        inputs: (..., 5) as `INPUTS`.
+        inputs: (..., 6) as `INPUTS`.
         car: numbers.
 
     Returns:

@@ -8,6 +8,7 @@ optimisation runs the full car again with the new swing and takes the profile an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from optimisation.errors import SwingError
+from optimisation.swing import spatial
 from optimisation.swing.planar import INPUTS
 from optimisation.swing.reduced_car import ReducedCar
 from workbench.logs.columns import WHEELS
@@ -26,7 +28,7 @@ from workbench.turn_signals import turn_sign
 SMOOTHING = 0.03
 """Width of the moving average over signals that carry tyre and suspension vibration, s; the reduced models have none
 of it."""
-SPEED, LATERAL_SPEED, YAW_RATE = (INPUTS.index(name) for name in ("speed", "lateral_speed", "yaw_rate"))
+ROLL_MOMENT = INPUTS.index("roll_moment")
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class TurnProfile:
 
     Attributes:
         time: s, shape (n,), increasing; begins before 0.
-        inputs: (n, 5) as `planar.INPUTS`, for the friction and the speed of the run.
+        inputs: (n, 6) as `planar.INPUTS`, for the friction and the speed of the run.
         friction: tyre friction of the run.
         speed: at the start of the turn, m/s.
         roll, roll_rate: of the car in that run, outwards, rad and rad/s, shape (n,).
@@ -53,21 +55,21 @@ class TurnProfile:
     def at(
         self, time: NDArray, friction: NDArray | float | None = None, speed: NDArray | float | None = None
     ) -> NDArray:
-        """Inputs (..., 5) at times (s) for a tyre friction and an entry speed (m/s); by default those of the run."""
+        """Inputs (..., 6) at times (s) for a tyre friction and an entry speed (m/s); by default those of the run."""
         return self.scaled(self.curve(time), friction, speed)
 
     def scaled(self, curve: NDArray, friction: Any = None, speed: Any = None) -> NDArray:
-        """Inputs (..., 5) of the run for another friction or entry speed; complex steps pass through.
+        """Inputs (..., 6) of the run for another friction or entry speed; complex steps pass through.
 
         Front ratio, yaw force and yaw rate grow with the friction, since the front tyres slide; the yaw rate falls
         with the speed, as the sideways force stays the same.
         """
         grip = 1.0 if friction is None else friction / self.friction
         pace = 1.0 if speed is None else speed / self.speed
-        return curve * np.stack(np.broadcast_arrays(grip, grip, pace, pace, grip / pace), axis=-1)
+        return curve * np.stack(np.broadcast_arrays(grip, grip, pace, pace, grip / pace, 1.0), axis=-1)
 
     def curve(self, time: NDArray) -> NDArray[np.float64]:
-        """Inputs (..., 5) of the run at times, s; constant beyond its ends."""
+        """Inputs (..., 6) of the run at times, s; constant beyond its ends."""
         return np.asarray(self._interpolant(np.clip(time, self.time[0], self.time[-1])))
 
     @cached_property
@@ -128,8 +130,11 @@ def turn_profile(
             column["velocity_x_truth_m_per_s"],
             smooth(side * column["velocity_y_truth_m_per_s"]),
             smooth(side * column["gyro_z_truth_rad_per_s"]),
+            np.zeros(len(time)),
         ]
     )
+    roll_rate = side * column["gyro_x_truth_rad_per_s"]
+    inputs[:, ROLL_MOMENT] = _unexplained_moment(run_log, side, inputs, smooth(roll), smooth(roll_rate), car, smooth)
     begin = max(0, int(np.searchsorted(time, release - 0.5)))
     use = slice(begin, last)
     start = int(np.searchsorted(time, release - 1e-9))
@@ -139,7 +144,7 @@ def turn_profile(
         friction=friction,
         speed=float(column["velocity_x_truth_m_per_s"][begin]),
         roll=roll[use],
-        roll_rate=side * column["gyro_x_truth_rad_per_s"][use],
+        roll_rate=roll_rate[use],
         trigger_time=float(time[start]),
     )
 
@@ -153,31 +158,61 @@ def _tail_on_car(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Force of the tail on the car and its moment about the body origin, (3, n), in axes that yaw with the car.
 
-    Weight and air less the rate of the tail's momentum; written for a left turn.
+    Weight and air less the rate of the tail's momentum; written for a left turn. Of the moment of weight and momentum
+    it has the part that the reduced models have: what the tail's place along the car makes of sideways and upward
+    force. What the yawing of a swinging tail adds stays in the profile's `yaw_force`.
     """
 
     def vector(stem: str, unit: str) -> NDArray[np.float64]:
         return np.array([column[f"{stem}_{axis}_truth_{unit}"] for axis in "xyz"])
 
-    def rate(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.array([np.gradient(smooth(row), time) for row in values])
-
-    weight = np.zeros((3, len(time)))
-    weight[2] = -car.tail_mass * car.gravity
-    force = vector("tail_force", "n") + weight
-    moment = vector("tail_force_moment", "n_m") + np.cross(vector("tail_com", "m"), weight, axis=0)
-    force = np.array([smooth(row) for row in force]) - rate(vector("tail_momentum", "n_s"))
-    moment = np.array([smooth(row) for row in moment]) - rate(vector("tail_angular_momentum", "n_m_s"))
-    moment = moment - np.cross(vector("position", "m"), force, axis=0)
     c, s = np.cos(column["yaw_truth_rad"]), np.sin(column["yaw_truth_rad"])
 
     def turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array([c * values[0] + s * values[1], c * values[1] - s * values[0], values[2]])
 
-    return turned(force) * [[1], [side], [1]], turned(moment) * [[side], [1], [side]]
+    origin = vector("position", "m")
+    air, air_moment = vector("tail_force", "n"), vector("tail_force_moment", "n_m")
+    air_moment = turned(air_moment - np.cross(origin, air, axis=0))
+    inertial = np.array([-np.gradient(smooth(row), time) for row in vector("tail_momentum", "n_s")])
+    inertial[2] -= car.tail_mass * car.gravity
+    inertial, ahead = turned(inertial), turned(vector("tail_com", "m") - origin)[0]
+    force = np.array([smooth(row) for row in turned(air)]) + inertial
+    moment = np.array([smooth(row) for row in air_moment])
+    moment[1] -= ahead * inertial[2]
+    moment[2] += ahead * inertial[1]
+    return force * [[1], [side], [1]], moment * [[side], [1], [side]]
 
 
-def _smoother(time: NDArray[np.float64]):
+def _unexplained_moment(
+    run_log: RunLog,
+    side: float,
+    inputs: NDArray[np.float64],
+    roll: NDArray[np.float64],
+    roll_rate: NDArray[np.float64],
+    car: ReducedCar,
+    smooth: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Moment (N m) that the reduced model lacks to roll as the car of the run did; with it, it does exactly so.
+
+    Near the limit the car balances, and a moment of 2 % of its weight's decides; what the model leaves out (pitch,
+    one inner wheel lifting before the other) is of that size.
+    """
+    time = run_log.time
+    tail = [
+        np.column_stack([smooth(run_log.signal(f"tail_{joint}_{part}")) for joint in ("roll", "pitch")])
+        for part in ("angle_rad", "rate_rad_per_s")
+    ]
+    accelerations = np.column_stack([np.gradient(rates, time) for rates in tail[1].T])
+    motion = (tail[0] * [side, 1.0], tail[1] * [side, 1.0], accelerations * [side, 1.0])
+    one = np.zeros(inputs.shape[1])
+    one[ROLL_MOMENT] = 1.0
+    without, _ = spatial.motion(roll, roll_rate, motion, inputs, car)
+    with_one, _ = spatial.motion(roll, roll_rate, motion, inputs + one, car)
+    return smooth((np.gradient(roll_rate, time) - without) / (with_one - without))
+
+
+def _smoother(time: NDArray[np.float64]) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """Moving average of odd length over `SMOOTHING`, edges held."""
     half = max(1, round(0.5 * SMOOTHING / float(time[1] - time[0])))
     kernel = np.ones(2 * half + 1) / (2 * half + 1)

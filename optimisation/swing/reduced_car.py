@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from pydrake.systems.framework import DiagramBuilder
 
@@ -93,8 +94,9 @@ class ReducedCar:
         built = add_car_plant(DiagramBuilder(), swinging)
         plant, tail, car = built.plant, scenario.tail, scenario.car
         context = plant.CreateDefaultContext()
-        plant.GetJointByName("tail_roll").set_angle(context, 0.0)
-        plant.GetJointByName("tail_pitch").set_angle(context, 0.0)
+        for name in ("tail_roll", "tail_pitch"):
+            joint: Any = plant.GetJointByName(name)
+            joint.set_angle(context, 0.0)
         bodies = [
             *plant.GetBodyIndices(built.car),
             *(plant.GetBodyByName(name).index() for name in ("tail_anchor", "tail_hub")),
@@ -104,6 +106,7 @@ class ReducedCar:
         I_BBcm = M_BBo_B.Shift(p_BoBcm).CalcRotationalInertia()
         arm = [plant.GetBodyByName(name).index() for name in ("tail_rod", "tail_sail")]
         M_TTo_T = plant.CalcSpatialInertia(context, plant.GetBodyByName("tail_rod").body_frame(), arm)
+        J_x, J_y, J_z = M_TTo_T.CalcRotationalInertia().get_moments()
         hub = plant.GetBodyByName("tail_hub").default_rotational_inertia()
         wheels = [
             plant.GetBodyByName(f"{axle}_{side}_wheel") for axle in ("front", "rear") for side in ("left", "right")
@@ -129,7 +132,7 @@ class ReducedCar:
             axis_x=tail.mount_x,
             tail_mass=float(M_TTo_T.get_mass()),
             tail_com=float(M_TTo_T.get_com()[2]),
-            tail_inertia=tuple(float(moment) for moment in M_TTo_T.CalcRotationalInertia().get_moments()),
+            tail_inertia=(float(J_x), float(J_y), float(J_z)),
             hub_inertia=float(hub.get_moments()[1]),
             rotor_inertia=scenario.tail_motor.rotor_inertia * scenario.tail_motor.gear_ratio**2,
             tail_length=tail.length,

@@ -10,12 +10,14 @@ from optimisation.swing.solve import Solution
 from optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, TORQUE, Problem
 from workbench.logs.schema import software_versions
 from workbench.scenario import Scenario
-from workbench.swing_file import GainPhase, Gains, JointGains, Knots, Limits, Provenance, SwingFile, Trigger
+from workbench.swing_file import SCHEMA, SwingFile, swing_from_dict
 
-HOLD = JointGains(kp=17.0, kd=5.0)
+HOLD = {"kp": 17.0, "kd": 5.0}
 """Gains of the wait: those of the thesis' hold (Table 6.4)."""
-FOLLOW = JointGains(kp=60.0, kd=3.0)
+FOLLOW = {"kp": 60.0, "kd": 3.0}
 """Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
+KNOT_ROUNDING = 1e-3
+"""How far the curve between two knots on a limit may bulge, rad."""
 
 CAR_KEYS = (
     "car.mass", "car.com_height", "car.com_x", "car.gyration_roll", "car.wheelbase", "car.track", "tail.length",
@@ -75,26 +77,30 @@ def swing_file(
     def row(values: np.ndarray) -> tuple[float, ...]:
         return tuple(float(value) for value in np.round(values, 9) + 0.0)
 
-    return SwingFile(
-        name=name,
-        direction=scenario.manoeuvre.direction,
-        trigger=Trigger(kind="yaw_rate", threshold_rad_per_s=threshold),
-        knots=Knots(
-            time_s=row(problem.knots),
-            roll_position_rad=row(side * np.clip(roll, -limits.angles[0], limits.angles[0])),
-            roll_velocity_rad_per_s=row(side * roll_rate),
-            pitch_position_rad=row(pitch_angle),
-            pitch_velocity_rad_per_s=row(pitch_rate),
-            roll_torque_n_m=row(side * torque_of(problem, solution, 0)),
-            pitch_torque_n_m=row(torque_of(problem, solution, 1)),
-        ),
-        gains=Gains(hold=HOLD, phases=(GainPhase(start_s=0.0, roll=FOLLOW, pitch=FOLLOW),)),
-        limits=Limits(
-            roll_position_rad=limits.angles[0] + 1e-3,
-            pitch_position_rad=scenario.tail.pitch_limit + 1e-3,
-            velocity_rad_per_s=limits.tail_rate,
-            torque_n_m=limits.torque,
-        ),
-        provenance=Provenance(**provenance, versions=software_versions()),
-        car=data,
+    return swing_from_dict(
+        {
+            "schema": SCHEMA,
+            "name": name,
+            "direction": scenario.manoeuvre.direction,
+            "trigger": {"kind": "yaw_rate", "threshold_rad_per_s": threshold},
+            "knots": {
+                "time_s": row(problem.knots),
+                "roll_position_rad": row(side * np.clip(roll, -limits.angles[0], limits.angles[0])),
+                "roll_velocity_rad_per_s": row(side * roll_rate),
+                "pitch_position_rad": row(pitch_angle),
+                "pitch_velocity_rad_per_s": row(pitch_rate),
+                "roll_torque_n_m": row(side * torque_of(problem, solution, 0)),
+                "pitch_torque_n_m": row(torque_of(problem, solution, 1)),
+            },
+            "gains": {"hold": HOLD, "phases": [{"start_s": 0.0, "roll": FOLLOW, "pitch": FOLLOW}]},
+            "limits": {
+                "roll_position_rad": limits.angles[0] + KNOT_ROUNDING,
+                "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
+                "velocity_rad_per_s": limits.tail_rate,
+                "torque_n_m": limits.torque,
+            },
+            "provenance": {**provenance, "versions": software_versions()},
+            "car": data,
+        },
+        name,
     )

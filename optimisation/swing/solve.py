@@ -185,7 +185,7 @@ def multi_start(
     Start k depends on seed and k alone, so more starts begin with the same ones.
     """
     deadline = time.perf_counter() + wall_time
-    solutions = []
+    solutions: list[Solution] = []
     for number in range(starts):
         left = deadline - time.perf_counter()
         if left <= 0.0 and solutions:
@@ -219,6 +219,8 @@ def cost_of(problem: Problem, x: FloatArray) -> float:
                 total += float(np.mean(x[layout.member(number, 2 + joint)] ** 2)) / layout.members
     for joint in range(layout.joints):
         total += problem.smoothness * float(np.mean(x[layout.tail(joint, 2)] ** 2))
+    for number in range(layout.members):
+        total += problem.margin / layout.members * float(np.mean(x[layout.member(number, 0)] ** 2))
     return total
 
 
@@ -384,6 +386,8 @@ def _add_cost(prog: MathematicalProgram, x: Any, problem: Problem) -> None:
                 _add_mean_square(prog, x[layout.member(number, 2 + joint)], 1.0 / layout.members)
     for joint in range(layout.joints):
         _add_mean_square(prog, x[layout.tail(joint, 2)], problem.smoothness)
+    for number in range(layout.members):
+        _add_mean_square(prog, x[layout.member(number, 0)], problem.margin / layout.members)
 
 
 def _add_mean_square(prog: MathematicalProgram, x: Any, weight: float) -> None:

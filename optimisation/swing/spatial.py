@@ -41,14 +41,14 @@ def motion(
     Args:
         roll, roll_rate: of the car, (...).
         tail: angles, rates and accelerations of roll and pitch, each (..., 2).
-        inputs: (..., 5) as `planar.INPUTS`.
+        inputs: (..., 6) as `planar.INPUTS`.
         car: numbers.
 
     Returns:
         Roll acceleration, rad/s2, (...), and motor torques of roll and pitch, N m, (..., 2).
     """
     (q, p), (q_rate, p_rate), (q_acc, p_acc) = (np.moveaxis(values, -1, 0) for values in tail)
-    ratio, yaw_force, speed, lateral_speed, yaw_rate = np.moveaxis(inputs, -1, 0)
+    ratio, yaw_force, speed, lateral_speed, yaw_rate, unexplained = np.moveaxis(inputs, -1, 0)
     s, c = np.sin(roll), np.cos(roll)
     X, N, e = _tail_axes(s, c, p, q)
     Y = (0.0, c, s)
@@ -106,7 +106,7 @@ def motion(
     H = wheel[0]
     a21 = M * Ay - H * f_y + By * Fy[1] + Bz * Fy[2] + My[0]
     a22 = M * (Ay * Ay + Az * Az) + car.inertia - H * f_r + By * Fr[1] + Bz * Fr[2] + Mr[0]
-    b2 = H * f0 - g * M * Az + spring + gyroscopic - M * (Ay * A2y + Az * A2z) * squared
+    b2 = H * f0 - g * M * Az + spring + gyroscopic + unexplained - M * (Ay * A2y + Az * A2z) * squared
     b2 = b2 - By * F0[1] - Bz * F0[2] - M0[0]
     determinant = a11 * a22 - a12 * a21
     sideways, acceleration = (b1 * a22 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant

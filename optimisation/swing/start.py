@@ -52,8 +52,8 @@ def start_from(
         roll = np.clip(np.interp(problem.knots, member.profile.time, member.profile.roll), -0.05, 0.5 * limits.roll)
         x[layout.member(number, 0)] = roll / ROLL
         x[layout.member(number, 1)] = np.gradient(roll, problem.knots) / ROLL_RATE
-        tail = tuple(np.column_stack([motion[order] for motion in motions]) for order in range(3))
-        _, torque = problem.model.motion(roll, np.zeros_like(roll), tail, inputs, member.car)
+        angles, rates, accelerations = (np.column_stack([motion[order] for motion in motions]) for order in range(3))
+        _, torque = problem.model.motion(roll, np.zeros_like(roll), (angles, rates, accelerations), inputs, member.car)
         for joint in range(layout.joints):
             x[layout.member(number, 2 + joint)] = np.clip(torque[:, joint], -limits.torque, limits.torque) / TORQUE
     if problem.objective == "friction":

@@ -68,7 +68,7 @@ class SwingLimits:
     tail_rate: float
     angles: tuple[float, ...]
     torque_rate: float = 1500.0
-    clearance: float = 0.02
+    clearance: float = 0.05
     roll: float = 0.25
     roll_inwards: float = 0.25
     end_roll: float = 0.06
@@ -104,6 +104,8 @@ class Problem:
         parameter_range: lowest and highest friction (1) or speed (m/s) looked at.
         wait: the tail stays at the start for this long after the release, s (a fixed trigger time); 0 leaves it free.
         smoothness: weight of the mean square of the scaled accelerations beside the objective.
+        margin: weight of the mean square of the scaled car roll: of swings that survive as much, the one that leaves
+            more in hand, and a motion that does not balance on two wheels, where every error grows.
     """
 
     model: ReducedModel
@@ -115,6 +117,7 @@ class Problem:
     parameter_range: tuple[float, float] = (0.2, 1.6)
     wait: float = 0.0
     smoothness: float = 0.02
+    margin: float = 0.05
 
     @property
     def joints(self) -> int:
