@@ -149,7 +149,11 @@ def _number(value: Any) -> str:
 
 
 def _write_text(path: Path, text: str) -> None:
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8") and None, True, UserError)
+    write_atomically(path, lambda temporary: _put(temporary, text), True, UserError)
+
+
+def _put(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
 
 
 def _write_csv(path: Path, frame: pd.DataFrame) -> None:

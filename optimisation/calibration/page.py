@@ -116,12 +116,12 @@ def _parameters(result: Calibration, parameters: pd.DataFrame) -> Section:
     header = ("parameter", "prior", "5 %", "median", "95 %", "best", "learnt")
     rows = [
         (
-            row.parameter,
-            f"{row.prior_low:g} to {row.prior_high:g}",
-            *(f"{value:.4g}" for value in (row.low, row.median, row.high, row.best)),
-            f"{row.learnt:+.0%}",
+            str(row["parameter"]),
+            f"{float(row['prior_low']):g} to {float(row['prior_high']):g}",
+            *(f"{float(row[name]):.4g}" for name in ("low", "median", "high", "best")),
+            f"{float(row['learnt']):+.0%}",
         )
-        for row in parameters.itertuples()
+        for row in parameters.to_dict("records")
     ]
     members = member_frame(result)
     parts: tuple[Markup, ...] = (

@@ -16,6 +16,7 @@ COMMAND_MODULES: tuple[str, ...] = (
     "threshold",
     "leaderboard",
     "calibrate",
+    "report",
 )
 """Modules of this package in the order of the help page; each has `register(app)`."""
 

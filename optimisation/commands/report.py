@@ -1,0 +1,33 @@
+"""`aerodima report`: which claims of the thesis this car reproduces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command `report`."""
+    app.command()(report)
+
+
+def report(
+    out: Annotated[Path, typer.Option(help="Folder for page, table, runs and replays.")] = Path("out/report"),
+    ensemble: Annotated[str, typer.Option(help="A name of models/calibration, or a file.")] = "car",
+    members: Annotated[int, typer.Option(help="How many members are run, the likeliest first.")] = 12,
+    replays: Annotated[bool, typer.Option(help="Also make replays of the interesting runs of the best member.")] = True,
+    workers: Annotated[int, typer.Option(help="Processes on this computer.")] = 2,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Drop the runs that are in the folder.")] = False,
+) -> None:
+    """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
+    from optimisation.reproduction.report import write_report
+    from optimisation.sweep.engine import open_engine
+    from workbench.demo import terminal
+    from workbench.ensemble import load_ensemble
+
+    chosen = load_ensemble(ensemble)
+    with open_engine(workers, scheduler) as engine:
+        typer.echo(write_report(chosen, members, out, engine, terminal(), replays=replays, force=force))

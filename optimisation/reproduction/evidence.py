@@ -1,0 +1,91 @@
+"""The runs behind the report: every member as the thesis ran its car."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from optimisation.calibration.runs import RunStore, Wanted, flips_in_the_turn, survives
+from optimisation.sweep.engine import Engine
+from workbench.ensemble import Member
+from workbench.published import flip_bracket, published_figures
+from workbench.scenario import load_parameter_entries
+
+NO_FLICK_THROTTLE = 0.55
+"""Throttle of the run of thesis section 7.2.2 in which the tail did not swing (models/published/constants.csv)."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Rows of runs by (tail mode, commanded speed), one per member.
+
+    Attributes:
+        members: of the ensemble that were run.
+        rows: tables of runs.
+        held_speed: speed (m/s) of 55 % throttle by the assumed throttle line.
+        settings: overrides that all runs share.
+    """
+
+    members: tuple[Member, ...]
+    rows: dict[tuple[str, float], pd.DataFrame]
+    held_speed: float
+    settings: tuple[str, ...]
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Of the members (m)."""
+        return np.array([member.weight for member in self.members])
+
+    def column(self, mode: str, speed: float, name: str) -> NDArray[np.float64]:
+        """One number of the runs of all members (m); NaN where a run has none."""
+        rows = self.rows[mode, speed]
+        return rows[name].to_numpy(float) if name in rows else np.full(len(rows), np.nan)
+
+    def survived(self, mode: str, speed: float) -> float:
+        """Share of the weight that survived these runs."""
+        return float(self.weights @ survives(self.rows[mode, speed]))
+
+    def flipped(self, mode: str, speed: float) -> float:
+        """Share of the weight that flipped in the turn."""
+        return float(self.weights @ flips_in_the_turn(self.rows[mode, speed]))
+
+
+def gather(
+    members: Sequence[Member],
+    store: RunStore,
+    engine: Engine,
+    say: Callable[[str], None],
+    settings: tuple[str, ...] = (),
+) -> Evidence:
+    """Runs every member at every speed that the report needs; what the store has is not run again."""
+    held_speed = throttle_speed(NO_FLICK_THROTTLE)
+    pairs = wanted_pairs(held_speed)
+    wanted = [Wanted(m.values, mode, speed, settings=settings) for mode, speed in pairs for m in members]
+    rows = store.run(wanted, engine, lambda done, of: say(f"[{done}/{of}] runs"))
+    count = len(members)
+    tables = {
+        pair: rows[place * count : (place + 1) * count].reset_index(drop=True) for place, pair in enumerate(pairs)
+    }
+    return Evidence(tuple(members), tables, held_speed, settings)
+
+
+def wanted_pairs(held_speed: float) -> list[tuple[str, float]]:
+    """(tail mode, speed) of the runs: both brackets, the physical rows, and the held tail beside the swung one."""
+    none, swing = flip_bracket("tailless"), flip_bracket("tailed")
+    physical = {
+        row.configuration: row.metrics.speed_m_per_s for row in published_figures() if row.platform == "physical"
+    }
+    return [
+        *(("none", speed) for speed in (none.survived, none.flipped, physical["tailless"])),
+        *(("swing", speed) for speed in (swing.survived, swing.flipped, physical["tailed"])),
+        *(("held", speed) for speed in (swing.survived, physical["tailed"], held_speed)),
+    ]
+
+
+def throttle_speed(throttle: float) -> float:
+    """Steady speed (m/s) of a throttle (0 to 1) by the assumed line of the parameters: Fig. 6.8 is not in the text."""
+    entries: dict[str, Any] = {key: entry.value for key, entry in load_parameter_entries("drive").items()}
+    return float(entries["throttle_gain"]) * throttle + float(entries["throttle_offset"])

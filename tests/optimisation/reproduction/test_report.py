@@ -1,0 +1,66 @@
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from optimisation.reproduction.report import write_report
+from optimisation.reproduction.rows import change_row, figure_row, share_row
+from tests.optimisation.calibration.made_up_car import MadeUpEngine
+from workbench.ensemble import load_ensemble
+
+HALF = np.array([0.5, 0.5])
+
+
+class TailedToo(MadeUpEngine):
+    """The made-up car with the keys that a provisional ensemble leaves out, and a held tail."""
+
+    def row(self, task):
+        given = {setting.partition("=")[0] for setting in task.settings}
+        left_out = {"car.tyre_friction": 0.6, "car.com_height": 0.2433, "car.track": 0.28, "car.mass": 6.0}
+        left_out |= {"tail.sail_length": 0.6, "tail.sail_width": 0.2}
+        added = tuple(f"{key}={value}" for key, value in left_out.items() if key not in given)
+        full = type(task)(task.name, task.scenario.replace("held", "swing"), (*task.settings, *added))
+        return super().row(full)
+
+
+@pytest.mark.parametrize(
+    ("values", "verdict"),
+    [
+        ([9.9, 10.2], "reproduced"),
+        ([10.5, 10.9], "reproduced"),  # not in the band, but within 10 %
+        ([4.0, 16.0], "not reproduced"),  # in the band, which excludes nothing
+        ([13.0, 14.0], "not reproduced"),
+        ([np.nan, np.nan], "not computable"),
+    ],
+)
+def test_a_figure_is_reproduced_only_by_a_band_that_could_have_missed_it(values, verdict) -> None:
+    assert figure_row("T", "c", "m", 10.0, np.array(values), HALF, "").verdict == verdict
+
+
+def test_a_change_of_the_right_sign_and_wrong_size_is_a_direction_only() -> None:
+    assert change_row("T", "c", -40.0, np.array([-5.0, -8.0]), HALF, "").verdict == "direction only"
+    assert change_row("T", "c", -40.0, np.array([-5.0, 8.0]), HALF, "").verdict == "not reproduced"
+    assert change_row("T", "c", -40.0, np.array([5.0, 8.0]), HALF, "").verdict == "not reproduced"
+
+
+def test_an_outcome_needs_nine_tenths_of_the_weight() -> None:
+    assert share_row("T", "c", 0.9, "").verdict == "reproduced"
+    assert share_row("T", "c", 0.89, "").verdict == "not reproduced"
+
+
+def test_the_report_has_a_row_per_claim_and_says_what_is_missing(tmp_path: Path) -> None:
+    page = write_report(load_ensemble("car"), 3, tmp_path, TailedToo(), lambda line: None, replays=False)
+    rows = pd.read_csv(tmp_path / "rows.csv").fillna({"evidence": ""})
+    assert set(rows.verdict) <= {"reproduced", "direction only", "not reproduced", "not computable"}
+    assert (rows.place == "Table 7.4").sum() == 8
+    assert (rows.evidence.str.len() > 0).all()
+    text = page.read_text(encoding="utf-8")
+    assert "3 of" in text
+    assert "Fig. 6.8" in text
+    assert "55 %" in text
+
+
+def test_a_wrong_number_of_members_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="0 members of"):
+        write_report(load_ensemble("car"), 0, tmp_path, TailedToo(), lambda line: None, replays=False)
