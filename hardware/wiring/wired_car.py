@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -27,16 +26,13 @@ from hardware.transport.serial_link import SerialLink
 from hardware.wiring.base import CarCommand, CarReading, SourceFault, WiringName
 from hardware.wiring.drive_safety import DriveSafety
 from hardware.wiring.mounting import Mounting
+from hardware.wiring.recent import ListeningPort, SailRate
 from workbench.errors import HardwareError
 from workbench.ports import STATUS
 
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
-_HEARD = 400
-"""Frames that are kept: two seconds of two motors."""
-_RATE_WINDOW = 0.02
-"""s; of the sail's rate, as the simulated encoder has it."""
 _TEENSY_FAULTS = {
     TeensyFault.NONE: SourceFault.NONE,
     TeensyFault.NO_REPLY_YET: SourceFault.NO_SAMPLE_YET,
@@ -133,10 +129,10 @@ class WiredCar:
         self._open_devices, self.authorise = open_devices, authorise
         self.devices: Devices | None = None
         self.group: MotorGroup | None = None
-        self._port: _ListeningPort | None = None
+        self._port: ListeningPort | None = None
         self.reading = CarReading()
         self.stop_reason = ""
-        self._sail = _SailRate()
+        self._sail = SailRate()
         self._tail_seen = np.zeros((2, 3))
         self._imu_seen = (math.nan, self.reading.imu)
         self._speed_seen = self.reading.speed
@@ -148,7 +144,7 @@ class WiredCar:
         if self.devices is not None or self.stop_reason:
             raise HardwareError(f"{self.name}: was started already")
         self.devices = self._open_devices()
-        self._port = _ListeningPort(self.devices.motor_port)
+        self._port = ListeningPort(self.devices.motor_port)
         self.group = MotorGroup(self._settings, self._port)
 
     def arm(self) -> None:
@@ -358,52 +354,3 @@ class WiredCar:
             self.reading.operator,
             self.reading.fault_text or self.stop_reason,
         )
-
-
-class _ListeningPort:
-    """A port that keeps the newest frames, for the check of the firmware profile."""
-
-    def __init__(self, port: FramePort) -> None:
-        self._port = port
-        self.heard: deque[tuple[float, CanFrame]] = deque(maxlen=_HEARD)
-
-    @property
-    def fault(self) -> int:
-        return self._port.fault
-
-    @property
-    def fault_text(self) -> str:
-        return self._port.fault_text
-
-    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
-        return self._port.send(frame, urgent)
-
-    def poll(self) -> list[tuple[float, CanFrame]]:
-        frames = self._port.poll()
-        self.heard.extend(frames)
-        return frames
-
-    def flush(self, timeout: float = 0.2) -> bool:
-        return self._port.flush(timeout)
-
-
-class _SailRate:
-    """Sail angle and its rate from the Teensy's replies, each with the time at which the Teensy sent it."""
-
-    def __init__(self) -> None:
-        self._past: deque[tuple[float, float]] = deque(maxlen=64)
-        self._seen = (0.0, 0.0)
-
-    def of(self, teensy: TeensyLink, mounting: Mounting) -> tuple[float, float]:
-        """Angle in [0, 2 pi) rad and rate rad/s; zeros before the first reply."""
-        sent = teensy.sent_time
-        if not math.isfinite(sent) or (self._past and sent <= self._past[-1][0]):
-            return self._seen
-        angle = mounting.sail_angle(teensy.sail)
-        self._past.append((sent, angle))
-        while len(self._past) > 2 and sent - self._past[1][0] >= _RATE_WINDOW - 1e-3:
-            self._past.popleft()
-        span = sent - self._past[0][0]
-        rate = math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span if span > 1e-3 else 0.0
-        self._seen = angle, rate
-        return self._seen
