@@ -11,7 +11,9 @@ import math
 import numpy as np
 import pandas as pd
 
+from optimisation.identify.robot_tail import motor_of
 from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out
+from workbench.aero.laws import NormalForceLaw
 from workbench.logs.schema import RunLog, run_log_from_metadata
 from workbench.rig_logs import rig_log_metadata
 from workbench.rig_scenario import RigScenario, load_rig_scenario
@@ -43,6 +45,17 @@ def flick_log(added_mass: float, seed: int, wind_speed: float = 10.0, duration: 
     return _log(scenario, [air, smooth], added_mass, current, rng)
 
 
+def robot_log(cn: float, angle: float, wind_speed: float, kp: float, duration: float = 2.0) -> RunLog:
+    """The robot's tail let go under its motor, with a constant C_N; only the counts of its angle are not exact."""
+    scenario = load_rig_scenario("robot").varied(
+        experiment={"angle": angle, "wind_speed": wind_speed, "duration": duration, "rest": 0.0}, robot={"kp": kp}
+    )
+    air, friction = air_torque(scenario, NormalForceLaw(cn)), scenario.robot_friction
+    assert air is not None
+    smooth = friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)
+    return _log(scenario, [air, smooth, motor_of(scenario)], 0.0, None)
+
+
 def _log(
     scenario: RigScenario,
     torques,
@@ -66,6 +79,8 @@ def _log(
     if current is not None and rng is not None:
         logged[1:] = current + scenario.maxon.current_noise * rng.normal(size=count - 1)
     step = count_angle(scenario)
+    if scenario.is_robot:
+        step = 2.0 * scenario.robot_motor.position_range / (2**16 - 1)  # its position in a reply has 16 bits
     table = pd.DataFrame(
         {
             "time_s": np.arange(count) / RATE,

@@ -132,6 +132,20 @@ def test_intervals_of_added_mass_hold_the_truth_although_the_current_is_noisy() 
     assert np.mean(np.abs(scores) < 1.96) >= 0.8
 
 
+@pytest.mark.slow
+def test_intervals_of_the_robot_tail_hold_the_truth() -> None:
+    rng = np.random.default_rng(7)
+    scores = []
+    for _ in range(12):
+        cn, angle = rng.uniform([1.2, 0.8], [2.6, 0.95])
+        log = truth.robot_log(cn, angle, rng.choice([5.0, 7.5, 10.0]), rng.choice([4.0, 10.0]), 1.5)
+        found = fit_robot_tail(swing_data(log, "robot_swing"))["cn"]
+        scores.append((found.value - cn) / found.standard_deviation)
+    # 12 standard scores: their deviation is known to 20 %.
+    assert 0.4 <= np.std(scores) <= 1.6
+    assert np.mean(np.abs(scores) < 1.96) >= 0.8
+
+
 def test_response_to_a_push_is_that_of_two_rollouts() -> None:
     scenario = load_rig_scenario("flick")
     pendulum, air = Pendulum.of(scenario), air_torque(scenario)
