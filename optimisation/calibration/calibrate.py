@@ -93,6 +93,7 @@ def calibrate(plan: CalibrationPlan, store: RunStore, engine: Engine, say: Calla
 
     car = run_stage(tailless, car_prior, plan.car_stage, plan.seed, draw_car, store, engine, _named(say, "car"))
     say(_in_words("car", car))
+    _require_enough("car", car)
     both = Prior((*plan.car, *plan.tail), plan.plausible, base)
     tailed = Target("swing", flip_bracket("tailed"), None, {})
 
@@ -105,14 +106,19 @@ def calibrate(plan: CalibrationPlan, store: RunStore, engine: Engine, say: Calla
 
     tail = run_stage(tailed, both, plan.tail_stage, plan.seed + 1000, draw_tail, store, engine, _named(say, "tail"))
     say(_in_words("tail", tail))
-    if tail.effective_size < ENOUGH:
-        raise UserError(
-            f"the ensemble is worth {tail.effective_size:.0f} cars; needed are {ENOUGH}: more members in the plan, or "
-            "another seed"
-        )
+    _require_enough("tail", tail)
     check = _fine_check(plan, tail, store, engine, say)
     best = _best(plan, car, tail, check, store, engine)
     return Calibration(plan, car, tail, check, best, len(store))
+
+
+def _require_enough(stage: str, result: StageResult) -> None:
+    """Both stages count: many tails on few cars are few cars."""
+    if result.effective_size < ENOUGH:
+        raise UserError(
+            f"the members of the {stage} stage are worth {result.effective_size:.0f}; needed are {ENOUGH}: more points "
+            "or members in the plan, or another seed"
+        )
 
 
 def _fine_check(
