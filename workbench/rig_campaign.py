@@ -23,6 +23,7 @@ from workbench.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
 
 CAMPAIGN_SCHEMA = "aerodima/rig-campaign/1"
 MOST_LOGS = 10000
+"""Of one campaign; the published one has 540."""
 _SOURCE = r"^(published: .+|datasheet: .+|assumed|chosen)$"
 
 

@@ -24,6 +24,7 @@ from workbench.logs.schema import software_versions
 
 REPORT = "index.html"
 PRIOR_SAMPLE = 4096
+"""Draws from the prior that its quantiles rest on."""
 
 
 def write_calibration(

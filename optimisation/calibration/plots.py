@@ -13,6 +13,7 @@ from workbench.report.words import metric_name
 
 COLUMNS = 5
 BINS = 12
+"""Panels per row; bars per histogram."""
 
 
 def plot_posterior(parameters: pd.DataFrame, members: pd.DataFrame) -> Figure:

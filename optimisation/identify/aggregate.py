@@ -22,6 +22,7 @@ from optimisation.robust import huber, spread
 from workbench.resources import model_path
 
 PERCENTILES = (10.0, 90.0)
+"""Shown beside every average, percent."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ ANGLE, CURRENT = "angle_rad", "current_a"
 LARGEST_STEP = 0.004
 """Step of the rollouts, s."""
 LEAST_SAMPLES = 50
+"""Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
 _LARGEST_ANGLE = math.radians(110.0)
 _TRUTH = ("aero", "seed", "name", "schema")

@@ -21,6 +21,8 @@ LEVELS = (0.05, 0.5, 0.95)
 WIDEST = 0.5
 CLOSE = 0.1
 SURE = 0.9
+"""Quantiles of a band; the widest band (share of the published figure) that may count as reproduced; how close its
+median must be; the weight of the ensemble that a verdict needs."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from workbench.scenario import default_values, load_scenario
 
 Say = Callable[[str], None]
 BAR = 24
+"""Width of the progress bar, characters."""
 
 
 def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, say: Say | None = None) -> pd.DataFrame:

@@ -16,6 +16,7 @@ from optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, Pr
 FloatArray = NDArray[np.float64]
 
 MOST_KNOTS = 241
+"""Finest mesh that is tried."""
 
 
 def tail_at(problem: Problem, x: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -17,6 +17,7 @@ from workbench.logs.schema import RunLog
 from workbench.signals import GAP_FACTOR
 
 MOST_ROWS = 12
+"""Signals that one picture holds."""
 _BEFORE, _AFTER, _REST, _GAP = "#9aa0a6", "#b3261e", "#cfe8d5", "#f3c77a"
 
 

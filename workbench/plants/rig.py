@@ -35,6 +35,7 @@ from workbench.plants.rig_reactions import SpanwiseBalance, SupportWrench
 from workbench.rig_scenario import RigScenario
 
 ADDED_MASS_PARTS = 5
+"""Equal parts of the tail that carry the added mass (thesis section 4.6)."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"
 DOWN = (0.0, 0.0, -1.0)
 UPSTREAM = (0.0, 1.0, 0.0)
+"""Directions in world axes; the wind blows to -y."""
 
 
 @dataclass(frozen=True)

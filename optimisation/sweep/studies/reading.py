@@ -15,6 +15,7 @@ from workbench.ensemble import weighted_quantiles
 LEVELS = (0.05, 0.5, 0.95)
 """Of a band over an ensemble: its lower end, its median, its upper end."""
 CONFIDENCE = 0.95
+"""Of an interval of a probability (Clopper and Pearson)."""
 
 
 def weights_of(frame: pd.DataFrame) -> np.ndarray:

@@ -22,6 +22,7 @@ from workbench.report import page as html
 
 PAGE, FINDINGS = "index.html", "findings"
 MOST_ROWS = 200
+"""Rows of a table on the page; the files have all."""
 
 
 @dataclass(frozen=True)
