@@ -10,7 +10,8 @@ import logging
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from optimisation.sweep.task import WORKER_LOST, RunTask, evaluate, failed_row
@@ -195,21 +196,36 @@ def _local_cluster(workers: int) -> Iterator[Client]:
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREAD_VARIABLES, 1),
         "distributed.worker.memory.terminate": False,
     }
-    with (
-        dask.config.set(options),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",  # of Dask's own HTTP routes; the dashboard itself is off
-            scheduler_kwargs={"dashboard": False},
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        client.register_plugin(_ignore_ctrl_c_plugin())
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(options))
+        with _ctrl_c_blocked():
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",  # of Dask's own HTTP routes; the dashboard itself is off
+                scheduler_kwargs={"dashboard": False},
+                silence_logs=logging.CRITICAL,
+            )
+            stack.enter_context(cluster)
+            client = stack.enter_context(Client(cluster))
         yield client
+
+
+@contextmanager
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Holds Ctrl-C back for threads and processes that are started meanwhile, and for what they start in turn.
+
+    The terminal sends it to all processes, but the client alone is to act on it: it closes the workers. A worker that
+    replaces a lost one is started by such a thread too.
+    """
+    resource_tracker.ensure_running()  # by its own start it would let the signal through to the thread that starts it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -225,19 +241,6 @@ def _remote(address: str) -> Iterator[Client]:
         if not client.nthreads():
             raise SweepError(f"--scheduler {address}: the scheduler has no workers; start some with `dask worker`")
         yield client
-
-
-def _ignore_ctrl_c_plugin() -> Any:
-    """Ctrl-C goes to all processes of a terminal; the client alone acts on it, and then closes the workers."""
-    from distributed import WorkerPlugin
-
-    class IgnoreCtrlC(WorkerPlugin):  # type: ignore[misc]  # distributed is typed in parts only
-        name = "ignore-ctrl-c"
-
-        def setup(self, worker: Any) -> None:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    return IgnoreCtrlC()
 
 
 @contextmanager
