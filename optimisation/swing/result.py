@@ -16,8 +16,8 @@ HOLD = {"kp": 17.0, "kd": 5.0}
 """Gains of the wait: those of the thesis' hold (Table 6.4)."""
 FOLLOW = {"kp": 60.0, "kd": 3.0}
 """Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
-KNOT_ROUNDING = 1e-3
-"""How far the curve between two knots on a limit may bulge, rad."""
+KNOT_ROUNDING = 1e-2
+"""How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on the stop."""
 
 CAR_KEYS = (
     "car.mass", "car.com_height", "car.com_x", "car.gyration_roll", "car.wheelbase", "car.track", "tail.length",

@@ -32,6 +32,7 @@ SolverName = Literal["snopt", "ipopt"]
 FEASIBLE = 1e-5
 """Largest scaled violation of a solution."""
 OPTIMALITY = 1e-5
+"""Optimality tolerance of both solvers, scaled."""
 _ITERATIONS = 500
 
 
@@ -318,6 +319,12 @@ def linear_rows(problem: Problem) -> list[tuple[Any, FloatArray, FloatArray, str
         A[at, rate[:-1]] = -h * RATE / ANGLE
         A[at, acceleration[:-1]], A[at, acceleration[1:]] = -(h**2) / 3 * ACCELERATION, -(h**2) / 6 * ACCELERATION
         rows.append((A, np.zeros(n), np.zeros(n), f"tail {name} angle defect", "rad", ANGLE))
+        # The cubic between two knots on a stop may bulge beyond it: the middle keeps to the range too.
+        A = np.zeros((n, layout.size))
+        A[at, angle[1:]] = A[at, angle[:-1]] = 0.5
+        A[at, rate[:-1]], A[at, rate[1:]] = h / 8 * RATE / ANGLE, -h / 8 * RATE / ANGLE
+        most = np.full(n, problem.limits.angles[joint] / ANGLE)
+        rows.append((A, -most, most, f"tail {name} angle between knots", "rad", ANGLE))
         for number in range(layout.members):
             torque = every[layout.member(number, 2 + joint)]
             A = np.zeros((n, layout.size))

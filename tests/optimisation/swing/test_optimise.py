@@ -1,0 +1,88 @@
+"""The search: wrong input ends in one line before anything is simulated; swing files are what was found."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from optimisation.errors import SwingError
+from optimisation.swing.optimise import Options, optimise_swing
+from optimisation.swing.result import swing_file
+from optimisation.swing.solve import solve
+from optimisation.swing.start import random_start
+from optimisation.swing.transcription import ANGLE
+from tests.optimisation.swing.turn import problem
+from workbench.cli import build_app
+from workbench.scenario import load_scenario
+from workbench.swing_file import SwingFile, read_swing, swing_at, write_swing
+
+
+@cache
+def found(direction: str = "left") -> SwingFile:
+    posed = problem(knots=21)
+    solution = solve(posed, random_start(posed, np.random.default_rng(0)))
+    assert solution.success
+    scenario = load_scenario("turn_swing", [f"manoeuvre.direction={direction}"])
+    return swing_file(
+        "found", posed, solution, scenario, threshold=0.5, pitch=0.0, provenance={"source": "test", "seed": 1}
+    )
+
+
+def test_a_swing_file_holds_the_found_motion_and_is_mirrored_for_a_right_turn(tmp_path: Path) -> None:
+    left, right = found(), found("right")
+    read = read_swing(write_swing(left, tmp_path / "swing.yaml"))
+    assert read == left
+    assert left.knots.roll_position_rad[0] == pytest.approx(-np.pi / 2 * ANGLE)
+    assert right.knots.roll_position_rad == pytest.approx([-angle for angle in left.knots.roll_position_rad])
+    assert right.knots.roll_torque_n_m == pytest.approx([-torque for torque in left.knots.roll_torque_n_m or ()])
+    assert swing_at(left, 5.0).roll_velocity == 0.0
+    assert left.car["car.com_height"] == load_scenario("turn_swing").car.com_height
+
+
+@pytest.mark.parametrize(
+    ("settings", "options", "words"),
+    [
+        (["tail.sail=free"], {}, "tail.sail"),
+        (["manoeuvre.kind=straight"], {}, "manoeuvre.kind"),
+        ([], {"torque": 0.0}, "torque limit: 0 N m"),
+        ([], {"dof": 3}, "--dof: 3; allowed: 1, 2"),
+    ],
+)
+def test_wrong_input_is_refused_before_the_first_run(settings: list[str], options: dict, words: str) -> None:
+    with pytest.raises(SwingError, match=words):
+        optimise_swing(load_scenario("turn_swing", settings), Options(**options), name="x")
+
+
+def test_a_warm_start_for_another_car_says_which_parameters_differ() -> None:
+    scenario = load_scenario("turn_swing", ["car.com_height=0.21", "tail.length=0.8"])
+    with pytest.raises(SwingError, match=r"car\.com_height: made for 0\.2433, the scenario has 0\.21"):
+        optimise_swing(scenario, Options(), name="x", warm_start=found())
+
+
+@pytest.mark.parametrize(("text", "words"), [("{}", "no interrupted search"), ('{"key": "x"}', "other settings")])
+def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    checkpoint = tmp_path / "swing.search.json"
+    checkpoint.write_text(text, encoding="utf-8")
+    with pytest.raises(SwingError, match=words):
+        optimise_swing(load_scenario("turn_swing"), Options(), name="x", checkpoint=checkpoint)
+
+
+@pytest.mark.parametrize("flag", [["--objective", "fame"], ["--solver", "magic"], ["--dof", "3"]])
+def test_a_wrong_flag_is_one_line_and_status_2(tmp_path: Path, flag: list[str]) -> None:
+    arguments = ["optimise", "swing", "turn_swing", "--out", str(tmp_path / "x.yaml"), *flag]
+    result = CliRunner().invoke(build_app(), arguments)
+    assert result.exit_code == 2
+    assert result.output.startswith(f"error: {flag[0]}")
+    assert result.output.count("\n") == 1
+
+
+def test_an_existing_swing_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text("mine", encoding="utf-8")
+    result = CliRunner().invoke(build_app(), ["optimise", "swing", "turn_swing", "--out", str(path)])
+    assert result.exit_code == 2
+    assert path.read_text(encoding="utf-8") == "mine"
