@@ -114,9 +114,9 @@ def turn_profile(
         along_y = np.cos(yaw) * column[f"{stem}_y_truth_n"] - np.sin(yaw) * column[f"{stem}_x_truth_n"]
         return side * along_y
 
-    front = smooth(sum(sideways(f"wheel_force_{wheel}") for wheel in WHEELS[:2]))
-    rear = smooth(sum(sideways(f"wheel_force_{wheel}") for wheel in WHEELS[2:]))
-    load = smooth(sum(column[f"wheel_force_{wheel}_z_truth_n"] for wheel in WHEELS))
+    front = smooth(np.sum([sideways(f"wheel_force_{wheel}") for wheel in WHEELS[:2]], axis=0))
+    rear = smooth(np.sum([sideways(f"wheel_force_{wheel}") for wheel in WHEELS[2:]], axis=0))
+    load = smooth(np.sum([column[f"wheel_force_{wheel}_z_truth_n"] for wheel in WHEELS], axis=0))
     force, moment = _tail_on_car(column, time, car, smooth, side)
     # The tail's moments about the rear axle load the front axle (pitch) and the rear tyres (yaw).
     front_load = ((load + force[2]) * car.com_x + moment[1]) / car.wheelbase
