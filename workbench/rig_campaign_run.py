@@ -89,6 +89,8 @@ def run_campaign(
 def _make(out: Path, task: RigTask) -> tuple[str, str]:
     """Name of the task and "", or the reason why there is no log."""
     path = out / f"{task.name}.parquet"
+    if path.exists():  # whole: the worker was killed between writing it and saying so
+        return task.name, ""
     journal_path(path).unlink(missing_ok=True)  # of a campaign that was killed
     try:
         run_rig(task.scenario, path)

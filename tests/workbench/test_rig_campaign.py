@@ -15,7 +15,7 @@ import pytest
 from workbench.errors import ScenarioError, UserError
 from workbench.logs.schema import read_run_log, signals_equal
 from workbench.rig_campaign import campaign_names, campaign_tasks, load_campaign
-from workbench.rig_campaign_run import run_campaign
+from workbench.rig_campaign_run import _make, run_campaign
 
 SHORT = ["experiment.duration=0.3", "experiment.wind_off=0.1"]
 SMALL = """\
@@ -80,6 +80,11 @@ def test_a_second_call_makes_only_what_is_missing_and_the_same(small: Path, tmp_
     (tmp_path / "full" / "thesis.tex").touch()
     with pytest.raises(UserError, match=r"holds other files \(thesis.tex\)"):
         run_campaign(tasks, tmp_path / "full", workers=1)
+
+
+def test_a_log_that_was_written_before_its_worker_died_counts_as_made(small: Path, tmp_path: Path) -> None:
+    (task, *_) = campaign_tasks(load_campaign(small), settings=SHORT)
+    assert _make(tmp_path, task) == _make(tmp_path, task) == (task.name, "")
 
 
 def test_a_log_that_cannot_be_made_is_told_and_the_others_are_done(small: Path, tmp_path: Path) -> None:
@@ -148,7 +153,7 @@ def test_a_killed_worker_does_not_stop_the_campaign(small: Path, tmp_path: Path)
         "campaign",
         str(small),
         "--repeats",
-        "12",
+        "4",
         "--out",
         str(out),
     ]
