@@ -1,7 +1,7 @@
 """Between whoever drives and the cables: what reaches the car, and when it stops.
 
 ```
- READY -- arm, by hand --> ARMED -- drive --> DRIVING
+ READY -- arm, by hand --> ARMED -- drive --> DRIVING        (a reason to stop before that: STOPPED)
    ^                         |                   |
    |                         +-- a soft reason --+--> HOLDING (throttle 0, tail held) --+
    |                         |                                                          | after `tail_hold`
@@ -106,7 +106,7 @@ class CarGuard:
             raise HardwareError(f"the car cannot be armed: {reason}")
         self.wiring.arm()
         self._was_armed = False
-        self._go(Stage.ARMED, now)
+        self._go_unless_stopped(Stage.ARMED, now)
 
     def drive(self, mode: RadioMode, now: float) -> None:
         """Lets commands through from now on, for as long as the operator stays in `mode`.
@@ -118,7 +118,7 @@ class CarGuard:
             raise HardwareError(f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}")
         self.cycle_times = array("d")
         self._mode = mode
-        self._go(Stage.DRIVING, now)
+        self._go_unless_stopped(Stage.DRIVING, now)
 
     def reset(self, now: float) -> None:
         """Forgets the reason and the devices' faults; the car is ready to be armed, and not armed."""
@@ -129,14 +129,19 @@ class CarGuard:
         self._go(Stage.READY, now)
 
     def stop(self, reason: str, now: float, hard: bool = False) -> None:
-        """Begins to stop: softly with the tail held first, hard with exit frames at once. The first reason counts."""
+        """Begins to stop: softly with the tail held first, hard with exit frames at once. The first reason counts.
+
+        A car that is not armed yet is stopped at once, and cannot be armed before `reset`.
+        """
         if not self.reason:
             self.reason, self.hard = reason, hard
-        if self.stage in (Stage.ARMED, Stage.DRIVING):
+        if self.stage is Stage.READY:
+            self._go(Stage.STOPPED, now)
+        elif self.stage in _LIVE and hard:
+            self._exit(now)
+        elif self.stage in (Stage.ARMED, Stage.DRIVING):
             self.wiring.hold(now)
             self._go(Stage.HOLDING, now)
-        if self.stage is Stage.HOLDING and hard:
-            self._exit(now)
 
     # -- once per cycle
 
@@ -187,11 +192,8 @@ class CarGuard:
         self._was_armed = armed
         if self.stage is Stage.DRIVING and not reason and self.reading.operator.mode is not self._mode:
             reason = f"the operator left {self._mode.name} for {self.reading.operator.mode.name}"
-        if reason and self.stage is Stage.READY:
-            if self.reading.status[_OPERATOR] == SourceFault.STOPPED:
-                self.reason, self.hard = reason, True  # latches before the car is armed too
-                self._go(Stage.STOPPED, now)
-        elif reason and self.stage in _LIVE:
+        stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED  # latches before the car is armed too
+        if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             self.stop(reason, now, hard)
 
     def _reason(self, reading: CarReading) -> tuple[bool, str]:
@@ -216,6 +218,12 @@ class CarGuard:
         """
         power = float(reading.tail_torque @ reading.tail_state[list(_RATES)])
         return max(0.0, power) / self._safety.least_voltage
+
+    def _go_unless_stopped(self, stage: Stage, now: float) -> None:
+        """Goes on by hand; a signal may have come in between."""
+        self._go(stage, now)
+        if self.reason:
+            self._exit(now)
 
     def _exit(self, now: float) -> None:
         self.wiring.disarm(now)

@@ -100,6 +100,10 @@ def run_drive(
         try:
             car.start()
             return _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say), came)
+        except HardwareError:
+            if came:  # before the run began: what follows from the signal is no error of its own
+                return DriveResult(guard.reason, False, None, came[0])
+            raise
         finally:
             car.stop(guard.reason or "the drive is over")
             gc.unfreeze()

@@ -168,6 +168,37 @@ def test_emergency_stop_before_arming_latches_too(car):
         car.guard.arm(car.now)
 
 
+@pytest.mark.parametrize("hard", [True, False])
+def test_a_reason_to_stop_before_arming_forbids_it_until_reset_by_hand(car, hard):
+    car.turn(count=2)
+    car.guard.stop("SIGINT", car.now, hard)
+    assert car.guard.finished
+    car.turn(count=20)
+    with pytest.raises(HardwareError, match=r"it is stopped \(SIGINT\); reset it by hand"):
+        car.guard.arm(car.now)
+    assert "arm" not in car.wiring.calls
+    car.guard.reset(car.now)
+    car.turn()
+    car.guard.arm(car.now)
+    assert car.wiring.calls[-1] == "arm"
+
+
+def test_a_signal_while_the_car_is_being_armed_or_let_go_switches_it_off(car):
+    car.turn(count=2)
+    arm = car.wiring.arm
+
+    def interrupted():
+        arm()
+        car.guard.stop("SIGTERM", car.now, hard=True)
+
+    car.wiring.arm = interrupted
+    car.guard.arm(car.now)
+    assert car.guard.stage is Stage.EXITING
+    assert car.wiring.calls == ["arm", "disarm"]
+    with pytest.raises(HardwareError, match="SIGTERM"):
+        car.guard.drive(RadioMode.AUTO, car.now)
+
+
 def test_a_device_that_is_silent_or_a_missing_watchdog_test_forbids_arming(car):
     car.wiring.faults["imu"] = SourceFault.SILENT
     car.turn()

@@ -118,6 +118,24 @@ def test_a_signal(drive, number):
     assert read_run_log(drive.log).extra["stop_reason"] == result.reason
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_arming_switches_nothing_on(drive, number):
+    drive.bench.watchdog.arm = lambda: pytest.fail("armed after a signal")
+
+    def say(text):
+        drive.said.append(text)
+        if text.startswith("arming"):
+            os.kill(os.getpid(), number)
+
+    scenario = drive.bench.scenario
+    chosen = DriveOptions(drive.log, with_drake=drive.with_drake)
+    result = run_drive(drive.bench.car, scenario, law_of_scenario(scenario), ports_from_dict(PORTS), chosen, say)
+    assert (result.signal, result.reason) == (number, signal.Signals(number).name)
+    assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
+    drive.assert_safe()
+    assert not drive.log.exists()
+
+
 def test_the_operator_stops_and_nothing_is_armed_again(drive):
     def stop(result):
         drive.bench.radio.stopped = True
