@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from hardware.motor_settings import load_motor_safety
 from hardware.wiring.base import CarCommand, CarReading
 from workbench.controllers.law_of_scenario import law_of_scenario
 from workbench.controllers.manoeuvre import DriverInput, make_schedule
@@ -70,11 +71,17 @@ class AutoPilot:
 
 
 class ManualPilot:
-    """The operator's sticks: steering, throttle, and two tail angles that are held with the gains of the scenario."""
+    """The operator's sticks: steering, throttle, and two tail angles that are held with the gains of the scenario.
+
+    The tail follows its stick from where it is, with `ramp_speed` of the motors' safety at most: a stick that jumps
+    does not swing it.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         self._gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
         self._steer = scenario.servo.limit
+        self._tail: np.ndarray | None = None
+        self._most = load_motor_safety().ramp_speed / scenario.controller.rate
 
     def start(self) -> PilotStep:
         """See `Pilot`."""
@@ -84,10 +91,13 @@ class ManualPilot:
         """See `Pilot`."""
         del time
         asked, (kp, kd) = reading.operator, self._gains
+        tail = np.array(reading.tail_state[:2] if self._tail is None else self._tail)
+        tail += np.clip(np.array([asked.pitch_tail, asked.roll_tail]) - tail, -self._most, self._most)
+        self._tail = tail
         command = CarCommand(
             min(self._steer, max(-self._steer, asked.steering)),
             asked.throttle,
-            np.array([asked.pitch_tail, 0.0, kp, kd, 0.0]),
-            np.array([asked.roll_tail, 0.0, kp, kd, 0.0]),
+            np.array([tail[0], 0.0, kp, kd, 0.0]),
+            np.array([tail[1], 0.0, kp, kd, 0.0]),
         )
         return PilotStep(command, 0.0, 0)

@@ -23,6 +23,8 @@ LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
 """Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
 clock of the run. The Teensy's clock is aligned by `hardware.clock_alignment`."""
 _MOST_WAITING = 3000
+_LAST_WAIT = 5.0
+"""For the disk at the end of the drive, s."""
 
 
 def drive_columns() -> list[str]:
@@ -79,11 +81,15 @@ class RunJournal(JournalWriter):
         self.journal.unlink(missing_ok=True)
 
     def _finish(self) -> None:
+        with contextlib.suppress(queue.Full):  # a disk that takes nothing must not hold up the end of the program
+            self._waiting.put(None, timeout=_LAST_WAIT)
+        self._thread.join(_LAST_WAIT)
         if self._thread.is_alive():
-            self._waiting.put(None)
-            self._thread.join(5.0)
+            self.error = self.error or f"{self.journal}: the disk is too slow"
 
     def _give_up(self) -> None:
+        if self._thread.is_alive():  # the disk still holds it up
+            return
         with contextlib.suppress(LogError, OSError):  # the rows of before stay readable, which is all that can be had
             super().abandon()
 

@@ -175,8 +175,8 @@ class SerialLink:
     def _reopen(self) -> None:
         try:
             self._port = self._open_port()
-        except HardwareError as error:
-            self.error = str(error)
+        except Exception as error:  # whatever the driver says, the thread must live to try again
+            self.error = _reason(error)
             self._closing.wait(_RECONNECT)
         else:
             with self._condition:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from hardware.motor_group import exit_frames
 from hardware.transport.can_bus import CanBus
 from hardware.transport.can_settings import CanSettings
 from hardware.wiring.car_ports import CarPorts
@@ -47,7 +48,7 @@ def direct_can(
     def open_devices() -> Devices:
         with closing_on_error() as closers:
             bus = CanBus.open(can, traffic_log, listen={0, *ports.motor_ids})
-            closers.append(bus.close)
+            closers += [bus.close, lambda: _switch_off(bus, ports)]  # the other way round after a failed start
             devices = open_common(ports, limits, closers, lambda _: bus)
             devices.watchdog = start_watchdog(can)
             closers.append(devices.watchdog.close)
@@ -55,3 +56,9 @@ def direct_can(
 
     table = mounting or load_mounting()
     return WiredCar("direct_can", tail_motors(scenario, ports, table), table, limits, open_devices, authorise)
+
+
+def _switch_off(bus: CanBus, ports: CarPorts) -> None:
+    """Exit frames to motors that an earlier program may have left on."""
+    for frame in exit_frames(ports.motor_ids):
+        bus.send(frame, urgent=True)

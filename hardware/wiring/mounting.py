@@ -10,7 +10,7 @@ import math
 from functools import cache
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import ValidationError, field_validator
 
 from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from hardware.sensors.bno055 import Bno055Sample
@@ -38,6 +38,15 @@ class Mounting(QuantityModel):
     throttle_direction: int = quantity("1", "+1: a longer pulse drives forward", ge=-1, le=1)
     imu_x: str = quantity("1", "chip axis along B's x, such as +x or -y")
     imu_y: str = quantity("1", "chip axis along B's y")
+
+    @field_validator(
+        "tail_pitch_direction", "tail_roll_direction", "sail_direction", "steering_direction", "throttle_direction"
+    )
+    @classmethod
+    def _is_a_sign(cls, value: int) -> int:
+        if value not in (1, -1):
+            raise ValueError(f"{value}; allowed is 1 or -1")
+        return value
 
     @property
     def chip_to_body(self) -> np.ndarray:

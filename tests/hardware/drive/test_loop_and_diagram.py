@@ -7,12 +7,13 @@ import pytest
 
 from hardware.drive.diagram import DiagramRun
 from hardware.drive.guard import CarGuard, Stage
-from hardware.drive.loop import idle_until, run_loop
+from hardware.drive.loop import PERIOD, idle_until, run_loop
 from hardware.drive.pilots import AutoPilot, ManualPilot
 from hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
 from hardware.interface import interface_to
+from hardware.motor_settings import load_motor_safety
 from hardware.protocol.radio import OperatorCommand, RadioMode
-from hardware.wiring.base import SourceFault
+from hardware.wiring.base import CarReading, SourceFault
 from hardware.wiring.drive_safety import load_drive_safety
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 from workbench.controllers.swing_law import SwingState
@@ -166,6 +167,20 @@ def test_the_operator_drives_by_radio(tmp_path):
     np.testing.assert_array_equal(command.tail_roll, [0.4, 0.0, 17.0, 5.0, 0.0])
     np.testing.assert_array_equal(command.tail_pitch, [0.1, 0.0, 17.0, 5.0, 0.0])
     assert read_run_log(tmp_path / "run.parquet").signal("throttle_command")[-1] == 0.2
+
+
+def test_a_stick_that_jumps_does_not_swing_the_tail():
+    pilot = ManualPilot(SCENARIO)
+    reading = CarReading(
+        tail_state=np.array([0.1, -1.5, 0, 0, 0, 0]),
+        operator=OperatorCommand(RadioMode.MANUAL, pitch_tail=-0.2, roll_tail=1.5),
+    )
+    steps = [pilot.step(tick * PERIOD, reading).command for tick in range(301)]
+    roll, pitch = (np.array([getattr(step, name)[0] for step in steps]) for name in ("tail_roll", "tail_pitch"))
+    most = load_motor_safety().ramp_speed * PERIOD
+    assert roll[0] == pytest.approx(-1.5 + most)
+    assert np.all(np.abs(np.diff(roll)) <= most + 1e-12)
+    assert (roll[-1], pitch[-1]) == (pytest.approx(1.5), pytest.approx(-0.2))
 
 
 def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
