@@ -33,12 +33,11 @@ from hardware.protocol.ak70 import (
     unwrap,
 )
 from hardware.protocol.can_frame import CanFrame, FrameError
+from hardware.reply_count import ReplyCount
 from workbench.errors import HardwareError
 
 _REMIND = 0.1
 """Interval of the exit frames to a faulted motor after the first ones, s."""
-_EXTRA_REPLIES = 3
-"""Replies too many, in cycles in a row, until two motors are taken to share the id."""
 _CAUGHT_UP = 1e-3
 """Distance at which the ramp to the first command ends, rad."""
 
@@ -72,7 +71,10 @@ class Motor:
         self._state_time = 0.0
         self._exit_time = 0.0
         self._exits_left = 0
-        self._unanswered = self._cycle_frames = self._cycle_replies = self._owed = self._enter_replies = 0
+        self._unanswered = self._cycle_frames = self._cycle_replies = self._enter_replies = 0
+        self._count = ReplyCount(settings.safety.stall_time)
+        self._off_time = 0.0
+        self._off_replies: int | None = None
         self._motor_angle: float | None = None
         self._hold_position = 0.0
         self._gain_time = 0.0
@@ -88,7 +90,8 @@ class Motor:
             raise HardwareError(f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}")
         self._go(MotorState.ENTERING, now)
         self._motor_angle = None
-        self.missed = self._unanswered = self._owed = self._enter_replies = 0
+        self.missed = self._unanswered = self._enter_replies = 0
+        self._count.clear()
         self._step_time = now
         neutral = make_neutral(self.settings.motor_id, self.settings.profile)
         for frame in (neutral, make_enter(self.settings.motor_id), neutral):
@@ -143,6 +146,21 @@ class Motor:
             self._send_exits(now)
             self.fault, self.fault_text = MotorFault.NONE, ""
             self._go(MotorState.OFF, now)
+
+    @property
+    def off_confirmed(self) -> bool:
+        """Whether it has answered since it was switched off; of one that was never on there is nothing to confirm.
+
+        One reply may be an old one; as many are needed as for switching it on.
+        """
+        if self.state in ENERGISED:
+            return False
+        return self._off_replies is None or self._off_replies >= self.settings.safety.enter_replies
+
+    def off_overdue(self, now: float) -> bool:
+        """Whether it was switched off a while ago and has not answered: the exit frames may not have arrived."""
+        waited = self.state not in ENERGISED and now - self._off_time > self.settings.safety.exit_cycles * 0.01
+        return waited and not self.off_confirmed
 
     def age(self, now: float) -> float:
         """Seconds since the last valid reply; infinite before the first."""
@@ -201,6 +219,8 @@ class Motor:
         self._reply_time = time
         self._cycle_replies += 1
         self._enter_replies += 1
+        if self._off_replies is not None:
+            self._off_replies += 1
         self._check(reply, jump, time)
 
     def _unwrapped(self, reply: MitReply) -> float:
@@ -272,24 +292,16 @@ class Motor:
             self.missed = 0
         elif gap >= self.settings.safety.reply_time:  # a late loop catches up faster than a motor can answer
             self.missed += 1
-        self._owed = self._replies_owed(self._cycle_frames, self._cycle_replies)
+        self._count.add(self._cycle_frames, self._cycle_replies, now)
         self._cycle_frames = self._cycle_replies = 0
         safety = self.settings.safety
         if gap < 0 or gap > safety.stall_time:
             self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
-        elif self._owed <= -_EXTRA_REPLIES:
+        elif self._count.too_many:
             self.set_fault(MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now)
         elif self.state is not MotorState.ENTERING and self.missed >= safety.missed_replies:
             bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
             self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
-
-    def _replies_owed(self, frames: int, replies: int) -> int:
-        """Frames that are still to be answered; negative: more replies came than frames went out, cycle after cycle.
-
-        Replies that come late, two in a cycle, are none too many: their frames are still owed.
-        """
-        owed = min(self._owed + frames - replies, self.settings.safety.missed_replies)
-        return owed if replies > frames else max(owed, 0)
 
     def _enter(self, now: float) -> None:
         safety = self.settings.safety
@@ -325,5 +337,7 @@ class Motor:
             self.set_fault(MotorFault.BUS, f"sending failed: {error}", self._state_time)
 
     def _go(self, state: MotorState, now: float) -> None:
+        if self.state in ENERGISED and state not in ENERGISED:
+            self._off_time, self._off_replies = now, 0
         self.state = state
         self._state_time = now

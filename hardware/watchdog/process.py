@@ -42,6 +42,7 @@ class WatchdogProcess:
         self._text = b""
         self._lines: list[str] = []
         self._broken = ""
+        self._tripped = False
         content = {
             "can": {**asdict(settings), "options": dict(settings.options)},
             "motor_ids": list(motor_ids),
@@ -97,14 +98,17 @@ class WatchdogProcess:
 
     def trip(self) -> None:
         """Asks it to switch the motors off: the drive process cannot, or is not sure."""
+        self._tripped = True
         self._write(Word.TRIP)
 
     def close(self, timeout: float = 2.0) -> None:
         """Ends it in order, and kills it if it does not end within `timeout` s. Never raises.
 
-        One that has acted is left alone: it goes on sending exit frames for a while, and ends by itself.
+        One that has acted or was asked to is left alone: it goes on sending exit frames for a while, also to an adapter
+        that is plugged in again, and ends by itself.
         """
-        acted = bool(self.reason)
+        self._read()
+        acted = self._tripped or bool(self.reason)
         self._write(Word.QUIT)
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:

@@ -160,12 +160,14 @@ class WiredCar:
         group.set_enter(time.monotonic())
 
     def hold(self, now: float) -> None:
-        """Holds the tail. See `Wiring.hold`."""
-        self._open()[1].set_hold(now)
+        """Holds the tail. See `Wiring.hold`; nothing after `stop`."""
+        if self.devices is not None and self.group is not None:
+            self.group.set_hold(now)
 
     def disarm(self, now: float) -> None:
-        """Switches the motors off. See `Wiring.disarm`."""
-        self._open()[1].set_exit(now)
+        """Switches the motors off. See `Wiring.disarm`; after `stop` they are."""
+        if self.devices is not None and self.group is not None:
+            self.group.set_exit(now)
 
     def reset(self, now: float) -> None:
         """Forgets faults and the operator's stop, by hand only. See `Wiring.reset`."""
@@ -214,10 +216,14 @@ class WiredCar:
                 for motor in group.motors:
                     motor.set_fault(MotorFault.BUS, devices.watchdog.reason, now)
             devices.watchdog.beat()
-        elif any(motor.fault in (MotorFault.BUS, MotorFault.NO_REPLY) for motor in group.motors):
+        elif any(
+            motor.fault in (MotorFault.BUS, MotorFault.NO_REPLY) or motor.off_overdue(now) for motor in group.motors
+        ):
             devices.watchdog.trip()  # exit frames of our own may not have left
-        else:
+        elif all(motor.off_confirmed for motor in group.motors):
             devices.watchdog.disarm()
+        else:
+            devices.watchdog.beat()
 
     def _send(self, devices: Devices, group: MotorGroup, command: CarCommand, now: float) -> None:
         if command.finite:
@@ -331,15 +337,18 @@ class WiredCar:
             if group is not None:
                 with contextlib.suppress(Exception):  # whatever it is, the next exit frame must get its chance
                     group.set_exit(time.monotonic())
+                    group.step(time.monotonic())
             with contextlib.suppress(Exception):
                 devices.teensy.set_pulses(SERVO_PULSES[1], THROTTLE_PULSES[1])
                 devices.teensy.commit()
             time.sleep(_CYCLE)
+        off = False
         with contextlib.suppress(Exception):
-            devices.motor_port.flush()
+            off = devices.motor_port.flush() and not devices.motor_port.fault
         if devices.watchdog is not None:
+            off = off and (group is None or all(motor.off_confirmed for motor in group.motors))
             with contextlib.suppress(Exception):
-                devices.watchdog.disarm()
+                devices.watchdog.disarm() if off else devices.watchdog.trip()
         for close in devices.closers:
             with contextlib.suppress(Exception):
                 close()

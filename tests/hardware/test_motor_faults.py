@@ -349,3 +349,60 @@ def test_replies_that_come_late_and_together_are_not_taken_for_a_second_motor(be
         bench.fakes[1].respond = respond
         bench.cycle(RUN, count=cycles)
     assert bench.group.ready, bench.group.fault_text
+
+
+@pytest.mark.parametrize("late", [6, 12, 20])
+def test_replies_to_all_cycles_of_a_late_loop_that_come_at_once_are_not_taken_for_a_second_motor(bench, late):
+    waiting = []
+
+    def held_up(frame):
+        waiting.append(frame)
+        return []
+
+    def all_at_once(frame):
+        waiting.append(frame)
+        answers = waiting[:]
+        waiting.clear()
+        return answers
+
+    bench.cycle(RUN, period=0.01 * late)
+    bench.fakes[1].respond = held_up
+    bench.cycle(RUN, count=late, period=5e-4)
+    bench.fakes[1].respond = all_at_once
+    bench.cycle(RUN, count=10)
+    assert bench.group.ready, bench.group.fault_text
+
+
+def test_a_second_motor_is_found_while_entering_before_any_gain():
+    bench = Bench()
+    double(bench.fakes[1])
+    bench.group.set_enter(0.0)
+    bench.cycle(count=20)
+    assert bench.motors[1].fault is MotorFault.DOUBLE_ID
+    assert all(command.kp == 0 for _, command in bench.commands(2))
+
+
+def test_a_second_motor_is_found_although_replies_were_lost_before(bench):
+    bench.fakes[1].respond = mute(4)
+    bench.cycle(RUN, count=4)
+    start = bench.now
+    double(bench.fakes[1])
+    bench.cycle(RUN, count=60)
+    assert bench.motors[1].fault is MotorFault.DOUBLE_ID
+    assert bench.port.exits(2, start)[0] - start < 0.3
+
+
+def test_off_is_confirmed_by_replies_and_overdue_without_them(bench):
+    roll = bench.motors[1]
+    assert not roll.off_confirmed
+    bench.group.set_exit(bench.now)
+    assert not roll.off_confirmed
+    bench.cycle()
+    assert roll.off_confirmed
+    bench.cycle(count=30)
+    bench.to_running(RUN)
+    bench.fakes[1].respond = mute()
+    bench.group.set_exit(bench.now)
+    bench.cycle(count=20)
+    assert not roll.off_confirmed
+    assert roll.off_overdue(bench.now)

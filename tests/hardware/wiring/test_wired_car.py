@@ -140,6 +140,48 @@ def test_stop_sends_exit_frames_and_idle_pulses_several_times_whatever_fails(ben
         bench.car.arm()
 
 
+def test_the_watchdog_waits_until_the_motors_have_answered_the_exit_frames(bench):
+    armed(bench)
+    bench.car.disarm(bench.now)
+    assert bench.watchdog.calls[-1] == "beat"
+    bench.cycle(CarCommand())
+    assert bench.watchdog.calls[-1] == "disarm"
+    assert "trip" not in bench.watchdog.calls
+
+
+def test_exit_frames_that_nobody_answers_are_left_to_the_watchdog_too(bench):
+    armed(bench)
+    bench.port.motors[1].respond = lambda frame: []
+    bench.car.disarm(bench.now)
+    bench.cycle(CarCommand(), 8)
+    assert bench.watchdog.calls[-1] == "beat"
+    bench.cycle(CarCommand(), 8)
+    assert bench.watchdog.calls[-1] == "trip"
+    assert "disarm" not in bench.watchdog.calls[bench.watchdog.calls.index("arm") :]
+
+
+@pytest.mark.parametrize("broken", ["silent motor", "blocked bus", "bus with a fault"])
+def test_an_end_on_a_broken_bus_asks_the_watchdog_to_act(bench, broken):
+    armed(bench)
+    if broken == "silent motor":
+        bench.port.motors[0].respond = lambda frame: []
+    elif broken == "blocked bus":
+        bench.port.flush = lambda timeout=0.2: False
+    else:
+        bench.port.fault = 3
+    bench.car.stop("an exception in the controller")
+    assert bench.watchdog.calls[-1] == "trip"
+
+
+def test_hold_and_disarm_after_the_end_do_nothing(bench):
+    armed(bench)
+    bench.car.stop("over")
+    sent = len(bench.port.sent)
+    bench.car.hold(bench.now)
+    bench.car.disarm(bench.now)
+    assert len(bench.port.sent) == sent
+
+
 def test_an_emergency_stop_is_named_before_everything_else_and_needs_a_hand_to_be_forgotten(bench):
     bench.radio.stopped = True
     bench.teensy.fault, bench.teensy.fault_text = TeensyFault.SILENT, "the Teensy is silent"
