@@ -68,7 +68,7 @@ def drive(
     if traffic is not None and name != "direct_can":
         raise HardwareError(f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with direct_can")
     if watchdog_test:
-        _watchdog_test(chosen, car_ports, name)
+        _watchdog_test(chosen, car_ports, name, arm)
         return
     refuse_existing(log, force, LogError)
     make_folder(log.parent, LogError)
@@ -107,15 +107,18 @@ def _car(scenario: Scenario, ports: CarPorts, wiring: WiringName, traffic: Path 
     return direct_can(scenario, ports, authorise, lambda can: WatchdogProcess(can, ports.motor_ids), traffic)
 
 
-def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName) -> None:
+def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
     from hardware.watchdog.record import is_emulated
     from hardware.watchdog.trial import run_watchdog_test
+    from workbench.errors import HardwareError
 
-    typer.echo("keep clear of the tail: the motors are switched on and hold it where it is")
+    typer.echo("the motors are switched on and hold the tail where it is")
     confirm: Callable[[str], bool] = typer.confirm
     seen_by = "operator"
     if is_emulated(wiring, ports):  # there is nothing to be moved by hand
         confirm, seen_by = (lambda _: True), "emulator"
+    elif not arm and not _confirm():
+        raise HardwareError("not armed: nobody said that the motors may be switched on")
     record, path = run_watchdog_test(scenario, ports, wiring, confirm, seen_by)
     typer.echo(f"{record.cut}: exit frames after {record.time_to_exit * 1000:.0f} ms")
     typer.echo(f"record: {path}")

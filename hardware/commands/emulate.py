@@ -35,7 +35,8 @@ def emulate(
 
     Example: aerodima emulate turn_swing --out emulated --wiring direct_can
     """
-    from hardware.emulator.emulator import PORTS_FILE, EmulatorSettings, run_emulator
+    from hardware.emulator.emulator import EmulatorSettings, run_emulator
+    from hardware.emulator.folder import PORTS_FILE
     from hardware.emulator.script import no_faults, read_script
     from hardware.protocol.ak70_profiles import firmware_profile
     from hardware.protocol.teensy import StringForm

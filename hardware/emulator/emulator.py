@@ -20,6 +20,15 @@ from hardware.emulator.bus import EmulatedBus
 from hardware.emulator.car import EmulatedCar
 from hardware.emulator.events import EventLog
 from hardware.emulator.fault_board import FaultBoard
+from hardware.emulator.folder import (
+    EVENTS_FILE,
+    PORTS_FILE,
+    PORTS_FOLDER,
+    READY_FILE,
+    READY_SCHEMA,
+    TRAFFIC_FILE,
+    TRUTH_FILE,
+)
 from hardware.emulator.motor import EmulatedMotor
 from hardware.emulator.pty_port import PtyPort
 from hardware.emulator.script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
@@ -36,9 +45,6 @@ from hardware.wiring.mounting import load_mounting
 from workbench.errors import HardwareError
 from workbench.scenario import Scenario
 
-READY_FILE, PORTS_FILE, EVENTS_FILE = "ready.json", "ports.json", "events.jsonl"
-TRAFFIC_FILE, TRUTH_FILE = "traffic.blf", "truth.parquet"
-READY_SCHEMA = "aerodima/emulator/1"
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
 
@@ -108,7 +114,7 @@ class Emulator:
         self._gps = EmulatedGps(settings.scenario.gps.rate, board)
         self._operator = EmulatedOperator(settings.script.operator, self._numbers.operator_rate, board)
         names: list[Device] = ["teensy", "imu", "gps", "radio", *(["can"] if direct else [])]  # type: ignore[list-item]
-        self._ports = {name: PtyPort(self._folder / "ports" / name) for name in names}
+        self._ports = {name: PtyPort(self._folder / PORTS_FOLDER / name) for name in names}
 
     def stop(self) -> None:
         """Ends the loop; safe in a signal handler."""
@@ -252,7 +258,7 @@ def _claim(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise HardwareError(f"{folder}: is not empty; an emulator writes into a folder of its own")
-        (folder / "ports").mkdir()
+        (folder / PORTS_FOLDER).mkdir()
     except OSError as error:
         raise HardwareError(f"{folder}: cannot be used as a folder: {error.strerror}") from None
 

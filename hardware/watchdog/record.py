@@ -11,7 +11,9 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from hardware.emulator.folder import is_emulated_port
 from hardware.firmware.build import firmware_hash
+from hardware.protocol.teensy import StringForm
 from hardware.watchdog.settings import load_watchdog_timing
 from hardware.wiring.base import WIRINGS, WiringName
 from hardware.wiring.car_ports import CarPorts
@@ -19,6 +21,7 @@ from workbench.atomic_write import write_atomically
 from workbench.errors import HardwareError
 from workbench.logs.schema import software_versions
 from workbench.quantity import explain
+from workbench.resources import model_path
 
 SCHEMA = "aerodima/watchdog_test/1"
 
@@ -29,8 +32,8 @@ class WatchdogTest(BaseModel):
     Attributes:
         time_to_exit: s from the cut to the first exit frame handed to the bus.
         cut: what was cut. seen_off_by: who saw that the motors were off.
-        emulated: made on pseudo-terminals; worth nothing for real motors.
-        firmware: `firmware_hash` of the Teensy. watchdog: `watchdog_hash` of the process.
+        emulated: made on an emulator; worth nothing for real motors.
+        firmware: `teensy_hash`. watchdog: `watchdog_hash` of the process.
         ports: as `CarPorts`.
     """
 
@@ -67,7 +70,7 @@ def new_record(wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: floa
             "time_to_exit": time_to_exit,
             "seen_off_by": seen_off_by,
             "emulated": is_emulated(wiring, ports),
-            "firmware": firmware_hash(),
+            "firmware": teensy_hash(),
             "watchdog": watchdog_hash(),
             "created": datetime.now(UTC).isoformat(),
             "versions": software_versions(),
@@ -107,19 +110,24 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | No
     """The record that allows arming the motors of these ports.
 
     Raises:
-        HardwareError: there is none for the wiring, it was made on the emulator and the motors are real, or firmware or
-            watchdog have changed since.
+        HardwareError: there is none for the wiring, it was made on the emulator and the motors are real, or what it
+            has shown has changed since: adapter or Teensy, motor ids, firmware profile, firmware, watchdog, timing.
     """
     path = record_path(wiring, folder)
     again = f"make one with `aerodima drive SCENARIO --wiring {wiring} --watchdog-test`"
     if not path.exists():
         raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
     record = read_record(path)
+    emulated = is_emulated(wiring, ports)
+    changed = [] if emulated else _changed_ports(wiring, record, ports)
+    unchecked = wiring == "teensy_bridge" and ports.string_form is not StringForm.CHECKED
     reasons = (
+        (unchecked, "cannot speak for string_form published: its replies hide a silent motor; allowed: checked"),
         (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
-        (record.emulated and not is_emulated(wiring, ports), "was made on the emulator; the motors are real"),
-        (record.firmware != firmware_hash(), "was made with another firmware of the Teensy"),
-        (record.watchdog != watchdog_hash(), "was made with another watchdog process"),
+        (record.emulated and not emulated, "was made on the emulator; the motors are real"),
+        (record.firmware != teensy_hash(), "was made with another firmware of the Teensy, or other timing"),
+        (record.watchdog != watchdog_hash(), "was made with another watchdog process, or other timing"),
+        (bool(changed), f"was made with other ports: {', '.join(changed)}"),
         (record.time_to_exit > load_watchdog_timing().longest_test, f"took {record.time_to_exit:g} s: too long"),
     )
     for wrong, text in reasons:
@@ -129,28 +137,49 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | No
 
 
 def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
-    """Whether the motors hang on a pseudo-terminal or on this computer's own socket, where no real motor can be."""
+    """Whether the motors hang on a port of an emulator or on a bus within this process, where no real motor can be.
+
+    A socketcand of this computer counts as real: it may stand before a real adapter.
+    """
     if wiring not in WIRINGS:
         raise HardwareError(f"wiring {wiring!r} is unknown; allowed: {', '.join(WIRINGS)}")
     if wiring == "teensy_bridge":
-        return _is_pseudo_terminal(ports.teensy.path)
+        return is_emulated_port(ports.teensy.path)
     can = ports.can
     if can is None:
         raise HardwareError("ports: can: missing; wiring direct_can needs a CAN adapter")
-    local = can.interface == "socketcand" and can.options.get("host") in ("127.0.0.1", "localhost")
-    return local or can.interface == "virtual" or (can.interface == "slcan" and _is_pseudo_terminal(can.channel))
+    return can.interface == "virtual" or (can.interface == "slcan" and is_emulated_port(can.channel))
 
 
 def watchdog_hash() -> str:
-    """SHA-256 over the sources of the watchdog process, 64 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    """SHA-256 over the watchdog process, its frames, its adapter and its timing; 64 hexadecimal digits."""
+    folder = Path(__file__).parent
+    used = [folder.parent / "protocol" / "ak70.py", folder.parent / "transport" / "can_settings.py"]
+    return _hash_of([*sorted(folder.glob("*.py")), *used, model_path("parameters/hardware/watchdog.yaml")])
+
+
+def teensy_hash() -> str:
+    """SHA-256 over `firmware_hash` and the timing that is exported with the firmware; 64 hexadecimal digits."""
+    return _hash_of([model_path("parameters/hardware/teensy_firmware.yaml")], firmware_hash().encode())
+
+
+def _hash_of(paths: list[Path], begin: bytes = b"") -> str:
+    digest = hashlib.sha256(begin)
+    for path in paths:
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 
-def _is_pseudo_terminal(path: str) -> bool:
-    return os.path.realpath(path).startswith("/dev/pts/")
+def _changed_ports(wiring: WiringName, record: WatchdogTest, ports: CarPorts) -> list[str]:
+    """What the test was made with and is not so now: the way to the motors, and who they are."""
+    way = "can" if wiring == "direct_can" else "teensy"
+    now = ports.model_dump(mode="json", by_alias=True)
+
+    def motor(data: dict[str, Any], joint: str) -> Any:
+        return (data.get(joint) or {}).get("motor_id")
+
+    changed = [key for key in (way, "firmware_profile", "string_form") if record.ports.get(key) != now[key]]
+    return changed + [f"{j}.motor_id" for j in ("tail_pitch", "tail_roll") if motor(record.ports, j) != motor(now, j)]
 
 
 def _write(target: Path, text: str) -> None:

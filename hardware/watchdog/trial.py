@@ -85,6 +85,8 @@ def _kill_holder(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
         if line != "holding":
             raise HardwareError(line.removeprefix("error: ") or "watchdog test: the motors could not be held")
         found = _wait_for(report)
+    if not found["taken_by_driver"]:
+        raise HardwareError("watchdog test: the adapter did not take the exit frames; cut the power")
     return max(0.0, found["first_exit_time_s"] - killed), "drive process killed (SIGKILL)"
 
 

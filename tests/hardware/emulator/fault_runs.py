@@ -21,8 +21,8 @@ import yaml
 
 from hardware.drive.guard import CarGuard, Stage
 from hardware.drive.loop import PERIOD, wait_until
-from hardware.emulator.emulator import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
 from hardware.emulator.events import read_events
+from hardware.emulator.folder import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
 from hardware.protocol.ak70 import make_exit
 from hardware.protocol.radio import RadioMode
 from hardware.watchdog.process import WatchdogProcess

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from hardware.emulator.emulator import PORTS_FILE
+from hardware.emulator.folder import PORTS_FILE
 from hardware.firmware.settings import load_teensy_timing
 from hardware.watchdog.record import record_path, require_watchdog_test
 from hardware.watchdog.settings import load_watchdog_timing

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from hardware.emulator.folder import READY_FILE, READY_SCHEMA
 from hardware.watchdog import record
 from hardware.watchdog.record import is_emulated, new_record, read_record, require_watchdog_test, write_record
 from hardware.wiring.car_ports import ports_from_dict
@@ -45,6 +46,10 @@ def test_without_a_record_it_says_how_to_make_one(tmp_path):
         ({"firmware": "0" * 64}, "another firmware"),
         ({"watchdog": "0" * 64}, "another watchdog process"),
         ({"time_to_exit": 0.5}, "took 0.5 s"),
+        ({"ports": ports("/dev/ttyACM7").model_dump(mode="json", by_alias=True)}, "other ports: teensy"),
+        ({"ports": {**REAL.model_dump(mode="json"), "firmware_profile": "ak70_10_24_n_m"}}, "firmware_profile"),
+        ({"ports": {**REAL.model_dump(mode="json"), "tail_roll": {"motor_id": 5}}}, r"tail_roll\.motor_id"),
+        ({"ports": {}}, "other ports: teensy, firmware_profile"),
     ],
 )
 def test_a_record_that_does_not_fit_is_refused(tmp_path, changes, message):
@@ -91,7 +96,7 @@ def test_a_record_with_an_unknown_key_is_refused(tmp_path):
         (
             "direct_can",
             ports(can={"interface": "socketcand", "channel": "can0", "options": {"host": "127.0.0.1", "port": 1}}),
-            True,
+            False,
         ),
     ],
 )
@@ -99,9 +104,42 @@ def test_which_motors_are_real(wiring, car, emulated):
     assert is_emulated(wiring, car) is emulated
 
 
-def test_a_link_to_a_pseudo_terminal_is_no_real_motor(tmp_path):
-    (tmp_path / "teensy").symlink_to("/dev/pts/0")
-    assert is_emulated("teensy_bridge", ports(str(tmp_path / "teensy")))
+def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
+    (tmp_path / "ports").mkdir()
+    link = tmp_path / "ports" / "teensy"
+    link.symlink_to("/dev/pts/0")
+    assert not is_emulated("teensy_bridge", ports(str(link))), "a real device may hang behind a pseudo-terminal"
+    (tmp_path / READY_FILE).write_text(json.dumps({"schema": READY_SCHEMA}))
+    assert is_emulated("teensy_bridge", ports(str(link)))
+    link.unlink()
+    link.symlink_to("/dev/ttyACM0")
+    assert not is_emulated("teensy_bridge", ports(str(link)))
+
+
+def test_a_test_is_void_for_another_adapter_and_not_for_another_zero_or_imu(tmp_path):
+    recorded(tmp_path, "direct_can")
+    data = REAL.model_dump(mode="json", by_alias=True)
+    moved = {**data, "imu": {"path": "/dev/ttyUSB9"}, "tail_roll": {"motor_id": 2, "zero": 0.3}}
+    assert require_watchdog_test("direct_can", ports_from_dict(moved), tmp_path)
+    other = {**data, "can": {"interface": "socketcan", "channel": "can1"}}
+    with pytest.raises(HardwareError, match="other ports: can"):
+        require_watchdog_test("direct_can", ports_from_dict(other), tmp_path)
+
+
+def test_strings_that_hide_a_silent_motor_are_not_armed(tmp_path):
+    recorded(tmp_path)
+    data = {**REAL.model_dump(mode="json", by_alias=True), "string_form": "published"}
+    with pytest.raises(HardwareError, match="string_form published"):
+        require_watchdog_test("teensy_bridge", ports_from_dict(data), tmp_path)
+
+
+def test_other_timing_is_another_watchdog(monkeypatch, tmp_path):
+    before = record.watchdog_hash(), record.teensy_hash()
+    changed = tmp_path / "changed.yaml"
+    changed.write_text("heartbeat_timeout: 0.25")
+    monkeypatch.setattr(record, "model_path", lambda name: changed)
+    assert record.watchdog_hash() != before[0]
+    assert record.teensy_hash() != before[1]
 
 
 def test_the_default_place_is_the_users_state_folder(monkeypatch, tmp_path):
