@@ -17,7 +17,7 @@ from hardware.protocol.radio import (
     RadioMode,
     decode,
 )
-from hardware.protocol.xbee import ApiStream
+from hardware.protocol.xbee import ApiStream, make_transmit
 from hardware.transport.serial_link import SerialLink
 
 IDLE = OperatorCommand(RadioMode.IDLE)
@@ -41,6 +41,8 @@ class RadioLink:
         self._link = link
         self._operator = operator
         self._stream = ApiStream(escaped)
+        self._escaped = escaped
+        self._sender: int | None = None
         self._heartbeat = HeartbeatMonitor()
         self._command_time: float | None = None
         self.command = IDLE
@@ -55,7 +57,7 @@ class RadioLink:
                 if self._operator is not None and packet.sender != self._operator:
                     self.foreign += 1
                 else:
-                    self._take(packet.data, arrival)
+                    self._take(packet.data, arrival, packet.sender)
 
     def age(self, now: float) -> float:
         """Seconds since the older of command and changed heartbeat: what the dead-man switch looks at.
@@ -65,19 +67,25 @@ class RadioLink:
         command = math.inf if self._command_time is None else now - self._command_time
         return max(command, self._heartbeat.age(now))
 
+    def report(self, data: bytes) -> None:
+        """Sends data to the module that was heard last; to nobody before."""
+        if self._sender is not None:
+            self._link.write(make_transmit(data, self._sender, self._escaped))
+
     def clear_stop(self) -> None:
         """Forgets an emergency stop, by hand only, and the command before it."""
         self.stopped = False
         self.command = IDLE
         self._command_time = None
 
-    def _take(self, data: bytes, arrival: float) -> None:
+    def _take(self, data: bytes, arrival: float, sender: int) -> None:
         try:
             message = decode(data)
         except FrameError as error:
             self.rejected += 1
             self.last_error = str(error)
             return
+        self._sender = sender
         if isinstance(message, EmergencyStop):
             self.stopped = True
         elif isinstance(message, Heartbeat):

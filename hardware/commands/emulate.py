@@ -24,6 +24,10 @@ def emulate(
         bool, typer.Option("--published-strings", help="Strings as printed in the thesis, without checksum.")
     ] = False,
     duration: Annotated[float | None, typer.Option(help="End by itself after that time, s.")] = None,
+    console: Annotated[
+        bool, typer.Option("--console", help="A port for `aerodima console`; the script's operator is silent.")
+    ] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the car in Meshcat.")] = False,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
     ] = None,
@@ -58,6 +62,8 @@ def emulate(
         motor_ids=motor_ids,
         form=StringForm.PUBLISHED if published_strings else StringForm.CHECKED,
         duration=duration,
+        console=console,
+        view=view,
     )
     typer.echo(f"ports: {out / PORTS_FILE}")
     facts = run_emulator(emulated)

@@ -70,6 +70,37 @@ class AutoPilot:
         return PilotStep(CarCommand(driver.steering_angle, driver.throttle, pitch, roll), driver.planned_turn, state)
 
 
+class ControlPilot:
+    """The operator's steering and throttle, and the tail by its law: the turn that is steered counts as announced."""
+
+    def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
+        self._law = law or law_of_scenario(scenario)
+        self._memory = self._law.start()
+        self._steer = scenario.servo.limit
+        self._steering = 0.0
+
+    def start(self) -> PilotStep:
+        """See `Pilot`."""
+        return PilotStep(CarCommand(), 0.0, 0)
+
+    def step(self, time: float, reading: CarReading) -> PilotStep:
+        """See `Pilot`."""
+        asked = reading.operator
+        plan = float(np.sign(self._steering))
+        observation = observe(
+            time,
+            reading.tail_state,
+            reading.imu,
+            reading.status,
+            plan,
+            reading.speed,
+            steering_angle=self._steering,
+        )
+        self._memory, pitch, roll, state = self._law.step(self._memory, observation)
+        self._steering = min(self._steer, max(-self._steer, asked.steering))
+        return PilotStep(CarCommand(self._steering, asked.throttle, pitch, roll), plan, state)
+
+
 class ManualPilot:
     """The operator's sticks: steering, throttle, and two tail angles that are held with the gains of the scenario.
 

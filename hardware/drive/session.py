@@ -19,7 +19,7 @@ import numpy as np
 from hardware.drive.checks import Check, desk_checks, device_checks, motor_checks, refuse_failed
 from hardware.drive.guard import CarGuard, Stage
 from hardware.drive.loop import idle_until, run_loop
-from hardware.drive.pilots import AutoPilot, ManualPilot
+from hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
 from hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from hardware.drive.stop_signals import stop_on_signals
 from hardware.protocol.radio import RadioMode
@@ -194,13 +194,13 @@ def _arm(drive: _Drive) -> None:
 
 def _wait_for_operator(drive: _Drive) -> RadioMode:
     guard = drive.guard
-    drive.say("waiting for the operator: AUTO runs the sequence, MANUAL drives by radio")
-    wanted = (RadioMode.AUTO, RadioMode.MANUAL)
+    drive.say("waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio")
+    wanted = (RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL)
     chosen = idle_until(
         guard, lambda: guard.ready and guard.reading.operator.mode in wanted, drive.options.wait_for_operator
     )
     if not chosen and not guard.reason:
-        guard.stop("the operator chose neither AUTO nor MANUAL", time.monotonic())
+        guard.stop("the operator chose neither AUTO nor MANUAL nor CONTROL", time.monotonic())
     if not chosen:
         _let_stop(guard)
         return RadioMode.IDLE
@@ -241,6 +241,8 @@ def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]
     def run(mode: RadioMode) -> float:
         if mode is RadioMode.MANUAL:
             return run_loop(guard, ManualPilot(scenario), scenario, _HOUR, journal, links)
+        if mode is RadioMode.CONTROL:
+            return run_loop(guard, ControlPilot(scenario, drive.law), scenario, _HOUR, journal, links)
         if with_drake:
             return diagram.run(length)
         return run_loop(guard, AutoPilot(scenario, drive.law), scenario, length, journal, links)

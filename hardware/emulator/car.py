@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource
@@ -36,14 +37,17 @@ class EmulatedCar:
         log: Parquet file of the truth; its journal beside it grows while the emulator runs.
         log_rate: rows per second, Hz.
         facts: go into the log's metadata under `extra`.
+        meshcat: where the car is shown, None nowhere.
 
     Attributes:
         has_tail: whether there are motors and a sail.
     """
 
-    def __init__(self, scenario: Scenario, log: Path, log_rate: float, facts: dict[str, Any]) -> None:
+    def __init__(
+        self, scenario: Scenario, log: Path, log_rate: float, facts: dict[str, Any], meshcat: Meshcat | None = None
+    ) -> None:
         builder = DiagramBuilder()
-        station = make_car_station(scenario)
+        station = make_car_station(scenario, meshcat=meshcat)
         builder.AddSystem(station)
         self._sources: dict[str, Any] = {}
         self._values: dict[str, tuple[float, ...]] = {}

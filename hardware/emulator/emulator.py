@@ -32,7 +32,7 @@ from hardware.emulator.folder import (
 from hardware.emulator.motor import EmulatedMotor
 from hardware.emulator.pty_port import PtyPort
 from hardware.emulator.script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
-from hardware.emulator.serial_devices import EmulatedGps, EmulatedImu, EmulatedOperator
+from hardware.emulator.serial_devices import CAR, EmulatedAir, EmulatedGps, EmulatedImu, EmulatedOperator
 from hardware.emulator.slcan import SlcanAdapter
 from hardware.emulator.teensy import EmulatedTeensy
 from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
@@ -57,6 +57,8 @@ class EmulatorSettings:
         folder: new or empty; ports, logs and files of the emulator.
         motor_ids: pitch and roll.
         duration: s after which it ends by itself; None for ever.
+        console: the operator's module has a port for `aerodima console`, and the script's operator is silent.
+        view: show the car in Meshcat; the address is in ready.json.
     """
 
     scenario: Scenario
@@ -67,6 +69,8 @@ class EmulatorSettings:
     motor_ids: tuple[int, int] = (1, 2)
     form: StringForm = StringForm.CHECKED
     duration: float | None = None
+    console: bool = False
+    view: bool = False
 
 
 class Emulator:
@@ -92,7 +96,8 @@ class Emulator:
         self.latest = 0.0
         self._make_devices(firmware)
         truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
-        self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts)
+        self._view = _open_view() if settings.view else None
+        self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts, self._view)
         self._sample_due, self._imu_due = 0.0, settings.scenario.imu.delay
         self._begin = time.monotonic()
 
@@ -112,8 +117,12 @@ class Emulator:
         )
         self._imu = EmulatedImu(self._mounting, board)
         self._gps = EmulatedGps(settings.scenario.gps.rate, board)
-        self._operator = EmulatedOperator(settings.script.operator, self._numbers.operator_rate, board)
+        entries = () if settings.console else settings.script.operator
+        self._operator = EmulatedOperator(entries, self._numbers.operator_rate, board)
+        self._air = EmulatedAir(board)
         names: list[Device] = ["teensy", "imu", "gps", "radio", *(["can"] if direct else [])]  # type: ignore[list-item]
+        if settings.console:
+            names.append("console")
         self._ports = {name: PtyPort(self._folder / PORTS_FOLDER / name) for name in names}
 
     def stop(self) -> None:
@@ -164,6 +173,10 @@ class Emulator:
             self._write("can", self._adapter.feed(data))
         elif name == "imu":
             self._write("imu", self._imu.feed(data))
+        elif name == "console":
+            self._write("radio", self._air.to_car(data))
+        elif name == "radio" and "console" in self._ports:
+            self._write("console", self._air.to_console(data))
 
     def _write(self, name: Device, data: bytes) -> None:
         if data:
@@ -215,6 +228,8 @@ class Emulator:
             "tail_pitch": {"motor_id": settings.motor_ids[0]},
             "tail_roll": {"motor_id": settings.motor_ids[1]},
         }
+        if "console" in self._ports:
+            ports["console"]["receiver"] = CAR
         if "can" in self._ports:
             options = {"sleep_after_open": 0.0}  # a pseudo-terminal does not restart when it is opened
             ports["can"] = {"interface": "slcan", "channel": str(self._ports["can"].link), "options": options}
@@ -225,6 +240,7 @@ class Emulator:
             "wiring": settings.wiring,
             "ports": str(self._folder / PORTS_FILE),
             "begin_monotonic_s": self._begin,
+            "view": None if self._view is None else self._view.web_url(),
         }
         _write_json(self._folder / READY_FILE, ready)
         self._events.add("ready")
@@ -251,6 +267,12 @@ def run_emulator(settings: EmulatorSettings) -> dict[str, Any]:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: emulator.stop())
     return emulator.run()
+
+
+def _open_view() -> Any:
+    from workbench.replay import open_meshcat
+
+    return open_meshcat()
 
 
 def _claim(folder: Path) -> None:

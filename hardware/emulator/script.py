@@ -27,7 +27,7 @@ from workbench.quantity import QuantityModel, explain, quantity
 from workbench.resources import model_path
 
 SCHEMA = "aerodima/emulation/1"
-Device = Literal["can", "teensy", "imu", "gps", "radio"]
+Device = Literal["can", "teensy", "imu", "gps", "radio", "console"]
 Joint = Literal["tail_pitch", "tail_roll"]
 JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
 
@@ -87,7 +87,7 @@ class FaultEntry(_Entry):
 class OperatorEntry(_Entry):
     """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop: emergency stop."""
 
-    mode: Literal["idle", "manual", "auto"] = "auto"
+    mode: Literal["idle", "manual", "auto", "control"] = "auto"
     throttle: float = Field(default=0.0, ge=-1.0, le=1.0)
     steering: float = Field(default=0.0, ge=-3.14, le=3.14)
     pitch_tail: float = Field(default=0.0, ge=-3.14, le=3.14)

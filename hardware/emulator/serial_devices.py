@@ -11,15 +11,15 @@ import numpy as np
 from hardware.emulator.fault_board import FaultBoard
 from hardware.emulator.script import Device, Fault, OperatorEntry
 from hardware.protocol import radio
-from hardware.protocol.xbee import ReceivedPacket, make_received
+from hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
 from hardware.sensors.bno055 import Bno055Chip
 from hardware.sensors.ublox import GpsSample, make_nav_pvt
 from hardware.wiring.mounting import Mounting
 
 _DAY = 86_400.0
 _STOP_FRAMES = 3
-OPERATOR = 0x0013_A200_4000_0001
-"""64-bit serial number of the emulated operator's module; the first half is the maker's."""
+OPERATOR, CAR = 0x0013_A200_4000_0001, 0x0013_A200_4000_0002
+"""64-bit serial numbers of the emulated modules of operator and car; the first half is the maker's."""
 
 
 class _Line:
@@ -93,3 +93,23 @@ class EmulatedOperator:
         else:
             frames.append(radio.make_command(passed[-1].command))
         return self._line.through(b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames))
+
+
+class EmulatedAir:
+    """Two XBee modules and the air between them: what one computer hands to its module, the other module hands out."""
+
+    def __init__(self, board: FaultBoard) -> None:
+        self._line = _Line("radio", board)
+        self._of_operator, self._of_car = ApiStream(), ApiStream()
+
+    def to_car(self, data: bytes) -> bytes:
+        """From the console's serial port to the car's."""
+        return self._carry(self._of_operator, data, OPERATOR, CAR)
+
+    def to_console(self, data: bytes) -> bytes:
+        """From the car's serial port to the console's."""
+        return self._carry(self._of_car, data, CAR, OPERATOR)
+
+    def _carry(self, stream: ApiStream, data: bytes, sender: int, receiver: int) -> bytes:
+        packets = [packet for packet in stream.feed_transmits(data) if packet.receiver in (receiver, BROADCAST)]
+        return self._line.through(b"".join(make_received(ReceivedPacket(sender, packet.data)) for packet in packets))

@@ -34,6 +34,8 @@ class RadioMode(IntEnum):
     IDLE = 0
     MANUAL = 1
     AUTO = 2
+    CONTROL = 3
+    """The operator drives, the tail swings by its law. Not in the thesis' list of values."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,10 @@ START, ESCAPE = 0x7E, 0x7D
 _MASK = 0x20
 _ESCAPED = (START, ESCAPE, 0x11, 0x13)
 _RECEIVED, _TRANSMIT = 0x90, 0x10
-_RECEIVED_HEAD, _LONGEST = 12, 128
+_RECEIVED_HEAD, _TRANSMIT_HEAD, _LONGEST = 12, 14, 128
 _UNKNOWN_NETWORK_ADDRESS = b"\xff\xfe"
+BROADCAST = 0xFFFF
+"""Address that every module hears."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,14 @@ def make_received(packet: ReceivedPacket, escaped: bool = False) -> bytes:
     return _frame(content, escaped)
 
 
+@dataclass(frozen=True, slots=True)
+class SentPacket:
+    """Data for another module. receiver: its 64-bit serial number."""
+
+    receiver: int
+    data: bytes
+
+
 class ApiStream:
     """Received packets out of a serial stream that begins anywhere and may carry noise.
 
@@ -66,21 +76,36 @@ class ApiStream:
 
     def feed(self, data: bytes) -> list[ReceivedPacket]:
         """The packets that became complete with these bytes, oldest first."""
+        return [
+            ReceivedPacket(int.from_bytes(content[1:9], "big"), content[_RECEIVED_HEAD:])
+            for content in self._contents(data)
+            if content[0] == _RECEIVED and len(content) >= _RECEIVED_HEAD
+        ]
+
+    def feed_transmits(self, data: bytes) -> list[SentPacket]:
+        """The same for what a computer hands to its module; for emulators."""
+        return [
+            SentPacket(int.from_bytes(content[2:10], "big"), content[_TRANSMIT_HEAD:])
+            for content in self._contents(data)
+            if content[0] == _TRANSMIT and len(content) >= _TRANSMIT_HEAD
+        ]
+
+    def _contents(self, data: bytes) -> list[bytes]:
+        """Contents of the frames that became complete with these bytes."""
         self._open += data
-        packets: list[ReceivedPacket] = []
+        contents: list[bytes] = []
         while (start := self._open.find(START)) >= 0:
             self._open = self._open[start:]
             content, used = self._content()
             if used == 0:
-                return packets
+                return contents
             self._open = self._open[used:]
             if content is None:
                 self.rejected += 1
-            elif content[0] == _RECEIVED and len(content) >= _RECEIVED_HEAD:
-                sender = int.from_bytes(content[1:9], "big")
-                packets.append(ReceivedPacket(sender, content[_RECEIVED_HEAD:]))
+            else:
+                contents.append(content)
         self._open = b""
-        return packets
+        return contents
 
     def _content(self) -> tuple[bytes | None, int]:
         """Content of the frame at the beginning (None if it is none) and its bytes; 0 bytes: not yet complete."""

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hardware.protocol.ak70_profiles import FirmwareProfile, firmware_profile
 from hardware.protocol.teensy import StringForm
+from hardware.protocol.xbee import BROADCAST
 from hardware.transport.can_settings import BITRATE, CanSettings
 from hardware.transport.serial_link import SerialSettings
 from workbench.errors import HardwareError
@@ -69,6 +70,13 @@ class RadioDevice(SerialDevice):
     escaped: bool = False
 
 
+class ConsoleDevice(SerialDevice):
+    """The operator's own XBee module, where `aerodima console` runs; `receiver` is the serial number of the car's."""
+
+    receiver: int = Field(BROADCAST, ge=0, lt=2**64)
+    escaped: bool = False
+
+
 class MountedMotor(_Part):
     """One tail motor: id on the bus, motor angle at joint angle 0 (rad), sign of its angle against the joint's."""
 
@@ -79,7 +87,10 @@ class MountedMotor(_Part):
 
 
 class CarPorts(_Part):
-    """Where everything is plugged in. `can` is needed by `direct_can` only. A device that is None is not fitted."""
+    """Where everything is plugged in; a device that is None is not fitted.
+
+    `can` is needed by `direct_can` only, `console` by `aerodima console` only.
+    """
 
     schema_: Literal["aerodima/ports/1"] = Field("aerodima/ports/1", alias="schema")
     firmware_profile: str = "ak70_10_v1_0_8"
@@ -89,6 +100,7 @@ class CarPorts(_Part):
     imu: SerialDevice
     gps: GpsDevice | None = None
     radio: RadioDevice | None = None
+    console: ConsoleDevice | None = None
     tail_pitch: MountedMotor = MountedMotor(motor_id=1)
     tail_roll: MountedMotor = MountedMotor(motor_id=2)
 
@@ -128,6 +140,8 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
     except ValidationError as error:
         raise HardwareError(str(explain(error, where, CarPorts))) from None
     devices = {"teensy": ports.teensy, "imu": ports.imu, "gps": ports.gps, "radio": ports.radio}
+    if ports.console is not None:
+        devices["console"] = ports.console
     seen: dict[str, str] = {}
     for name, device in devices.items():
         if device is not None and device.path in seen:

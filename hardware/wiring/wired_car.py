@@ -24,6 +24,7 @@ from hardware.sensors.ublox import GpsSample
 from hardware.teensy_link import TeensyFault, TeensyLink
 from hardware.transport.serial_link import SerialLink
 from hardware.wiring.base import CarCommand, CarReading, SourceFault, WiringName
+from hardware.wiring.car_reporter import CarReporter
 from hardware.wiring.drive_safety import DriveSafety
 from hardware.wiring.mounting import Mounting
 from hardware.wiring.recent import ListeningPort, SailRate
@@ -133,6 +134,7 @@ class WiredCar:
         self.reading = CarReading()
         self.stop_reason = ""
         self._sail = SailRate()
+        self._reporter = CarReporter()
         self._tail_seen = np.zeros((2, 3))
         self._imu_seen = (math.nan, self.reading.imu)
         self._speed_seen = self.reading.speed
@@ -207,6 +209,8 @@ class WiredCar:
         """See `Wiring.write`; nothing after `stop`."""
         if self.devices is not None and self.group is not None:
             self._send(self.devices, self.group, command, now)
+            if self.devices.radio is not None:
+                self._reporter.turn(self.devices.radio, self.reading, now)
 
     def _watch(self, devices: Devices, group: MotorGroup, now: float) -> None:
         if devices.watchdog is None:
@@ -349,9 +353,6 @@ class WiredCar:
             off = off and (group is None or all(motor.off_confirmed for motor in group.motors))
             with contextlib.suppress(Exception):
                 devices.watchdog.disarm() if off else devices.watchdog.trip()
-        for close in devices.closers:
-            with contextlib.suppress(Exception):
-                close()
         status = self.reading.status.copy()
         status[STATUS.index("armed")] = 0.0
         self.reading = CarReading(
@@ -363,3 +364,9 @@ class WiredCar:
             self.reading.operator,
             self.reading.fault_text or self.stop_reason,
         )
+        if devices.radio is not None:
+            with contextlib.suppress(Exception):
+                self._reporter.turn(devices.radio, self.reading, time.monotonic(), at_once=True)
+        for close in devices.closers:
+            with contextlib.suppress(Exception):
+                close()

@@ -59,8 +59,8 @@ def test_unknown_class_is_refused(message_class):
 
 
 def test_unknown_mode_is_refused():
-    with pytest.raises(FrameError, match="radio mode 3"):
-        decode(bytes([1, 3]) + bytes(16))
+    with pytest.raises(FrameError, match="radio mode 4"):
+        decode(bytes([1, 4]) + bytes(16))
 
 
 @pytest.mark.parametrize("field", range(4))

@@ -58,6 +58,10 @@ class FakeRadio:
     def __init__(self):
         self.command, self.stopped, self.silence = OperatorCommand(RadioMode.AUTO), False, 0.05
         self.rejected, self.last_error = 0, ""
+        self.reports = []
+
+    def report(self, data):
+        self.reports.append(data)
 
     def poll(self):
         pass

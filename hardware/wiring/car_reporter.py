@@ -1,0 +1,49 @@
+"""Tells the operator over the radio what the car's loop knows, at its own slower pace."""
+
+from __future__ import annotations
+
+from hardware.protocol.car_report import PERIOD, CarReport, make_report
+from hardware.radio_link import RadioLink
+from hardware.wiring.base import CarReading
+from workbench.ports import IMU, STATUS, STATUS_SOURCES, TAIL_STATE, TAIL_TORQUE
+
+_UNKNOWN_FAULT = 255
+"""Codes of the status port are small; a larger one is still a fault."""
+
+
+class CarReporter:
+    """One car's reports."""
+
+    def __init__(self) -> None:
+        self._due = 0.0
+        self._sequence = 0
+
+    def turn(self, radio: RadioLink, reading: CarReading, now: float, at_once: bool = False) -> None:
+        """Sends a report when one is due (`now` in s, monotonic), or at once."""
+        if now < self._due and not at_once:
+            return
+        self._due = now + PERIOD
+        self._sequence += 1
+        radio.report(make_report(report_of(reading, radio.stopped), self._sequence))
+
+
+def report_of(reading: CarReading, stopped: bool) -> CarReport:
+    """What a reading tells the operator; `stopped`: the emergency stop came."""
+    status, tail = STATUS.read(reading.status), TAIL_STATE.read(reading.tail_state)
+    imu, torque = IMU.read(reading.imu), TAIL_TORQUE.read(reading.tail_torque)
+    codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
+    return CarReport(
+        armed=status.armed == 1.0,
+        stopped=stopped,
+        mode=reading.operator.mode,
+        faults=tuple(min(code, _UNKNOWN_FAULT) for code in codes),  # type: ignore[arg-type]
+        yaw_rate=imu.gyro_z,
+        roll=imu.roll,
+        tail_pitch=tail.pitch_angle,
+        tail_roll=tail.roll_angle,
+        torque_pitch=torque.pitch,
+        torque_roll=torque.roll,
+        speed=float(reading.speed[0]),
+        operator_age=status.operator_age,
+        text=reading.fault_text,
+    )
