@@ -15,7 +15,14 @@ from typer.testing import CliRunner
 from workbench.cli import build_app
 
 README = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
-FIRST_STEPS = README[README.index("## First steps") : README.index("## Folders")]
+
+
+def section(title: str) -> str:
+    """A chapter of the README, up to the next one."""
+    return README.split(f"## {title}\n", 1)[1].split("\n## ", 1)[0]
+
+
+FIRST_STEPS = section("First steps")
 
 
 def test_first_lines_are_the_two_commands() -> None:
@@ -62,10 +69,10 @@ def test_the_way_from_a_foreign_log_to_coefficients_finds_the_truth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    section = README[README.index("## From a foreign log to coefficients") : README.index("## Install")]
-    for text in re.findall(r"```(?:python|yaml)\n(.*?)```", section, re.DOTALL):
+    chapter = section("From a foreign log to coefficients")
+    for text in re.findall(r"```(?:python|yaml)\n(.*?)```", chapter, re.DOTALL):
         (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text, encoding="utf-8")
-    (block,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    (block,) = re.findall(r"```sh\n(.*?)```", chapter, re.DOTALL)
     told = ""
     for line in block.splitlines():
         program, *words = shlex.split(line)

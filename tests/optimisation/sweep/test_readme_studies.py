@@ -12,7 +12,7 @@ from optimisation.sweep.study import load_study, plan_runs
 from workbench.cli import build_app
 
 README = (Path(__file__).resolve().parents[3] / "README.md").read_text(encoding="utf-8")
-SECTION = README[README.index("## Studies of many runs") : README.index("## Folders")]
+SECTION = README[README.index("## Studies of many runs") : README.index("<!-- --8<-- [end:studies] -->")]
 
 
 def write_study(folder: Path) -> Path:
