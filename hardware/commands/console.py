@@ -1,0 +1,114 @@
+"""`aerodima console`: the operator's page."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import socket
+
+    from hardware.console.emulated_car import EmulatedCarProcess
+    from hardware.console.record import ConsoleRecord
+    from hardware.wiring.car_ports import ConsoleDevice
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command()(console)
+
+
+def console(
+    ports: Annotated[Path | None, typer.Option(help="Ports file (JSON) with an entry `console`.")] = None,
+    emulate: Annotated[str | None, typer.Option(help="Scenario: start an emulated car and drive that.")] = None,
+    radio: Annotated[str | None, typer.Option(help="Serial port of the operator's XBee module.")] = None,
+    receiver: Annotated[
+        int | None, typer.Option(help="64-bit serial number of the car's module; with --radio. Default: all.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8470,
+    out: Annotated[Path, typer.Option(help="New folder of the emulated car.")] = Path("console_car"),
+    wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can; with --emulate.")] = "teensy_bridge",
+    view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
+    record: Annotated[Path, typer.Option(help="File (JSON lines) for what is recorded.")] = Path("console.jsonl"),
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=2; with --emulate.")
+    ] = None,
+) -> None:
+    """Operate the car from a page on this computer: modes, sliders, gamepad, plots, emergency stop.
+
+    Open the printed address; it works once. The page must stay visible: its heartbeat keeps the car alive.
+
+    Example: aerodima console --emulate auto_turn --out emulated
+    """
+    from workbench.errors import HardwareError
+
+    if sum(given is not None for given in (ports, emulate, radio)) != 1:
+        raise HardwareError("console: give one of --ports, --emulate and --radio")
+    missing = [name for name in ("starlette", "uvicorn", "websockets", "serial") if find_spec(name) is None]
+    if missing:
+        raise HardwareError(f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'")
+    from hardware.console.emulated_car import EmulatedCarProcess
+    from hardware.console.record import ConsoleRecord
+    from hardware.console.server import open_socket
+    from hardware.wiring.base import WIRINGS
+    from hardware.wiring.car_ports import ConsoleDevice
+
+    chosen = next((name for name in WIRINGS if name == wiring), None)
+    if chosen is None:
+        raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
+    listener, recording = open_socket(port), ConsoleRecord(record)
+    car = None if emulate is None else EmulatedCarProcess(emulate, settings or [], chosen, out, view)
+    with listener:
+        try:
+            if car is not None:
+                car.start(typer.echo)
+                ports = car.ports
+            device = _device(ports) if ports else ConsoleDevice.model_validate(_radio(radio, receiver))
+            _serve(listener, device, recording, car, emulate, settings or [])
+        finally:
+            if car is not None:
+                car.close()
+
+
+def _radio(radio: str | None, receiver: int | None) -> dict[str, object]:
+    return {"path": radio, **({} if receiver is None else {"receiver": receiver})}
+
+
+def _device(ports: Path) -> ConsoleDevice:
+    from hardware.wiring.car_ports import read_ports
+    from workbench.errors import HardwareError
+
+    device = read_ports(ports).console
+    if device is None:
+        raise HardwareError(f"{ports}: console: missing; an emulator writes it with `aerodima emulate --console`")
+    return device
+
+
+def _serve(
+    listener: socket.socket,
+    device: ConsoleDevice,
+    recording: ConsoleRecord,
+    car: EmulatedCarProcess | None,
+    scenario: str | None,
+    settings: list[str],
+) -> None:
+    from hardware.console.access import Access
+    from hardware.console.console import Console, Limits
+    from hardware.console.operator_radio import OperatorRadio
+    from hardware.console.server import run_server
+    from hardware.transport.serial_link import SerialLink
+    from workbench.scenario import load_scenario
+
+    car_of = load_scenario(scenario or "auto_turn", settings)
+    limits = Limits(car_of.servo.limit, car_of.tail.pitch_limit, car_of.tail.roll_limit)
+    link = SerialLink.open(device.settings)
+    try:
+        served = Console(OperatorRadio(link, device.receiver, device.escaped), recording, limits, car)
+        access = Access(listener.getsockname()[1])
+        typer.echo(f"open once: {access.url}")
+        run_server(listener, served, access, typer.echo)
+    finally:
+        link.close()

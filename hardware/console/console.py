@@ -1,0 +1,159 @@
+"""What the console does with what pages say; no network in here. Times in s, monotonic."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+from hardware.console.messages import Beat, BeatClock, Logging, Message, Stop
+from hardware.console.operator_radio import OperatorRadio
+from hardware.console.record import ConsoleRecord
+from hardware.console.seats import Seats
+from hardware.console.words import radio_state
+from hardware.protocol.radio import RadioMode
+from workbench.errors import UserError
+
+
+class ManagedCar(Protocol):
+    """A car whose drive the console starts and ends; the emulated one."""
+
+    view: str | None
+
+    @property
+    def driving(self) -> bool:
+        """Whether a drive runs."""
+        ...
+
+    @property
+    def said(self) -> str:
+        """The last line of the drive."""
+        ...
+
+    def arm(self) -> None:
+        """Starts a drive, which checks the car and arms it; returns at once."""
+        ...
+
+    def disarm(self) -> None:
+        """Ends the drive; returns at once."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Ranges of the sliders, rad; throttle is -1 to 1."""
+
+    steering: float
+    pitch: float
+    roll: float
+
+
+class Console:
+    """Pages, radio, record and the car, if it is one that is started here.
+
+    Args:
+        car: None where the car is armed beside it.
+    """
+
+    def __init__(
+        self, radio: OperatorRadio, record: ConsoleRecord, limits: Limits, car: ManagedCar | None = None
+    ) -> None:
+        self.radio, self._record, self._limits, self._car = radio, record, limits, car
+        self._seats = Seats()
+        self._clocks: dict[int, BeatClock] = {}
+        self._recorded: object = None
+        self.late_beats = 0
+
+    @property
+    def view(self) -> str | None:
+        """Address of the Meshcat view; None where there is none."""
+        return None if self._car is None else self._car.view
+
+    def enter(self, now: float) -> int:
+        """A page connects; its number."""
+        page = self._seats.enter(now)
+        self._clocks[page] = BeatClock()
+        return page
+
+    def leave(self, page: int) -> None:
+        """A page has gone."""
+        del self._clocks[page]
+        if self._seats.controller == page:
+            self._record.add("controller_gone")
+        self._seats.leave(page)
+
+    def hear(self, page: int, message: Message, now: float) -> None:
+        """Does what a page asks for.
+
+        Every page may stop the car; everything else is for the one that controls.
+
+        Raises:
+            UserError: it may not be done, in words for the operator.
+        """
+        if isinstance(message, Stop):
+            self.radio.stop(message.by, now)
+            self._record.add("stop", by=message.by, page=page)
+            return
+        if not isinstance(message, Beat) and message.type == "take":
+            if not self._seats.take(page, now):
+                raise UserError("another page controls the car")
+            self._record.add("control", page=page)
+            return
+        if self._seats.controller != page:
+            raise UserError("this page is read-only: another one controls the car")
+        self._seats.hear(page, now)
+        if isinstance(message, Beat):
+            self._beat(page, message, now)
+        elif isinstance(message, Logging):
+            self._record.switch(message.on)
+        else:
+            self._request(message.type)
+
+    def turn(self, now: float) -> None:
+        """Every few milliseconds: hears the car, repeats a stop."""
+        self.radio.turn(now)
+        report = self.radio.report
+        if report is not None and report is not self._recorded:
+            self._recorded = report
+            self._record.add("report", **radio_state(self.radio, now))
+
+    def state(self, page: int, now: float) -> dict[str, Any]:
+        """What a page shows, plain data."""
+        car = self._car
+        return {
+            "type": "state",
+            "controls": self._seats.controller == page,
+            "can_take": self._seats.controller != page and self._seats.free(now),
+            "radio": radio_state(self.radio, now),
+            "recording": {"on": self._record.on, "path": str(self._record.path), "error": self._record.error},
+            "car": None if car is None else {"driving": car.driving, "said": car.said},
+        }
+
+    def welcome(self) -> dict[str, Any]:
+        """What a page must know once."""
+        return {"type": "welcome", "limits": asdict(self._limits), "view": self.view}
+
+    def _beat(self, page: int, beat: Beat, now: float) -> None:
+        if not self._clocks[page].in_time(beat.time, now):
+            self.late_beats += 1
+            return
+        before = self.radio.mode
+        self.radio.beat(beat.count, beat.command, now)
+        if self.radio.mode is not before:
+            self._record.add("mode", mode=self.radio.mode.name)
+        self._record.add("command", **beat.model_dump(exclude={"type", "time"}))
+
+    def _request(self, request: str) -> None:
+        if request == "reset":
+            self.radio.reset()
+            self._record.add("reset")
+        elif self._car is None:
+            raise UserError("this car is armed beside it: aerodima drive")
+        elif request == "disarm":
+            self._car.disarm()
+        elif self.radio.stopped:
+            raise UserError("emergency stop: reset it first")
+        elif self.radio.mode is not RadioMode.IDLE:
+            raise UserError("the mode must be rest while the car is armed")
+        else:
+            self._record.add("arm")
+            self._car.arm()

@@ -1,0 +1,134 @@
+"""An emulated car with its drive, started for the console as processes of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hardware.emulator.folder import PORTS_FILE, READY_FILE
+from hardware.wiring.base import WiringName
+from workbench.errors import HardwareError
+
+_START_TIME, _END_TIME = 120.0, 20.0
+_LOOK = 0.05
+_TESTS = 3
+"""Times that the watchdog test is tried: a computer that is busy with other work can be late for the emulated car."""
+
+
+class EmulatedCarProcess:
+    """`aerodima emulate` and, when it is armed, `aerodima drive`.
+
+    The watchdog test that arming asks for is recorded in the folder, so that the user's own records stay as they are.
+
+    Args:
+        scenario, settings: as the two commands take them.
+        folder: new or empty; gets the emulator's files and `drive_N.parquet`.
+        view: show the car in Meshcat.
+    """
+
+    def __init__(
+        self, scenario: str, settings: Sequence[str], wiring: WiringName, folder: Path, view: bool = True
+    ) -> None:
+        self._scenario = [scenario, *(word for setting in settings for word in ("--set", setting))]
+        self._wiring, self._folder, self._show = wiring, folder, view
+        self._environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state")}
+        self._emulator: subprocess.Popen[str] | None = None
+        self._drive: subprocess.Popen[str] | None = None
+        self._lines: list[str] = []
+        self._drives = 0
+        self.view: str | None = None
+
+    @property
+    def ports(self) -> Path:
+        """The ports file."""
+        return self._folder / PORTS_FILE
+
+    def start(self, say: Callable[[str], None]) -> None:
+        """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with what they said."""
+        say("starting the emulated car")
+        command = ["emulate", *self._scenario, "--out", str(self._folder), "--wiring", self._wiring, "--console"]
+        self._emulator = self._run([*command, *(["--view"] if self._show else [])])
+        ready, end = self._folder / READY_FILE, time.monotonic() + _START_TIME
+        while not ready.exists():
+            if self._emulator.poll() is not None:
+                out = self._emulator.stdout.read() if self._emulator.stdout else ""
+                raise HardwareError(_last_line(out) or "the emulator ended")
+            if time.monotonic() > end:
+                raise HardwareError(f"the emulator is not ready after {_START_TIME:g} s")
+            time.sleep(_LOOK)
+        self.view = json.loads(ready.read_text(encoding="utf-8"))["view"]
+        say("testing its watchdog")
+        for left in reversed(range(_TESTS)):
+            test = self._run([*self._drive_command(), "--watchdog-test"])
+            out, _ = test.communicate(timeout=_START_TIME)
+            if test.returncode == 0:
+                return
+            if left == 0:
+                raise HardwareError(_last_line(out) or "the watchdog test failed")
+            say(f"again: {_last_line(out)}")
+
+    @property
+    def driving(self) -> bool:
+        """Whether a drive runs."""
+        return self._drive is not None and self._drive.poll() is None
+
+    @property
+    def said(self) -> str:
+        """The last line of the drive."""
+        return self._lines[-1] if self._lines else ""
+
+    def arm(self) -> None:
+        """Starts a drive; `HardwareError` while one runs."""
+        if self.driving:
+            raise HardwareError("a drive runs already")
+        self._drives += 1
+        log = self._folder / f"drive_{self._drives}.parquet"
+        self._lines = ["starting"]
+        self._drive = self._run([*self._drive_command(), "--no-drake", "--arm", "--log", str(log)])
+        threading.Thread(target=self._listen, args=(self._drive,), name="drive-lines", daemon=True).start()
+
+    def disarm(self) -> None:
+        """Ends the drive in order, motors first."""
+        if self._drive is not None and self._drive.poll() is None:
+            self._drive.send_signal(signal.SIGINT)
+
+    def close(self) -> None:
+        """Ends drive and emulator; never raises."""
+        for process, number in ((self._drive, signal.SIGINT), (self._emulator, signal.SIGTERM)):
+            if process is None or process.poll() is not None:
+                continue
+            process.send_signal(number)
+            try:
+                process.wait(_END_TIME)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+    def _drive_command(self) -> list[str]:
+        return ["drive", *self._scenario, "--ports", str(self.ports), "--wiring", self._wiring]
+
+    def _run(self, words: list[str]) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "workbench.cli", *words],
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def _listen(self, drive: subprocess.Popen[str]) -> None:
+        for line in drive.stdout or ():
+            if line.strip():
+                self._lines = [*self._lines[-20:], line.strip()]
+
+
+def _last_line(text: str) -> str:
+    lines = [line for line in text.splitlines() if line.strip()]
+    return lines[-1].removeprefix("error: ") if lines else ""

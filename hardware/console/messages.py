@@ -1,0 +1,106 @@
+"""What a page may say, checked: one JSON object per message."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from hardware.protocol.radio import OperatorCommand, RadioMode
+from workbench.errors import UserError
+
+MODES = {
+    "rest": RadioMode.IDLE,
+    "manual": RadioMode.MANUAL,
+    "control": RadioMode.CONTROL,
+    "auto": RadioMode.AUTO,
+}
+"""Name on the page -> mode of the radio."""
+_Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Beat(_Message):
+    """The page lives and asks for this; every 50 ms.
+
+    Attributes:
+        count: grows by one from beat to beat. time: of the page's clock, s.
+        throttle: -1 to 1. steering: rad, positive to the left. pitch, roll: of the tail, rad.
+    """
+
+    type: Literal["beat"]
+    count: int = Field(ge=0)
+    time: float
+    mode: Literal["rest", "manual", "control", "auto"] = "rest"
+    throttle: float = Field(default=0.0, ge=-1.0, le=1.0)
+    steering: _Angle = 0.0
+    pitch: _Angle = 0.0
+    roll: _Angle = 0.0
+
+    @property
+    def command(self) -> OperatorCommand:
+        """As a frame of the radio carries it."""
+        return OperatorCommand(MODES[self.mode], self.throttle, self.steering, self.pitch, self.roll)
+
+
+class Stop(_Message):
+    """Emergency stop; `by` says what was pressed."""
+
+    type: Literal["stop"]
+    by: Literal["button", "key", "gamepad"]
+
+
+class Logging(_Message):
+    """Recording on or off."""
+
+    type: Literal["log"]
+    on: bool
+
+
+class Request(_Message):
+    """Forget the emergency stop, take control, arm or disarm a car that the console started."""
+
+    type: Literal["reset", "take", "arm", "disarm"]
+
+
+Message = Beat | Stop | Logging | Request
+_MESSAGE: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
+
+
+def read_message(text: str) -> Message:
+    """The message; `UserError` in one line for anything else."""
+    try:
+        return _MESSAGE.validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"]) or "message"
+        raise UserError(f"{place}: {first['msg']}") from None
+
+
+class BeatClock:
+    """Tells beats that were held up on their way from those that are new.
+
+    After a stall everything that waited comes at once. The clock of a page has an unknown offset: the shortest way seen
+    so far counts as none, and is forgotten slowly.
+    """
+
+    LATEST = 0.15
+    """s on the way after which a beat is not passed on; the car stops 0.25 s after the last one that is."""
+    _FORGET = 1e-3
+    """s of offset per s: far above the drift between two clocks of one computer."""
+
+    def __init__(self) -> None:
+        self._offset = math.inf
+        self._before = -math.inf
+
+    def in_time(self, sent: float, now: float) -> bool:
+        """Whether a beat of the page's time `sent` that came at `now` (both s) is passed on."""
+        if math.isfinite(self._offset):
+            self._offset += self._FORGET * (now - self._before)
+        self._before = now
+        self._offset = min(self._offset, now - sent)
+        return now - sent - self._offset <= self.LATEST

@@ -1,0 +1,122 @@
+"""The console's end of the operator's radio: passes on what a page sent, repeats an emergency stop, hears reports.
+
+Heartbeats are never made here: without a page that lives the radio is silent, and the car's dead-man acts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from hardware.protocol.can_frame import FrameError
+from hardware.protocol.car_report import CarReport, decode_report
+from hardware.protocol.radio import OperatorCommand, RadioMode, make_command, make_emergency_stop, make_heartbeat
+from hardware.protocol.xbee import BROADCAST, ApiStream, make_transmit
+from hardware.radio_link import IDLE
+
+_REPEAT = 0.05
+"""s between two emergency stops, until the car reports the stop."""
+REPORT_SILENCE = 0.5
+"""s after which the last report says nothing about the car as it is."""
+
+
+class Link(Protocol):
+    """What is needed of a `SerialLink`: bytes that are written replace bytes that still wait."""
+
+    def write(self, data: bytes) -> None:
+        """Hands bytes to the port and returns at once."""
+        ...
+
+    def poll(self) -> list[tuple[float, bytes]]:
+        """Bytes that came, each piece with its time."""
+        ...
+
+
+class OperatorRadio:
+    """Commands out, reports in. Times in s, monotonic.
+
+    Args:
+        link: open; the caller closes it.
+        receiver: serial number of the car's module.
+        escaped: API mode 2.
+
+    Attributes:
+        stopped_by: what asked for the emergency stop that stays until `reset`; empty for none.
+        confirmed: the car has reported that stop.
+        mode: of the last command that was passed on.
+        report: the car's last one; None before the first.
+        rejected: frames that are no report.
+    """
+
+    def __init__(self, link: Link, receiver: int = BROADCAST, escaped: bool = False) -> None:
+        self._link, self._receiver, self._escaped = link, receiver, escaped
+        self._stream = ApiStream(escaped)
+        self._stop_due = math.inf
+        self._heard = -math.inf
+        self.stopped_by = ""
+        self.confirmed = False
+        self.mode = RadioMode.IDLE
+        self.report: CarReport | None = None
+        self.rejected = 0
+
+    @property
+    def stopped(self) -> bool:
+        """Whether an emergency stop stays."""
+        return bool(self.stopped_by)
+
+    def report_age(self, now: float) -> float:
+        """Seconds since the car's last report; infinite before the first."""
+        return now - self._heard
+
+    def armed(self, now: float) -> bool:
+        """Whether the car has just said that its motors take commands."""
+        return self.report is not None and self.report.armed and self.report_age(now) <= REPORT_SILENCE
+
+    def beat(self, count: int, command: OperatorCommand, now: float) -> None:
+        """Passes a page's heartbeat and command on; a car at rest leaves it only when it has reported that it is armed.
+
+        Raises:
+            FrameError: a value that no frame carries.
+        """
+        allowed = not self.stopped and (self.mode is not RadioMode.IDLE or self.armed(now))
+        passed = command if allowed else IDLE
+        frames = [make_command(passed), make_heartbeat(count)]
+        self.mode = passed.mode
+        self._send([*self._stops(), *frames])
+
+    def stop(self, by: str, now: float) -> None:
+        """Sends an emergency stop at once and until the car reports it."""
+        if not self.stopped:
+            self.stopped_by, self.confirmed = by, False
+        self.mode = RadioMode.IDLE
+        self._stop_due = now + _REPEAT
+        self._send([make_emergency_stop()])
+
+    def reset(self) -> None:
+        """Forgets the emergency stop, by hand only. The car keeps its own until it is armed anew."""
+        self.stopped_by, self.confirmed, self._stop_due = "", False, math.inf
+
+    def turn(self, now: float) -> None:
+        """Hears what came and repeats a stop that is due."""
+        for arrival, data in self._link.poll():
+            for packet in self._stream.feed(data):
+                self._take(packet.data, arrival)
+        if self._stops() and now >= self._stop_due:
+            self._stop_due = now + _REPEAT
+            self._send(self._stops())
+
+    def _take(self, data: bytes, arrival: float) -> None:
+        try:
+            self.report = decode_report(data)
+        except FrameError:
+            self.rejected += 1
+            return
+        self._heard = arrival
+        self.confirmed = self.confirmed or (self.stopped and self.report.stopped)
+
+    def _stops(self) -> list[bytes]:
+        return [make_emergency_stop()] if self.stopped and not self.confirmed else []
+
+    def _send(self, frames: list[bytes]) -> None:
+        """All of a moment in one piece: the next piece may replace it, and carries a stop that is open as well."""
+        self._link.write(b"".join(make_transmit(frame, self._receiver, self._escaped) for frame in frames))

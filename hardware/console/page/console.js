@@ -1,0 +1,226 @@
+// The operator's page. Its heartbeat is made here, in the page's own timer: what stops the page stops the heartbeat.
+"use strict";
+
+const BEAT_MS = 50, PAD_MS = 20, LATE = 0.2;
+const CHANNELS_OF = {rest: [], manual: ["throttle", "steering", "pitch", "roll"], control: ["throttle", "steering"], auto: []};
+const NOTES = {
+  rest: "Rest: throttle 0. The other modes are free once the car is armed.",
+  manual: "Manual: sliders or gamepad move throttle, steering and tail.",
+  control: "Control: you drive, the tail swings by its law.",
+  auto: "Auto: the car runs its sequence. Rest ends it.",
+};
+const get = (id) => document.getElementById(id);
+const seconds = () => performance.now() / 1000;
+const sliders = new Sliders(get("sliders"));
+const plots = makePlots(get("plots"));
+let socket = null, state = null, count = 0, mode = "rest", pads = 0, padStop = false, problem = "", wasArmed = false;
+
+function send(message) {
+  if (!socket || socket.readyState !== WebSocket.OPEN) return false;
+  socket.send(JSON.stringify(message));
+  return true;
+}
+
+function stop(by) {
+  const sent = send({type: "stop", by});
+  setMode("rest");
+  if (!sent) problem = "Not connected: the stop cannot be sent. The car stops by itself; use its power switch.";
+  get("stop").classList.add("pressed");
+}
+
+function setMode(wanted) {
+  if (wanted === mode) return;
+  mode = wanted;
+  sliders.centre();
+  document.querySelector(`input[name=mode][value=${mode}]`).checked = true;
+  get("mode-note").textContent = NOTES[mode];
+  show();
+}
+
+function beat() {
+  if (!state || !state.controls || document.hidden) return;
+  count += 1;
+  const values = sliders.values(seconds());
+  const asked = Object.fromEntries(Object.entries(values).map(([key, value]) => [key, CHANNELS_OF[mode].includes(key) ? value : 0]));
+  send({type: "beat", count, time: seconds(), mode, ...asked});
+}
+
+// -- gamepad
+
+function lookAtGamepads() {
+  const found = connectedGamepads();
+  const pressed = found.some((pad) => pad.buttons[PAD.stop]?.pressed);
+  if (pressed && !padStop) stop("gamepad");
+  padStop = pressed;
+  const using = get("use-gamepad");
+  if (using.checked && found.length !== 1) {
+    using.checked = false;
+    if (mode !== "rest") {
+      setMode("rest");
+      problem = found.length ? "Two gamepads: the mode is rest." : "The gamepad was unplugged: the mode is rest.";
+    }
+  }
+  using.disabled = found.length !== 1;
+  if (using.checked && CHANNELS_OF[mode].length) {
+    const values = gamepadValues(found[0], sliders.rows);
+    if (values) sliders.set(values); else setMode("rest");
+  }
+  if (found.length === pads) return;
+  pads = found.length;
+  get("gamepad").textContent = pads === 0 ? "no gamepad: press a button on it"
+    : pads === 1 ? `${found[0].id}: left stick steers, triggers drive, right stick moves the tail`
+    : `${pads} gamepads: unplug all but one; the stop button works on each`;
+}
+
+// -- connection
+
+async function connect() {
+  let answer;
+  try {
+    answer = await fetch("/console.css", {cache: "no-store"});
+  } catch {
+    lose("The console does not answer. Is it running?");
+    return;
+  }
+  if (!answer.ok) {
+    lose("The console was started again: open the new address that its terminal shows.", false);
+    return;
+  }
+  socket = new WebSocket(`ws://${location.host}/socket`);
+  socket.onmessage = (event) => hear(JSON.parse(event.data));
+  socket.onclose = () => lose("The connection to the console is lost.");
+}
+
+function lose(text, again = true) {
+  socket = state = null;
+  problem = text;
+  setMode("rest");
+  show();
+  if (again) setTimeout(connect, 1000);
+}
+
+function hear(message) {
+  if (message.type === "welcome") {
+    problem = "";
+    sliders.setLimits(message.limits);
+    get("view").hidden = !message.view;
+    get("show-view").dataset.url = message.view ?? "";
+    showView();
+  } else if (message.type === "refused") {
+    problem = message.text;
+  } else {
+    state = message;
+    const radio = state.radio, now = seconds();
+    for (const plot of plots) plot.add(now, radio.heard ? radio.report : null);
+    if (mode !== "rest" && (radio.stopped_by || !state.controls || (wasArmed && radio.heard && !radio.armed))) setMode("rest");
+    wasArmed = radio.armed;
+  }
+  show();
+}
+
+// -- what is shown
+
+function setText(id, text) {
+  if (get(id).textContent !== text) get(id).textContent = text;
+}
+
+function show() {
+  const radio = state?.radio, controls = Boolean(state?.controls), stopped = Boolean(radio?.stopped_by);
+  const report = radio?.heard ? radio.report : null;
+  const armed = Boolean(radio?.armed);
+  setText("car", !report ? "not heard" : report.stopped ? "STOPPED" : armed ? "ARMED" : "not armed");
+  get("car-box").className = report?.stopped ? "stopped" : armed ? "armed" : "";
+  setText("heard-mode", report ? report.mode : "–");
+  const age = report ? radio.link_age : null;
+  setText("link", age === null ? "no link" : `${Math.round(age * 1000)} ms${age > LATE ? " LATE" : ""}`);
+  get("link-box").className = age === null || age > LATE ? "late" : "";
+  setText("seat", !state ? "not connected" : controls ? "controls" : "read-only");
+  showFaults(report);
+  get("stop").classList.toggle("pressed", stopped);
+  showBanner(radio, stopped);
+  get("take").hidden = !state?.can_take;
+  const car = state?.car;
+  get("arm").disabled = !controls || !car || car.driving || stopped || mode !== "rest";
+  get("disarm").disabled = !controls || !car?.driving;
+  get("reset").disabled = !controls || !stopped || mode !== "rest";
+  setText("said", !state ? "" : car ? (car.said ? `Drive: ${car.said}` : "Arm starts a drive: it checks the car first.")
+    : "This car is armed beside it, with aerodima drive.");
+  for (const input of document.querySelectorAll("input[name=mode]"))
+    input.disabled = !controls || stopped || (input.value !== "rest" && !armed && mode === "rest");
+  const byPad = get("use-gamepad").checked;
+  sliders.setDriving(controls && !byPad, CHANNELS_OF[mode]);
+  get("step-go").disabled = !controls || !CHANNELS_OF[mode].includes(stepChannel());
+  get("centre").disabled = !controls;
+  get("record").disabled = !controls;
+  const recording = state?.recording;
+  if (recording) {
+    get("record").checked = recording.on;
+    setText("record-note", recording.error || (recording.on ? `writing ${recording.path}` : ""));
+  }
+}
+
+function showFaults(report) {
+  const lines = report ? report.faults.map((entry) => `${entry.source}: ${entry.fault}`) : ["the car is not heard"];
+  if (report?.text) lines.unshift(report.text);
+  const text = lines.length ? lines : ["none"];
+  if (get("faults").dataset.text === text.join("\n")) return;
+  get("faults").dataset.text = text.join("\n");
+  get("faults").replaceChildren(...text.map((line) => Object.assign(document.createElement("li"), {textContent: line})));
+}
+
+function showBanner(radio, stopped) {
+  const confirmed = radio?.confirmed ? "the car reports it" : "sending until the car reports it";
+  const text = stopped ? `EMERGENCY STOP by ${radio.stopped_by}: ${confirmed}.` : problem
+    || (state && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "");
+  get("banner").hidden = !text;
+  get("banner").className = stopped ? "stopped" : "";
+  setText("banner", text);
+}
+
+function showView() {
+  const box = get("show-view"), place = get("frame-place");
+  place.replaceChildren();
+  if (!box.checked || !box.dataset.url) return;
+  place.append(Object.assign(document.createElement("iframe"), {src: box.dataset.url, title: "The car in Meshcat", tabIndex: -1}));
+}
+
+// -- hands
+
+const stepChannel = () => document.querySelector("input[name=step-channel]:checked").value;
+
+get("stop").addEventListener("pointerdown", (event) => { if (event.button === 0) stop("button"); });
+get("stop").addEventListener("click", (event) => { if (event.detail === 0) stop("button"); });  // by keyboard
+window.addEventListener("keydown", (event) => {
+  if (event.key !== "Escape" || event.repeat) return;
+  event.preventDefault();
+  stop("key");
+}, {capture: true});
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) {
+    setMode("rest");
+  } else if (state?.controls) {
+    problem = "The page was hidden: the heartbeat was off, the mode is rest.";
+  }
+});
+window.addEventListener("blur", () => setTimeout(() => {  // the view must not keep the keyboard from Escape
+  if (document.activeElement?.tagName === "IFRAME") { document.activeElement.blur(); window.focus(); }
+}));
+for (const name of ["arm", "disarm", "reset", "take"])
+  get(name).addEventListener("click", () => { problem = ""; send({type: name}); });
+get("record").addEventListener("change", (event) => send({type: "log", on: event.target.checked}));
+get("centre").addEventListener("click", () => sliders.centre());
+get("show-view").addEventListener("change", showView);
+get("step-go").addEventListener("click", () =>
+  sliders.startStep(stepChannel(), Number(get("step-size").value) || 0, Number(get("step-time").value) || 0, seconds()));
+for (const input of document.querySelectorAll("input[name=step-channel]"))
+  input.addEventListener("change", () => setText("step-unit", stepChannel() === "throttle" ? "%" : "°"));
+for (const input of document.querySelectorAll("input[name=mode]"))
+  input.addEventListener("change", () => { problem = ""; setMode(input.value); });
+
+setInterval(beat, BEAT_MS);
+setInterval(lookAtGamepads, PAD_MS);
+(function draw() {
+  for (const plot of plots) plot.draw(seconds());
+  setTimeout(() => requestAnimationFrame(draw), 60);
+})();
+connect();

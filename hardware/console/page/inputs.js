@@ -1,0 +1,109 @@
+// What the operator's hands do: sliders, a step input, exactly one gamepad.
+"use strict";
+
+const CHANNELS = [
+  {key: "throttle", name: "Throttle", ends: ["back", "ahead"], unit: "%", scale: 100, limit: 1, springs: true},
+  {key: "steering", name: "Steering", ends: ["left", "right"], unit: "°", scale: -180 / Math.PI, limit: 0.5, springs: true},
+  {key: "pitch", name: "Tail pitch", ends: ["back", "forward"], unit: "°", scale: 180 / Math.PI, limit: 0.5},
+  {key: "roll", name: "Tail roll", ends: ["left", "right"], unit: "°", scale: 180 / Math.PI, limit: 0.5},
+];
+const DEAD_ZONE = 0.08;
+const PAD = {stop: 1, ahead: 7, back: 6, steering: 0, roll: 2, pitch: 3};
+
+// Sliders show per cent and degrees with right positive; values are -1 to 1 and rad with left positive for steering.
+class Sliders {
+  constructor(place) {
+    this.step = null;
+    this.rows = {};
+    for (const channel of CHANNELS) {
+      const row = document.createElement("div");
+      row.className = "slider";
+      const label = document.createElement("label");
+      label.htmlFor = `slider-${channel.key}`;
+      label.textContent = channel.name;
+      const input = document.createElement("input");
+      Object.assign(input, {type: "range", id: label.htmlFor, value: 0, step: 1});
+      const output = document.createElement("output");
+      output.htmlFor = input.id;
+      const ends = document.createElement("div");
+      ends.className = "ends";
+      ends.setAttribute("aria-hidden", "true");
+      for (const end of channel.ends) ends.append(Object.assign(document.createElement("span"), {textContent: end}));
+      row.append(label, input, output, ends);
+      place.append(row);
+      this.rows[channel.key] = {channel, input, output};
+      input.addEventListener("input", () => this.show());
+      if (channel.springs) input.addEventListener("pointerup", () => { input.value = 0; this.show(); });
+    }
+    this.setLimits({});
+  }
+
+  setLimits(limits) {
+    for (const {channel, input} of Object.values(this.rows)) {
+      channel.limit = limits[channel.key] ?? channel.limit;
+      const most = Math.floor(Math.abs(channel.scale) * channel.limit + 1e-9);
+      Object.assign(input, {min: -most, max: most});
+    }
+    this.show();
+  }
+
+  centre() {
+    this.step = null;
+    for (const {input} of Object.values(this.rows)) input.value = 0;
+    this.show();
+  }
+
+  // The tail stays where it was asked to be; the car stops and goes straight.
+  setDriving(enabled, channels) {
+    for (const {channel, input} of Object.values(this.rows)) input.disabled = !enabled || !channels.includes(channel.key);
+  }
+
+  startStep(key, size, seconds, now) {
+    this.step = {key, value: size / this.rows[key].channel.scale, end: now + seconds};
+  }
+
+  set(values) {
+    for (const [key, value] of Object.entries(values)) this.rows[key].input.value = value * this.rows[key].channel.scale;
+    this.show();
+  }
+
+  values(now) {
+    if (this.step && now >= this.step.end) this.step = null;
+    const values = {};
+    for (const {channel, input} of Object.values(this.rows)) {
+      let value = Number(input.value) / channel.scale || 0;
+      if (this.step && this.step.key === channel.key) value += this.step.value;
+      values[channel.key] = Math.max(-channel.limit, Math.min(channel.limit, value));
+    }
+    return values;
+  }
+
+  show() {
+    for (const {channel, input, output} of Object.values(this.rows)) {
+      const number = Number(input.value);
+      const side = number ? ` ${channel.ends[number < 0 ? 0 : 1]}` : "";
+      output.textContent = `${Math.abs(number)} ${channel.unit}`;
+      input.setAttribute("aria-valuetext", `${Math.abs(number)} ${channel.unit}${side}`);
+    }
+  }
+}
+
+function connectedGamepads() {
+  return navigator.getGamepads ? [...navigator.getGamepads()].filter((pad) => pad && pad.connected) : [];
+}
+
+// Values of the sliders from a gamepad of the standard layout; null if its axes are no numbers.
+function gamepadValues(pad, rows) {
+  const axis = (index) => {
+    const value = pad.axes[index] ?? 0;
+    return Math.abs(value) < DEAD_ZONE ? 0 : value;
+  };
+  const pressed = (index) => pad.buttons[index]?.value ?? 0;
+  const values = {
+    throttle: pressed(PAD.ahead) - pressed(PAD.back),
+    steering: -axis(PAD.steering) * rows.steering.channel.limit,
+    pitch: -axis(PAD.pitch) * rows.pitch.channel.limit,
+    roll: axis(PAD.roll) * rows.roll.channel.limit,
+  };
+  return Object.values(values).every(Number.isFinite) ? values : null;
+}

@@ -1,0 +1,158 @@
+"""What goes out on the operator's radio: nothing but what a page sent, and a stop until the car reports it."""
+
+import math
+
+import pytest
+
+from hardware.console.messages import BeatClock, read_message
+from hardware.console.operator_radio import OperatorRadio
+from hardware.console.seats import GONE_AFTER, Seats
+from hardware.protocol import radio as frames
+from hardware.protocol.can_frame import FrameError
+from hardware.protocol.car_report import CarReport, decode_report, make_report
+from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
+from workbench.errors import UserError
+
+CAR = 7
+MANUAL = OperatorCommand(RadioMode.MANUAL, 0.25, -0.125, 0.5, -1.0)
+REPORT = CarReport(
+    True, False, RadioMode.MANUAL, (0, 0, 3, 0, 6, 0), 0.5, -0.25, 1.0, -1.5, 2.0, -3.0, 3.5, 0.0625, "no fix"
+)
+
+
+class FakeLink:
+    def __init__(self):
+        self.sent, self.inbox = [], []
+
+    def write(self, data):
+        packets = ApiStream().feed_transmits(data)
+        assert all(packet.receiver == CAR for packet in packets)
+        self.sent.append([frames.decode(packet.data) for packet in packets])
+
+    def poll(self):
+        inbox, self.inbox = self.inbox, []
+        return inbox
+
+    def report(self, report, now):
+        self.inbox.append((now, make_received(ReceivedPacket(CAR, make_report(report)))))
+
+
+@pytest.fixture
+def link():
+    return FakeLink()
+
+
+@pytest.fixture
+def radio(link):
+    return OperatorRadio(link, CAR)
+
+
+def test_a_radio_without_pages_is_silent(radio, link):
+    for tick in range(100):
+        link.report(REPORT, 0.01 * tick)
+        radio.turn(0.01 * tick)
+    assert link.sent == []
+
+
+def test_an_armed_car_gets_the_command_and_the_counter_of_the_page(radio, link):
+    link.report(REPORT, 1.0)
+    radio.turn(1.0)
+    radio.beat(300, MANUAL, 1.1)
+    assert link.sent == [[MANUAL, Heartbeat(300 % 256)]]
+
+
+@pytest.mark.parametrize(
+    ("report", "age"), [(None, 0.0), (REPORT, 0.6), (CarReport(False, False, RadioMode.IDLE), 0.0)]
+)
+def test_a_car_that_has_not_just_reported_that_it_is_armed_is_left_at_rest(radio, link, report, age):
+    if report is not None:
+        link.report(report, 1.0)
+    radio.turn(1.0)
+    radio.beat(1, MANUAL, 1.0 + age)
+    assert link.sent == [[OperatorCommand(RadioMode.IDLE), Heartbeat(1)]]
+
+
+def test_stop_goes_out_at_once_and_is_repeated_until_the_car_reports_it(radio, link):
+    radio.stop("key", 1.0)
+    assert link.sent == [[EmergencyStop()]]
+    radio.turn(1.04)
+    assert len(link.sent) == 1
+    radio.turn(1.05)
+    radio.turn(1.10)
+    assert link.sent[1:] == [[EmergencyStop()]] * 2
+    link.report(CarReport(False, True, RadioMode.IDLE), 1.11)
+    radio.turn(1.2)
+    assert radio.confirmed
+    radio.turn(2.0)
+    assert len(link.sent) == 3
+
+
+def test_a_beat_may_replace_a_stop_that_waits_and_carries_it(radio, link):
+    radio.stop("button", 1.0)
+    radio.beat(5, MANUAL, 1.01)
+    assert link.sent[-1] == [EmergencyStop(), OperatorCommand(RadioMode.IDLE), Heartbeat(5)]
+
+
+def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, link):
+    link.report(REPORT, 1.0)
+    radio.turn(1.0)
+    radio.beat(1, MANUAL, 1.0)
+    radio.stop("gamepad", 1.1)
+    radio.turn(1.2)
+    radio.beat(2, MANUAL, 1.2)
+    assert OperatorCommand(RadioMode.IDLE) in link.sent[-1]
+    radio.reset()
+    assert not radio.stopped
+    radio.beat(3, MANUAL, 1.8)  # the report of 1.0 is too old
+    assert link.sent[-1] == [OperatorCommand(RadioMode.IDLE), Heartbeat(3)]
+
+
+def test_report_survives_the_frame_and_wrong_ones_are_refused():
+    assert decode_report(make_report(REPORT)) == REPORT
+    assert decode_report(make_report(CarReport(False, True, RadioMode.AUTO))).operator_age == math.inf
+    data = make_report(CarReport(True, False, RadioMode.IDLE, text="long " * 40))
+    assert len(data) == 100
+    for wrong in (data[:41], data + b"x", b"\x05" + data[1:], data[:3] + b"\x09" + data[4:], data[:10] + b"\xff" * 32):
+        with pytest.raises(FrameError):
+            decode_report(wrong)
+
+
+def test_beats_that_were_held_up_are_not_passed_on():
+    clock = BeatClock()
+    assert all(clock.in_time(1000.0 + 0.05 * i, 5.002 + 0.05 * i) for i in range(20))
+    assert not clock.in_time(1001.0, 6.4)  # 0.4 s on its way
+    assert clock.in_time(1001.4, 6.403)
+
+
+def test_control_is_free_only_when_the_page_that_has_it_has_gone():
+    seats = Seats()
+    first, second = seats.enter(0.0), seats.enter(0.0)
+    seats.hear(first, 1.0)
+    assert not seats.take(second, 1.1)
+    assert seats.controller == first
+    assert seats.take(second, 1.1 + GONE_AFTER)
+    assert not seats.take(first, 1.2 + GONE_AFTER)
+    seats.leave(second)
+    assert seats.take(first, 1.3 + GONE_AFTER)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"type": "fly"}',
+        '{"type": "beat", "count": 1}',
+        '{"type": "beat", "count": 1, "time": 0, "throttle": 1.1}',
+        '{"type": "beat", "count": 1, "time": NaN}',
+        '{"type": "beat", "count": 1, "time": 0, "steering": 4}',
+        '{"type": "beat", "count": 1, "time": 0, "mode": "fast"}',
+        '{"type": "stop", "by": "magic"}',
+        '{"type": "stop", "by": "key", "more": 1}',
+    ],
+)
+def test_what_is_no_message_is_one_line(text):
+    with pytest.raises(UserError) as error:
+        read_message(text)
+    assert "\n" not in str(error.value)
