@@ -1,4 +1,7 @@
-"""Replays in a real browser, with the network off: they show the car, play, and follow the slider."""
+"""Replays in a real browser, with the network off: they show the car, play, and follow the slider.
+
+A browser that draws in software has deadlines of its own, so these tests run alone (`make realtime`).
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from workbench.report.comparison_page import comparison_page
 from workbench.run import run_scenario
 from workbench.scenario import load_scenario
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 
 SHORT = ("speed=1.0", "turn_start=0.2", "speed_ramp=0.1", "turn_hold=0.1", "duration=0.7")
 READY = "() => typeof replay !== 'undefined' && replay.duration > 0"
