@@ -27,7 +27,8 @@ _RECEIVER_SILENT = 0.5
 """A receive thread that has not come round for that long is taken for dead, s."""
 _SENDER_STUCK = 0.25
 """A driver that does not return from sending for that long is stuck, s."""
-_SEND_TIMEOUT = 0.002
+_SEND_TIMEOUT = 0.02
+"""For the driver, s. pyserial looks at it after the write too: a thread that waits 5 ms for its turn is not late."""
 _SEND_RETRY = 0.001
 _SEND_BLOCKED = 0.05
 """The driver takes no frame for that long: its buffer is full (ENOBUFS) since nobody acknowledges on the bus, s."""
@@ -259,7 +260,7 @@ class CanBus:
                 if fault is not BusFault.SEND_BLOCKED or now - blocked_since > _SEND_BLOCKED:
                     self._set_fault(fault, f"sending failed: {error}")
                 self._closing.wait(_SEND_RETRY)
-                self._outbox.put_back(frame)
+                self._outbox.put_back(frame, _may_have_left(error))
             else:
                 blocked_since = None
                 self._outbox.done()
@@ -278,6 +279,15 @@ class CanBus:
         self.sent += 1
         if self._log is not None:
             self._log.add(message)
+
+
+def _may_have_left(error: BaseException | None) -> bool:
+    """Whether a frame may be on the bus although sending it failed: pyserial times out after a whole write too."""
+    while error is not None:
+        if type(error).__name__ == "SerialTimeoutException":
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _fault_of(error: BaseException, otherwise: BusFault) -> BusFault:

@@ -74,8 +74,10 @@ class Outbox:
             if not self._urgent and not self._waiting:
                 self._condition.notify_all()
 
-    def put_back(self, frame: CanFrame) -> None:
+    def put_back(self, frame: CanFrame, may_have_left: bool = False) -> None:
         """The frame in hand could not be sent: it goes first again, unless a newer one or an exit came, or it is old.
+
+        A command that may have left all the same is not sent twice, for the motor would answer twice.
 
         After `close` nothing comes back, so that a lost adapter cannot keep the thread alive.
         """
@@ -88,7 +90,11 @@ class Outbox:
             key = (frame.arbitration_id, frame.extended)
             if self._in_hand_is_urgent:
                 self._urgent.appendleft(frame)
-            elif key in self._waiting or any((item.arbitration_id, item.extended) == key for item in self._urgent):
+            elif (
+                may_have_left
+                or key in self._waiting
+                or any((item.arbitration_id, item.extended) == key for item in self._urgent)
+            ):
                 self.superseded += 1
             else:
                 self._waiting = {key: (since, frame), **self._waiting}

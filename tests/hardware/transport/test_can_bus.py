@@ -112,6 +112,28 @@ def test_remote_and_fd_frames_are_counted_not_read(bus, adapter):
     assert bus.fault is BusFault.NONE
 
 
+def test_a_command_that_may_have_left_is_not_sent_twice_and_an_exit_is(bus, adapter):
+    import serial
+
+    send = adapter.send
+
+    def late(message, timeout=None):  # as pyserial, which looks at the clock after the write
+        send(message, timeout)
+        if len(adapter.outgoing) in (1, 2):
+            try:
+                raise serial.SerialTimeoutException("Write timeout")
+            except serial.SerialTimeoutException as error:
+                raise can.CanOperationError("Could not write to serial device") from error
+
+    adapter.send = late
+    bus.send(COMMAND)
+    assert bus.flush()
+    bus.send(EXIT, urgent=True)
+    assert bus.flush()
+    assert [bytes(message.data) for message in adapter.outgoing] == [COMMAND.data, EXIT.data, EXIT.data]
+    assert bus.fault is BusFault.NONE
+
+
 def test_full_buffer_is_retried_and_the_newest_command_wins(bus, adapter):
     adapter.send_error = can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
     bus.send(COMMAND)
