@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import math
 import subprocess
@@ -31,6 +32,7 @@ from hardware.wiring.car_ports import CarPorts, read_ports
 from hardware.wiring.direct_can import direct_can
 from hardware.wiring.drive_safety import load_drive_safety
 from hardware.wiring.teensy_bridge import teensy_bridge
+from tests.hardware.emulator.breakers import Breaker, ClockJumps, ControllerRaises, DiskFull, ReceiverDies
 from workbench.errors import HardwareError
 from workbench.scenario import Scenario, load_scenario
 
@@ -51,6 +53,7 @@ class Case:
         fault: entry of the script without its time; None: `break_command` or the operator.
         stops: whether the car must stop. within: s from the fault to the motors off, as long as the cause allows.
         reason: part of the reason that the drive gives.
+        breaker: what breaks in the computer itself. broken_command: what the controller commands from then on.
     """
 
     name: str
@@ -60,7 +63,17 @@ class Case:
     within: float = 0.3
     reason: str = ""
     operator: tuple[dict, ...] = ({"time": 0.0},)
+    breaker: Callable[[], Breaker] = Breaker
     broken_command: CarCommand | None = None
+
+    @property
+    def of_the_computer(self) -> bool:
+        """Whether nothing of the emulated car breaks."""
+        return self.broken_command is not None or self.breaker is not Breaker
+
+
+class EndedEarlyError(AssertionError):
+    """The drive had ended before the fault came, as it must on a computer that is too busy; it showed nothing."""
 
 
 @dataclass
@@ -125,7 +138,9 @@ def open_car(scenario: Scenario, ports: CarPorts, wiring: str):
     return direct_can(scenario, ports, lambda: None, lambda can: WatchdogProcess(can, ports.motor_ids))
 
 
-def drive_until_stopped(guard: CarGuard, run_time: float, command_at: Callable[[float], CarCommand]) -> None:
+def drive_until_stopped(
+    guard: CarGuard, run_time: float, command_at: Callable[[float], CarCommand], breaker: Breaker
+) -> None:
     """Arms, drives with the commands for `run_time` s after entering, and lets the car stop."""
 
     def turn(condition: Callable[[], bool], limit: float, command: Callable[[float], CarCommand]) -> bool:
@@ -134,7 +149,8 @@ def drive_until_stopped(guard: CarGuard, run_time: float, command_at: Callable[[
             now = time.monotonic()
             if now - begin > limit:
                 return False
-            guard.exchange(command(now), now, due if guard.stage is Stage.DRIVING else None)
+            breaker.turn(guard)
+            guard.exchange(command(now), breaker.clock(), due if guard.stage is Stage.DRIVING else None)
             due = max(due + PERIOD, now - 0.05)
             wait_until(due)
         return True
@@ -148,7 +164,7 @@ def drive_until_stopped(guard: CarGuard, run_time: float, command_at: Callable[[
     assert turn(lambda: guard.ready or guard.finished, 5.0, idle), guard.reading.fault_text
     guard.drive(RadioMode.AUTO, time.monotonic())
     turn(lambda: guard.finished, run_time, lambda now: command_at(now - entered))
-    guard.stop(RUN_OVER, time.monotonic())
+    guard.stop(RUN_OVER, breaker.clock())
     turn(lambda: guard.finished, 3.0, idle)
 
 
@@ -166,35 +182,41 @@ def run_case(case: Case, folder: Path, run_time: float = 4.0) -> Outcome:
         car = open_car(scenario, emulator.ports, case.wiring)
         guard = CarGuard(car, load_drive_safety())
         good = CarCommand(0.1, 0.3, _PITCH, _ROLL)
-        moment = AT if case.broken_command is not None else math.inf
-        broken_at: list[float] = []
+        breaker = case.breaker()
 
         def command_at(since: float) -> CarCommand:
-            if since < moment or case.broken_command is None:
-                return good
-            broken_at.append(time.monotonic())
-            return case.broken_command
+            if since >= AT and breaker.struck is None:
+                breaker.strike()
+            return good if since < AT or case.broken_command is None else case.broken_command
 
         try:
             car.start()
+            breaker.begin(car, scenario, folder)
             gc.collect()
             gc.freeze()  # as the drive does: no pause of the collector within the run
-            drive_until_stopped(guard, run_time, command_at)
+            drive_until_stopped(guard, run_time, command_at, breaker)
+        except ArithmeticError as error:  # as a drive does it
+            guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
         finally:
             car.stop("over")
             gc.unfreeze()
+        if case.of_the_computer and breaker.struck is None:
+            raise EndedEarlyError(guard.reason)
+        breaker.end()
         time.sleep(1.3)  # the watchdog process goes on after the end
         reason = guard.reason
     events = emulator.events
-    began = broken_at[0] if broken_at else _fault_time(events, case)
+    began = breaker.struck if case.of_the_computer else _fault_time(events, case)
+    if began is None:
+        raise EndedEarlyError(reason)
     return _outcome(reason, began, events, emulator.traffic())
 
 
-def _fault_time(events: list[dict], case: Case) -> float:
+def _fault_time(events: list[dict], case: Case) -> float | None:
     if case.fault is None:
         entered = next(event["time_s"] for event in events if event["event"] == "entered")
         return entered + next(entry["time"] for entry in case.operator if entry.get("stop"))
-    return next(event["time_s"] for event in events if event["event"] == "fault_on")
+    return next((event["time_s"] for event in events if event["event"] == "fault_on"), None)
 
 
 def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Message]) -> Outcome:
@@ -279,19 +301,45 @@ CASES = (
 )
 
 
+CASES += tuple(
+    Case(name, wiring, None, breaker=breaker, reason=reason, within=within)
+    for wiring in ("direct_can", "teensy_bridge")
+    for name, breaker, reason, within in (
+        ("exception in the controller", ControllerRaises, "ZeroDivisionError", 0.3),
+        ("clock jumps ahead", lambda: ClockJumps(3600.0), "between two cycles", 0.3),
+        ("clock jumps back", lambda: ClockJumps(-3600.0), "between two cycles", 0.3),
+        ("log disk full", DiskFull, "cannot be written", 1.5 + _SOFT),
+        ("receive thread dies", ReceiverDies, "", 0.3),
+    )
+)
+
+
+def run_case_undisturbed(case: Case, folder: Path, run_time: float) -> Outcome:
+    """A run in which the fault came; of three attempts, the last one raises `EndedEarlyError`."""
+    for attempt in range(2):
+        with contextlib.suppress(EndedEarlyError):
+            return run_case(case, _new_folder(folder, attempt), run_time)
+    return run_case(case, _new_folder(folder, 2), run_time)
+
+
+def _new_folder(folder: Path, attempt: int) -> Path:
+    made = folder / str(attempt)
+    made.mkdir()
+    return made
+
+
 def _measured(case: Case) -> Outcome:
-    """An outcome; a run that a busy computer ended before the fault came is made again."""
-    found = Outcome("not measured: the computer is too busy", math.nan, math.nan, 0, 0, [])
+    """An outcome; a run that a busy computer has spoilt is made again."""
     for _ in range(3):
-        try:
-            with tempfile.TemporaryDirectory() as folder:
-                found = run_case(case, Path(folder), run_time=AT + 2.5)
-        except (HardwareError, AssertionError) as error:
-            print(f"again: {error}", file=sys.stderr)
-            continue
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                found = run_case_undisturbed(case, Path(folder), run_time=AT + 2.5)
+            except (HardwareError, AssertionError) as error:
+                print(f"again: {error}", file=sys.stderr)
+                continue
         if (not case.stops and found.reason == RUN_OVER) or (case.stops and math.isfinite(found.motors_off)):
-            break
-    return found
+            return found
+    return Outcome("not measured: the computer is too busy", math.nan, math.nan, 0, 0, [])
 
 
 def main() -> None:

@@ -4,14 +4,14 @@ import math
 
 import pytest
 
-from tests.hardware.emulator.fault_runs import AT, CASES, RUN_OVER, run_case
+from tests.hardware.emulator.fault_runs import AT, CASES, RUN_OVER, run_case_undisturbed
 
 pytestmark = pytest.mark.realtime  # three processes and a car in real time
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.name}-{case.wiring}".replace(" ", "_"))
 def test_a_fault_ends_in_a_safe_car(case, tmp_path):
-    found = run_case(case, tmp_path, run_time=AT + 2.5)
+    found = run_case_undisturbed(case, tmp_path, run_time=AT + 2.5)
     if not case.stops:
         assert found.reason == RUN_OVER
         return

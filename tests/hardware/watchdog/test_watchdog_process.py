@@ -58,12 +58,14 @@ def drive(adapter, report):
     process = subprocess.Popen(
         [sys.executable, "-c", DRIVE, adapter.path, str(report)], stdout=subprocess.PIPE, text=True
     )
-    watchdog = int(process.stdout.readline())
-    time.sleep(2 * TIMING.heartbeat_timeout)
-    assert adapter.frames() == []
-    yield process, watchdog
-    process.kill()
-    process.wait()
+    try:
+        watchdog = int(process.stdout.readline())
+        time.sleep(2 * TIMING.heartbeat_timeout)
+        assert adapter.frames() == []
+        yield process, watchdog
+    finally:
+        process.kill()
+        process.wait()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV])
@@ -109,6 +111,18 @@ def test_ctrl_c_in_the_terminal_does_not_end_it(adapter, drive):
     assert adapter.frames() == []
     drive[0].kill()
     assert wait_until(lambda: adapter.frames()[:2] == EXITS)
+
+
+def test_one_that_was_asked_to_act_outlives_the_drive_process_until_the_adapter_is_back(adapter, report):
+    watchdog = WatchdogProcess(settings(adapter), (1, 2), report)
+    watchdog.arm()
+    watchdog.trip()
+    begin = time.monotonic()
+    watchdog.close()
+    assert time.monotonic() - begin < 0.2, "nobody waits for it"
+    assert wait_until(lambda: adapter.frames()[:2] == EXITS)
+    assert _lives(watchdog.pid)
+    assert wait_until(lambda: watchdog._process.poll() is not None, TIMING.exit_time + 1.0)
 
 
 def test_an_orderly_end_sends_nothing(adapter, report):
