@@ -59,6 +59,8 @@ class MotorSettings:
     Attributes:
         name: of the joint, for messages.
         motor_id: on the bus.
+        profile: ranges of its firmware.
+        safety: when it is switched off, and how gently it is taken over.
         low, high: range of the joint, rad.
         torque_limit: of the total PD torque, N m. kp_max: N m/rad. kd_max: N m s/rad.
         jump_speed: fastest change of position that is believed, rad/s.

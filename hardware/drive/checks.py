@@ -31,7 +31,13 @@ _CLOCK_DIFFERENCE = 2.0
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the list. passed: True, False, or None where it could not be told."""
+    """One line of the list.
+
+    Attributes:
+        name: what was looked at.
+        passed: True, False, or None where it could not be told.
+        text: what was found and what is allowed.
+    """
 
     name: str
     passed: bool | None

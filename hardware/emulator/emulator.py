@@ -54,7 +54,9 @@ class EmulatorSettings:
     """What is emulated.
 
     Attributes:
+        scenario: of the car. wiring: which side of it is spoken. profile: of the motors. form: of the Teensy's strings.
         folder: new or empty; ports, logs and files of the emulator.
+        script: of faults and of the operator.
         motor_ids: pitch and roll.
         duration: s after which it ends by itself; None for ever.
         console: the operator's module has a port for `aerodima console`, and the script's operator is silent.

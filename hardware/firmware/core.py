@@ -107,7 +107,13 @@ def library() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class CoreState:
-    """Outputs of the Teensy. servo, throttle: pulses in us. rejected: strings that could not be obeyed."""
+    """Outputs of the Teensy.
+
+    Attributes:
+        servo, throttle: pulses in us.
+        status: whether its watchdog has acted.
+        rejected: strings that could not be obeyed.
+    """
 
     servo: int
     throttle: int

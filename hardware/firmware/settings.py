@@ -39,7 +39,7 @@ class FirmwareSettings:
 
     Attributes:
         wiring: in `direct_can` the Teensy does not touch the CAN bus.
-        profile: of the motors. encoder: of the sail. form: of the strings.
+        profile: of the motors. encoder: of the sail. form: of the strings. timing: of its watchdog and its replies.
         motor_ids: pitch and roll; switched off when the Teensy starts.
 
     Raises:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from workbench.errors import HardwareError
 
-STANDARD_IDS = 1 << 11
-EXTENDED_IDS = 1 << 29
+STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
+"""How many identifiers 11 and 29 bits make (ISO 11898-1)."""
 MOST_BYTES = 8
+"""Of the data of a classic frame."""
 
 
 class FrameError(HardwareError, ValueError):

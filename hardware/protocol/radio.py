@@ -43,6 +43,7 @@ class OperatorCommand:
     """What the operator asks for.
 
     Attributes:
+        mode: who drives; IDLE nobody.
         throttle: -1 to 1. steering: rad, positive to the left. pitch_tail, roll_tail: rad.
     """
 

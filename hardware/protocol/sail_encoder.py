@@ -19,7 +19,13 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True)
 class EncoderProfile:
-    """An absolute encoder whose word of `bits` bits spans one turn. `supply` in V."""
+    """An absolute encoder whose word spans one turn.
+
+    Attributes:
+        name: how a user chooses it.
+        bits: of the word.
+        supply: V.
+    """
 
     name: str
     bits: int

@@ -55,7 +55,13 @@ class TeensyStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MotorOrder:
-    """One CAN message of the command string."""
+    """One CAN message of the command string.
+
+    Attributes:
+        motor_id: whom it is for.
+        request: what the Teensy sends.
+        command: of `COMMAND`; ignored otherwise.
+    """
 
     motor_id: int
     request: MotorRequest
@@ -76,6 +82,7 @@ class MotorReport:
     """State of one motor as the Teensy passes it on.
 
     Attributes:
+        motor_id: whose.
         position: rad. velocity: rad/s. torque: N m.
         replies: CAN replies counted modulo 256. temperature: degrees Celsius. fault: fault byte. All None in the
             published form.

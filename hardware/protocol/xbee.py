@@ -24,7 +24,12 @@ BROADCAST = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPacket:
-    """Data that another module sent. sender: its 64-bit serial number."""
+    """Data that another module sent.
+
+    Attributes:
+        sender: its 64-bit serial number.
+        data: what it sent, without the frame around it.
+    """
 
     sender: int
     data: bytes

@@ -22,6 +22,7 @@ from hardware.protocol.can_frame import FrameError
 RATE = 100.0
 """Hz of the fusion (data sheet table 3-14)."""
 CHIP_ID = 0xA0
+"""What register 0 holds (data sheet section 4.3.1)."""
 _START, _DATA, _STATUS = 0xAA, 0xBB, 0xEE
 _WRITE, _READ = 0x00, 0x01
 _MOST_DATA = 128

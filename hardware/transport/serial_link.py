@@ -42,7 +42,12 @@ class SerialPort(Protocol):
 
 @dataclass(frozen=True)
 class SerialSettings:
-    """A serial device. rate in bit/s; a USB port ignores it."""
+    """A serial device.
+
+    Attributes:
+        path: `/dev/ttyACM0`, ...
+        rate: bit/s; a USB port ignores it.
+    """
 
     path: str
     rate: int = 115_200

@@ -83,6 +83,7 @@ class Devices:
 
     Attributes:
         motor_port: where the motors' frames go: the CAN bus, or the Teensy itself in the bridge.
+        teensy: servo, throttle, sail. imu, gps, radio: None where it is not fitted.
         closers: called at the end, in order.
         watchdog: None where the Teensy's firmware is the watchdog.
         radio_serial: under `radio`, to tell a lost port from a silent operator.
