@@ -1,4 +1,4 @@
-"""The whole calibration: the car on the tailless bracket and Table 7.1, its tail on the tailed bracket, a fine check.
+"""The whole calibration: the car on the tailless bracket and Table 7.1, tails beside the tailed bracket, a fine check.
 
 The metrics of Tables 7.2 to 7.4 take no part: they are the validation (`optimisation.calibration.validation`).
 """
@@ -10,18 +10,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from optimisation.calibration.design import FloatArray, Runner, Target, run_cars
 from optimisation.calibration.plan import CalibrationPlan
-from optimisation.calibration.prior import Prior, Window
+from optimisation.calibration.prior import Prior
 from optimisation.calibration.runs import RunStore, car_values
-from optimisation.calibration.stages import StageResult, Target, real_log_likelihood, run_cars, run_stage
-from optimisation.calibration.weights import effective_size, normalised, systematic_sample
+from optimisation.calibration.stages import StageResult, real_log_likelihood, run_stage
+from optimisation.calibration.tails import TailResult, add_tails
+from optimisation.calibration.weights import normalised, systematic_sample
 from optimisation.sweep.engine import Engine
 from workbench.ensemble import Value
 from workbench.errors import UserError
 from workbench.published import flip_bracket, published_figures
 from workbench.scenario import load_scenario
-
-FloatArray = NDArray[np.float64]
 
 BASE_SCENARIO = "turn_none"
 ENOUGH = 32
@@ -34,16 +34,27 @@ class FineCheck:
 
     Attributes:
         step: s.
-        places: of the members in the last stage (m).
-        none_in_bracket, swing_in_bracket: which of them meet the tailless and the tailed bracket there (m).
-        shares: share of their weight that does: (tailless, tailed).
+        places: of the members (m).
+        counts: how often each was drawn for the check, by its weight (m).
+        in_tailless, in_tailed: which of them meet the tailless and the tailed bracket there (m); the latter None when
+            the ensemble is not held to it.
     """
 
     step: float
     places: NDArray[np.int64]
-    none_in_bracket: NDArray[np.bool_]
-    swing_in_bracket: NDArray[np.bool_]
-    shares: tuple[float, float]
+    counts: NDArray[np.int64]
+    in_tailless: NDArray[np.bool_]
+    in_tailed: NDArray[np.bool_] | None
+
+    @property
+    def tailless_share(self) -> float:
+        """Share of the weight that meets the tailless bracket."""
+        return float(np.average(self.in_tailless, weights=self.counts))
+
+    @property
+    def tailed_share(self) -> float | None:
+        """Share of the weight that meets the tailed bracket."""
+        return None if self.in_tailed is None else float(np.average(self.in_tailed, weights=self.counts))
 
 
 @dataclass(frozen=True)
@@ -55,13 +66,13 @@ class Calibration:
         car: stage of the car without tail.
         tail: stage of car and tail; its members and weights are the ensemble.
         check: at the fine step.
-        best: place of the best member: the likeliest of those that meet all brackets at both steps.
+        best: place of the best member: the likeliest of those that meet what they are held to at both steps.
         runs: how many runs it took.
     """
 
     plan: CalibrationPlan
     car: StageResult
-    tail: StageResult
+    tail: TailResult
     check: FineCheck
     best: int
     runs: int
@@ -81,105 +92,81 @@ def calibrate(plan: CalibrationPlan, store: RunStore, engine: Engine, say: Calla
     """Carries out a plan; what the store holds already is not run again.
 
     Raises:
-        UserError: no plausible car meets a bracket, or too few do for an ensemble.
+        UserError: no plausible car meets the tailless bracket, or too few do for an ensemble.
     """
     base = load_scenario(BASE_SCENARIO)
-    car_prior = Prior(plan.car, plan.plausible, base)
     table = next(row for row in published_figures() if (row.platform, row.configuration) == ("simulated", "tailless"))
     tailless = Target("none", flip_bracket("tailless"), table, plan.discrepancy)
-
-    def draw_car(number: int, seed: int, window: Window | None) -> tuple[FloatArray, FloatArray]:
-        return car_prior.draw(number, seed, window=window)
-
-    car = run_stage(tailless, car_prior, plan.car_stage, plan.seed, draw_car, store, engine, _named(say, "car"))
-    say(_in_words("car", car))
-    _require_enough("car", car)
+    runner = Runner(store, engine, say)
+    car = run_stage(tailless, Prior(plan.car, plan.plausible, base), plan.car_stage, plan.seed, runner)
+    say(
+        f"car: {np.count_nonzero(car.weights)} of {car.drawn} cars meet the target, worth {car.effective_size:.0f} "
+        "equally likely ones"
+    )
+    if car.effective_size < ENOUGH:
+        raise UserError(
+            f"the cars that meet the target are worth {car.effective_size:.0f} equally likely ones; needed are "
+            f"{ENOUGH}: more cars in the rounds of the plan, or another seed"
+        )
     both = Prior((*plan.car, *plan.tail), plan.plausible, base)
     tailed = Target("swing", flip_bracket("tailed"), None, {})
-
-    def draw_tail(number: int, seed: int, window: Window | None) -> tuple[FloatArray, FloatArray]:
-        """Cars of the first stage with tails of the prior; their group is settled, so it needs no window."""
-        cars = car.members.coordinates[systematic_sample(car.weights, number, seed)]
-        cars = np.random.default_rng(seed).permutation(cars)
-        coordinates, _ = both.draw(number, seed, cars)
-        return coordinates, np.zeros(len(coordinates))
-
-    tail = run_stage(tailed, both, plan.tail_stage, plan.seed + 1000, draw_tail, store, engine, _named(say, "tail"))
-    say(_in_words("tail", tail))
-    _require_enough("tail", tail)
-    check = _fine_check(plan, tail, store, engine, say)
-    best = _best(plan, car, tail, check, store, engine)
+    tail = add_tails(
+        tailed, both, car.members.coordinates, car.weights, plan.tail_stage.tails, ENOUGH, plan.seed + 1000, runner
+    )
+    say(
+        f"tail: {tail.survive:.0%} of the weight survives {tailed.speeds[0]:g} m/s, {tail.flip:.0%} flips in the turn "
+        f"at {tailed.speeds[1]:g} m/s, {tail.meet:.0%} does both"
+    )
+    check = _fine_check(plan, car, tail, runner)
+    best = _best(car, tail, check, runner)
     return Calibration(plan, car, tail, check, best, len(store))
 
 
-def _require_enough(stage: str, result: StageResult) -> None:
-    """Both stages count: many tails on few cars are few cars."""
-    if result.effective_size < ENOUGH:
-        raise UserError(
-            f"the members of the {stage} stage are worth {result.effective_size:.0f}; needed are {ENOUGH}: more points "
-            "or members in the plan, or another seed"
-        )
-
-
-def _fine_check(
-    plan: CalibrationPlan, tail: StageResult, store: RunStore, engine: Engine, say: Callable[[str], None]
-) -> FineCheck:
+def _fine_check(plan: CalibrationPlan, car: StageResult, tail: TailResult, runner: Runner) -> FineCheck:
     """Runs the members with weight at the fine step; all of them, or as many as the plan allows, drawn by weight."""
-    kept = np.flatnonzero(tail.weights)
-    if len(kept) > plan.check.members:
-        kept = np.unique(systematic_sample(tail.weights, plan.check.members, plan.seed))
-    inside = []
-    tailless = Target("none", flip_bracket("tailless"), None, {})
-    for target in (tailless, tail.target):
-        runs = run_cars(tail.members.coordinates[kept], tail.prior, target, store, engine, plan.check.step, say)
-        inside.append(runs.meets(target))
-    weights = tail.weights[kept] / np.sum(tail.weights[kept])
-    shares = (float(weights @ inside[0]), float(weights @ inside[1]))
-    say(
-        f"at {plan.check.step:g} s the tailless bracket holds in {shares[0]:.0%} of the weight, what the tail is held "
-        f"to in {shares[1]:.0%}"
-    )
-    return FineCheck(plan.check.step, kept, inside[0], inside[1], shares)
+    drawn = systematic_sample(tail.weights, plan.check.members, plan.seed)
+    places, counts = np.unique(drawn, return_counts=True)
+    cars = tail.members.coordinates[places]
+    none = run_cars(cars, tail.prior, car.target, runner, plan.check.step)
+    swing = run_cars(cars, tail.prior, tail.target, runner, plan.check.step) if tail.is_met else None
+    check = FineCheck(plan.check.step, places, counts, none.meet, None if swing is None else swing.meet)
+    runner.say(f"at {check.step:g} s the tailless bracket holds in {check.tailless_share:.0%} of the weight")
+    return check
 
 
-def _best(
-    plan: CalibrationPlan, car: StageResult, tail: StageResult, check: FineCheck, store: RunStore, engine: Engine
-) -> int:
-    """The member with the largest posterior density among those that meet both brackets at both steps."""
-    good = check.places[check.none_in_bracket & check.swing_in_bracket]
+def _best(car: StageResult, tail: TailResult, check: FineCheck, runner: Runner) -> int:
+    """The member with the largest posterior density among those that meet what they are held to at both steps."""
+    held = check.in_tailless if check.in_tailed is None else check.in_tailless & check.in_tailed
+    good = check.places[held if np.any(held) else check.in_tailless]
     if not len(good):
-        good = check.places[check.none_in_bracket]
-    if not len(good):
-        raise UserError(f"no member meets the tailless bracket at {plan.check.step:g} s")
-    runs = run_cars(tail.members.coordinates[good], tail.prior, car.target, store, engine, None, lambda line: None)
-    density = real_log_likelihood(runs, car.target) + car.prior.log_density(
-        car.prior.values(runs.coordinates[:, : len(car.prior.keys)])
-    )
-    return int(good[int(np.argmax(density))])
+        raise UserError(f"no member meets the tailless bracket at {check.step:g} s")
+    return int(good[int(np.argmax(log_posterior(car, tail.members.coordinates[good], runner)))])
+
+
+def log_posterior(car: StageResult, coordinates: FloatArray, runner: Runner) -> FloatArray:
+    """Log posterior density of cars (m, n) in coordinates, from their own runs, up to a constant (m)."""
+    own = coordinates[:, : len(car.prior.keys)]
+    runs = run_cars(own, car.prior, car.target, runner)
+    return real_log_likelihood(runs, car.target) + car.prior.log_density(car.prior.values(own))
 
 
 def member_frame(calibration: Calibration) -> pd.DataFrame:
-    """Members with weight as a table: name, weight, and the value of each parameter."""
+    """Members with weight as a table: name, weight, what each did with its tail, and the value of each parameter."""
     places = calibration.kept
-    weights = normalised(np.log(calibration.tail.weights[places]))
+    members = calibration.tail.members
     frame = pd.DataFrame([calibration.values[place] for place in places])
-    frame.insert(0, "weight", weights)
-    frame.insert(0, "member", [member_name(place) for place in places])
-    return frame
+    slow, fast = calibration.tail.target.speeds
+    columns = {
+        "member": [member_name(place) for place in places],
+        "weight": normalised(np.log(calibration.tail.weights[places])),
+        f"tailed_{slow:g}_m_per_s": members.slow["outcome"].to_numpy()[places],
+        f"tailed_{fast:g}_m_per_s": np.where(
+            members.flip[places], "flipped in the turn", members.fast["outcome"].to_numpy()[places]
+        ),
+    }
+    return pd.concat([pd.DataFrame(columns), frame], axis=1)
 
 
 def member_name(place: int) -> str:
     """Name of a member by its place in the last stage."""
     return f"car{place:03d}"
-
-
-def _named(say: Callable[[str], None], stage: str) -> Callable[[str], None]:
-    return lambda line: say(f"{stage}: {line}")
-
-
-def _in_words(stage: str, result: StageResult) -> str:
-    inside = int(np.count_nonzero(result.members.meets(result.target)))
-    return (
-        f"{stage}: {inside} of {len(result.weights)} members meet the target, worth {result.effective_size:.0f}; their "
-        f"pool is worth {effective_size(result.pool_posterior):.0f}"
-    )

@@ -48,7 +48,7 @@ def sensitivities(stage: StageResult) -> dict[str, FloatArray]:
     prior = stage.prior
     kept = stage.weights > 0.0
     values, weights = prior.values(stage.members.coordinates[kept]), stage.weights[kept]
-    targets = {"flip_speed_m_per_s": stage.flip.flip_speed} if stage.target.must_flip else {}
+    targets = {"flip_speed_m_per_s": stage.flip.flip_speed}
     targets |= {name: surrogate.predict for name, surrogate in stage.metrics.items()}
     found = {name: np.zeros(len(prior.keys)) for name in targets}
     for column, (low, high) in enumerate(prior.ranges):

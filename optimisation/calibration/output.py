@@ -10,10 +10,12 @@ import pandas as pd
 import yaml
 
 from optimisation.calibration.calibrate import Calibration, member_frame, member_name
+from optimisation.calibration.design import Runner
 from optimisation.calibration.identifiability import directions, sensitivities, shrinkage
 from optimisation.calibration.page import calibration_page
 from optimisation.calibration.plan import assumed_elsewhere
 from optimisation.calibration.runs import RunStore
+from optimisation.calibration.shipped import Shipped, shipped_car
 from optimisation.calibration.validation import LEVELS, validate
 from optimisation.calibration.weights import effective_size, systematic_sample
 from optimisation.sweep.engine import Engine
@@ -32,6 +34,7 @@ def write_calibration(
 ) -> Path:
     """Writes `<plan>.yaml` (the ensemble), `members.parquet`, three tables as CSV and `index.html`; the page's path."""
     path = out / f"{result.plan.name}.yaml"
+    shipped = shipped_car(result, Runner(store, engine, say))
     _write_text(path, ensemble_text(result))
     ensemble = load_ensemble(path)
     say("validation: Tables 7.1 to 7.4 ...")
@@ -39,7 +42,7 @@ def write_calibration(
     frame = member_frame(result)
     write_atomically(out / "members.parquet", lambda temporary: frame.to_parquet(temporary), True, UserError)
     sensitivity = sensitivity_table(result)
-    parameters = parameter_table(result)
+    parameters = parameter_table(result, shipped)
     _write_csv(out / "validation.csv", pd.DataFrame([v.as_row() for v in validated]))
     _write_csv(out / "sensitivities.csv", sensitivity)
     _write_csv(out / "parameters.csv", parameters)
@@ -48,7 +51,7 @@ def write_calibration(
         out / "directions.csv",
         pd.DataFrame([{"variance_ratio": d.ratio, "combination": d.words} for d in combinations]),
     )
-    page = calibration_page(result, ensemble, validated, sensitivity, parameters, combinations)
+    page = calibration_page(result, ensemble, validated, sensitivity, parameters, combinations, shipped)
     _write_text(out / REPORT, page)
     return out / REPORT
 
@@ -79,22 +82,30 @@ def provenance(result: Calibration) -> dict[str, Any]:
     """How the ensemble was made, as plain data."""
     tail, check = result.tail, result.check
     none, swing = result.car.target.bracket, tail.target.bracket
-    held = f"survives {swing.survived:g} m/s" + (f", flips at {swing.flipped:g} m/s" if tail.target.must_flip else "")
+    shares = {
+        "share_of_weight_that_survives_the_slow_speed": round(tail.survive, 3),
+        "share_of_weight_that_flips_in_the_turn_at_the_fast_speed": round(tail.flip, 3),
+        "share_of_weight_that_does_both": round(tail.meet, 3),
+    }
     return {
-        "method": "design of runs, polynomial surrogates, importance sampling, weights by the members' own runs",
+        "method": "surrogates of a design, importance sampling within searched windows, weights by the cars' own runs",
         "plan": f"calibration/plans/{result.plan.name}.yaml",
         "seed": result.plan.seed,
         "runs": result.runs,
         "targets": {
             "tailless": f"survives {none.survived:g} m/s, flips at {none.flipped:g} m/s; Table 7.1 with discrepancy",
-            "tailed": held,
+            "tailed": f"survives {swing.survived:g} m/s, flips at {swing.flipped:g} m/s",
+            "tailed_is_met": tail.is_met,
+            "tails_of_the_prior": shares,
         },
+        "cars_drawn": result.car.drawn,
+        "effective_sample_size_of_cars": round(result.car.effective_size, 1),
         "effective_sample_size": round(effective_size(tail.weights), 1),
         "fine_step": {
             "step_s": check.step,
             "members": len(check.places),
-            "share_of_weight_in_tailless_bracket": round(check.shares[0], 3),
-            "share_of_weight_that_meets_the_tail_target": round(check.shares[1], 3),
+            "share_of_weight_in_tailless_bracket": round(check.tailless_share, 3),
+            "share_of_weight_in_tailed_bracket": None if check.tailed_share is None else round(check.tailed_share, 3),
         },
         "left_at_their_value": assumed_elsewhere(result.plan),
         "versions": software_versions(),
@@ -109,8 +120,8 @@ def sensitivity_table(result: Calibration) -> pd.DataFrame:
     return frame
 
 
-def parameter_table(result: Calibration) -> pd.DataFrame:
-    """Per parameter: prior, quantiles of the ensemble, best value, and how much was learnt."""
+def parameter_table(result: Calibration, shipped: Shipped) -> pd.DataFrame:
+    """Per parameter: prior, quantiles of the ensemble, best value, how much was learnt, and the shipped car."""
     prior, places = result.tail.prior, result.kept
     values = prior.values(result.tail.members.coordinates[places])
     weights = result.tail.weights[places]
@@ -130,6 +141,8 @@ def parameter_table(result: Calibration) -> pd.DataFrame:
                 "high": high,
                 "best": best[column],
                 "learnt": learnt[column],
+                "shipped": shipped.values[column],
+                "z_shipped": shipped.z[column],
             }
         )
     return pd.DataFrame(rows)

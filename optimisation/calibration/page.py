@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
 
 from optimisation.calibration.calibrate import ENOUGH, Calibration, member_frame
@@ -15,6 +14,7 @@ from optimisation.calibration.plots import (
     plot_sensitivities,
     plot_validation,
 )
+from optimisation.calibration.shipped import Shipped
 from optimisation.calibration.validation import Validated
 from workbench.ensemble import Ensemble
 from workbench.report.page import Markup, Section, bullets, figure, finding, page, paragraph, table
@@ -33,12 +33,13 @@ def calibration_page(
     sensitivity: pd.DataFrame,
     parameters: pd.DataFrame,
     combinations: Sequence[Direction],
+    shipped: Shipped,
 ) -> str:
     """The whole page as HTML text."""
     sections = (
         _outcome(result, ensemble),
         _validation(validated),
-        _parameters(result, parameters),
+        _parameters(result, parameters, shipped),
         _sensitivity(sensitivity),
         _directions(combinations),
     )
@@ -52,25 +53,21 @@ def calibration_page(
 def _outcome(result: Calibration, ensemble: Ensemble) -> Section:
     tail, check = result.tail, result.check
     none, swing = result.car.target.bracket, tail.target.bracket
-    design = tail.design
     said = [
-        f"Tailless: every member survives {none.survived:g} m/s and flips at {none.flipped:g} m/s at the default step; "
-        f"at {check.step:g} s that holds in {check.shares[0]:.0%} of the weight ({len(check.places)} members run).",
+        f"Tailless: every member survives {none.survived:g} m/s and flips at {none.flipped:g} m/s at the default "
+        f"step; at {check.step:g} s that holds in {check.tailless_share:.0%} of the weight ({len(check.places)} "
+        "members run).",
     ]
-    if tail.target.must_flip:
+    if tail.is_met:
         said.append(
             f"Tailed: every member survives {swing.survived:g} m/s and flips at {swing.flipped:g} m/s; at "
-            f"{check.step:g} s {check.shares[1]:.0%} of the weight."
+            f"{check.step:g} s {check.tailed_share:.0%} of the weight."
         )
     else:
-        margins = tail.prior.group(design.fast) - tail.prior.group(design.coordinates[:, tail.prior.leading])
         said.append(
-            f"Tailed: the published flip at {swing.flipped:g} m/s is not met. Of the plausible cars that meet the "
-            f"tailless bracket, with tails over the whole prior, {tail.bracket_share:.1%} would survive "
-            f"{swing.survived:g} m/s and flip in the turn at {swing.flipped:g} m/s. Over the design of "
-            f"{len(margins)} cars the swinging tail flips {np.median(margins):+.3f} (median; {np.min(margins):+.3f} to "
-            f"{np.max(margins):+.3f}) above the group of the car, friction x height / half track. The tail is held to "
-            f"surviving {swing.survived:g} m/s alone, and its parameters stay nearly as wide as their prior."
+            f"Tailed: not met. With tails drawn from the prior {tail.survive:.0%} of the weight survives "
+            f"{swing.survived:g} m/s, {tail.flip:.0%} flips in the turn at {swing.flipped:g} m/s, {tail.meet:.0%} does "
+            "both, too little to hold the tails to it: they keep the width of their prior."
         )
     said.append(
         f"Effective sample size {ensemble.effective_size:.0f}, needed {ENOUGH}. Best member: {ensemble.best.name}."
@@ -112,14 +109,16 @@ def _validation(validated: Sequence[Validated]) -> Section:
     return Section("validation", "Tables 7.1 to 7.4", parts)
 
 
-def _parameters(result: Calibration, parameters: pd.DataFrame) -> Section:
-    header = ("parameter", "prior", "5 %", "median", "95 %", "best", "learnt")
+def _parameters(result: Calibration, parameters: pd.DataFrame, shipped: Shipped) -> Section:
+    header = ("parameter", "prior", "5 %", "median", "95 %", "best", "learnt", "shipped", "z of shipped")
     rows = [
         (
             str(row["parameter"]),
             f"{float(row['prior_low']):g} to {float(row['prior_high']):g}",
             *(f"{float(row[name]):.4g}" for name in ("low", "median", "high", "best")),
             f"{float(row['learnt']):+.0%}",
+            f"{float(row['shipped']):.4g}",
+            f"{float(row['z_shipped']):+.1f}",
         )
         for row in parameters.to_dict("records")
     ]
@@ -131,7 +130,13 @@ def _parameters(result: Calibration, parameters: pd.DataFrame) -> Section:
             "Histograms of all parameters",
         ),
         figure(plot_group(members), "What decides the flip: each dot a member, its size its weight.", "Friction"),
-        table(header, rows, numbers=range(1, 7)),
+        table(header, rows, numbers=range(1, 9)),
+        paragraph(
+            "Shipped: the car of models/parameters, run as a member; its posterior density without tail is "
+            f"{shipped.relative_density:.2g} of that of the best member."
+            if shipped.relative_density
+            else "Shipped: the car of models/parameters, run as a member; it misses the tailless bracket."
+        ),
         paragraph(
             "Learnt: share of the variance of the plausible prior that the targets took away; negative values are "
             "scatter of the members, or a prior that the targets pull to one end."

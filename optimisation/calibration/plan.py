@@ -5,7 +5,7 @@ range in `models/parameters`; the targets are the published tables; the plan add
 """
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,14 +61,28 @@ class Plausible(BaseModel):
     highest_group: Limit
 
 
-class StageSize(BaseModel):
-    """Runs of one stage.
+class Round(BaseModel):
+    """Cars that are drawn for weights.
+
+    Attributes:
+        cars: how many.
+        halvings: of the search for the window of each, at the slow and at the fast speed.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    cars: int = Field(ge=4, le=4096)
+    halvings: tuple[Annotated[int, Field(ge=2, le=12)], Annotated[int, Field(ge=2, le=12)]]
+
+
+class CarStage(BaseModel):
+    """Runs of the stage of the car.
 
     Attributes:
         points: cars of the design.
         halvings: of the search for the flip of each car of the design, at either speed.
         step: of the plant in the design, s; members have the default step.
-        members: cars that are simulated for their weight.
+        rounds: of cars; the surrogates of a round learn from those before.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -76,7 +90,15 @@ class StageSize(BaseModel):
     points: int = Field(ge=4, le=4096)
     halvings: int = Field(ge=2, le=12)
     step: float = Field(gt=0, le=0.005)
-    members: int = Field(ge=4, le=4096)
+    rounds: tuple[Round, ...] = Field(min_length=1, max_length=8)
+
+
+class TailStage(BaseModel):
+    """Runs of the stage of the tail: how many tails each car of the ensemble gets."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    tails: int = Field(ge=1, le=256)
 
 
 class CheckSize(BaseModel):
@@ -100,8 +122,8 @@ class CalibrationPlan(BaseModel):
     tail: tuple[str, ...] = Field(min_length=1)
     discrepancy: dict[str, Discrepancy]
     plausible: Plausible
-    car_stage: StageSize
-    tail_stage: StageSize
+    car_stage: CarStage
+    tail_stage: TailStage
     check: CheckSize
 
     @model_validator(mode="after")
@@ -135,33 +157,34 @@ def load_plan(name_or_path: str | Path = "car") -> CalibrationPlan:
         plan = CalibrationPlan.model_validate(data)
     except ValidationError as error:
         raise explain(error, str(path), CalibrationPlan) from None
-    for key in (*plan.car, *plan.tail):
-        prior_of(key, str(path))
+    prior_ranges((*plan.car, *plan.tail), str(path))
     return plan
 
 
-def prior_of(key: str, where: str) -> tuple[float, float]:
-    """Prior range of `section.key` in `models/parameters`.
+def prior_ranges(keys: tuple[str, ...], where: str = "prior") -> NDArray[np.float64]:
+    """Lowest and highest value (n, 2) of each `section.key` in `models/parameters`.
 
     Raises:
         ScenarioError: there is no such parameter, or it has no prior.
     """
-    section, _, name = key.partition(".")
-    if section not in SECTIONS:
-        raise ScenarioError(f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
-    entries = load_parameter_entries(section)
-    if name not in entries:
-        raise ScenarioError(f"{where}: {key}: unknown key; {nearest(name, list(entries))}")
-    prior = entries[name].prior
-    if prior is None:
-        with_prior = sorted(f"{section}.{other}" for other, entry in entries.items() if entry.prior is not None)
-        raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {', '.join(with_prior)}")
-    return prior
-
-
-def prior_ranges(keys: tuple[str, ...]) -> NDArray[np.float64]:
-    """Lowest and highest value of each parameter (n, 2)."""
-    return np.array([prior_of(key, "prior") for key in keys])
+    entries: dict[str, dict[str, ParameterEntry]] = {}
+    ranges = []
+    for key in keys:
+        section, _, name = key.partition(".")
+        if section not in SECTIONS:
+            raise ScenarioError(f"{where}: {key}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
+        if section not in entries:
+            entries[section] = load_parameter_entries(section)
+        if name not in entries[section]:
+            raise ScenarioError(f"{where}: {key}: unknown key; {nearest(name, list(entries[section]))}")
+        prior = entries[section][name].prior
+        if prior is None:
+            others = sorted(
+                f"{section}.{other}" for other, entry in entries[section].items() if entry.prior is not None
+            )
+            raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {', '.join(others)}")
+        ranges.append(prior)
+    return np.array(ranges)
 
 
 def assumed_elsewhere(plan: CalibrationPlan) -> list[str]:

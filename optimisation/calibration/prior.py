@@ -101,26 +101,25 @@ class Prior:
         result = physical & (mass > 0.0) & high_enough & (z < 2 * car.com_height) & between_the_axles & arm
         return np.broadcast_to(result, len(values))
 
-    def draw(
-        self, number: int, seed: int, begin: FloatArray | None = None, window: Window | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Draws plausible cars by a scrambled Sobol sequence.
+    def points(self, number: int, seed: int) -> FloatArray:
+        """Coordinates (number, n) of a scrambled Sobol sequence, plausible or not; a power of two keeps its balance."""
+        exponent = max(number - 1, 1).bit_length()
+        points: FloatArray = qmc.Sobol(len(self.keys), seed=seed).random_base2(exponent)[:number]
+        return points
+
+    def draw(self, number: int, seed: int, window: Window | None = None) -> tuple[FloatArray, FloatArray]:
+        """Draws plausible cars.
 
         Args:
-            number: how many points of the sequence; a power of two keeps its balance.
+            number: how many points of the sequence.
             seed: of the scrambling.
-            begin: the first coordinates (number, k), if they are given already; the rest is drawn.
             window: draws the coordinate of the group between these ends only; the log density makes up for it.
 
         Returns:
             Coordinates (m, n) of the plausible ones among them, and the log density of the prior there, relative to
             the one they were drawn with (m).
         """
-        given = 0 if begin is None else begin.shape[1]
-        exponent = max(number - 1, 1).bit_length()
-        points = qmc.Sobol(len(self.keys) - given, seed=seed).random_base2(exponent)[:number]
-        if begin is not None:
-            points = np.hstack([begin, points])
+        points = self.points(number, seed)
         share: FloatArray = np.ones(len(points))
         if window is not None:
             low, high = window(points)

@@ -1,142 +1,68 @@
-"""One stage of a calibration: critical groups of a design, surrogates, members drawn by them, weights by real runs.
+"""The stage of the car: surrogates from a design, members drawn in their own windows, weights by their own runs.
 
-A stage holds cars to a bracket (survives one speed, flips in the turn at another) and, the first stage, to a row of
-published metrics. For every car of a design the group at which it flips is searched by bisection at both speeds; the
-surrogates of that, and of the metrics of the runs that survived, then say where the targets are met. Members are drawn
-from a large pool with probability
+A car is held to a bracket (survives one speed, flips in the turn at another) and to a row of published metrics. What
+decides the bracket is the group friction x height / half track, and the window of the group that meets it is narrow:
+some hundredths of what the group may be. So a member is drawn in two steps.
 
-    q ~ prior x surrogate likelihood of the metrics x (surrogate probability of the bracket + a floor),
+1. All but its group, from candidates of the prior, with probability q ~ prior x surrogate likelihood of the metrics.
+2. Its window is searched by bisection at both speeds, with its own runs at the default step, and its group is drawn
+   uniformly within the window.
 
-run, and weighted with the real likelihood over the surrogate one, zero outside the bracket: importance sampling, so
-that an error of the surrogates costs effective samples but does not bias the weights. Where the surrogates find next to
-no car in the bracket, the stage is held to the survived speed alone, and `StageResult.target` says so.
+Its weight is prior density x width of the window x likelihood of the metrics / q, zero where its runs at the drawn
+group miss the bracket: importance sampling, so that an error of the surrogates costs effective samples, not accuracy.
+(One assumption remains: that a car meets the bracket in one window only, the one that the bisection finds.) Members
+come in rounds; the surrogates of a round learn from the runs of those before, and a round counts by its effective size.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
 
-from optimisation.calibration.plan import CALIBRATED_METRICS, Discrepancy, StageSize
-from optimisation.calibration.prior import Prior, Window
-from optimisation.calibration.runs import RunStore, Wanted, car_values, flips_in_the_turn, survives
+from optimisation.calibration.design import Design, Evaluated, FloatArray, Runner, Target, critical_groups, run_cars
+from optimisation.calibration.plan import CALIBRATED_METRICS, CarStage, Round
+from optimisation.calibration.prior import Prior
 from optimisation.calibration.surrogate import FlipSurrogate, Surrogate, fit
 from optimisation.calibration.weights import effective_size, log_likelihood, normalised, systematic_sample
-from optimisation.sweep.engine import Engine
 from workbench.errors import UserError
-from workbench.published import FlipBracket, PublishedFigures
 
-FloatArray = NDArray[np.float64]
-
-POOL = 2**15
+POOL = 2**14
 """Candidates of the prior that surrogates choose from."""
 FLOOR = 0.02
-"""Added to the surrogate probability of the bracket: what the surrogate excludes is still drawn now and then."""
-RARE = 0.01
-"""A bracket that holds less than this share of the pool is met by no plausible car to speak of."""
+"""Added to surrogate probabilities: what a surrogate excludes is still drawn now and then."""
+LEVELS = (np.arange(16) + 0.5) / 16
+"""Places within a window at which it is asked whether a car is plausible."""
+DEVIATIONS = 2.5
+"""Of the surrogate of the flip: how far around its guess the flip is searched."""
 LEAST_RUNS = 8
 """Runs that a surrogate of the metrics needs."""
-
-Say = Callable[[str], None]
-Draw = Callable[[int, int, Window | None], tuple[FloatArray, FloatArray]]
-"""(number, seed, window of the group) -> coordinates (m, n) and log weights (m) of candidates."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """What cars are held to.
-
-    Attributes:
-        tail_mode: of the runs.
-        bracket: survived and flipped speed, m/s.
-        published: metrics of the run at the survived speed; None if only the bracket counts.
-        discrepancy: of the metrics.
-        must_flip: whether the car must flip at the second speed; without it the first alone counts.
-    """
-
-    tail_mode: str
-    bracket: FlipBracket
-    published: PublishedFigures | None
-    discrepancy: dict[str, Discrepancy]
-    must_flip: bool = True
-
-    @property
-    def speeds(self) -> tuple[float, float]:
-        """Survived, flipped, m/s."""
-        return self.bracket.survived, self.bracket.flipped
-
-
-@dataclass(frozen=True)
-class Design:
-    """Critical groups of some cars.
-
-    Attributes:
-        coordinates: of the cars (m, n); the one of the group is that of the first run.
-        slow, fast: critical coordinate of the group at the two speeds (m); the upper end where the car never flipped.
-        resolution: of the searches.
-        upright: coordinates of the runs that survived the slow speed (k, n).
-        rows: of these runs.
-        cars: number of the car of each of these runs (k).
-    """
-
-    coordinates: FloatArray
-    slow: FloatArray
-    fast: FloatArray
-    resolution: float
-    upright: FloatArray
-    rows: pd.DataFrame
-    cars: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Evaluated:
-    """Cars that were run at the speeds of a target.
-
-    Attributes:
-        coordinates: (m, n).
-        slow, fast: rows of the runs at the survived and at the flipped speed; the same where one speed counts only.
-    """
-
-    coordinates: FloatArray
-    slow: pd.DataFrame
-    fast: pd.DataFrame
-
-    def meets(self, target: Target) -> NDArray[np.bool_]:
-        """Which cars do what the target asks for (m)."""
-        upright = survives(self.slow)
-        return upright & flips_in_the_turn(self.fast) if target.must_flip else upright
 
 
 @dataclass(frozen=True)
 class StageResult:
-    """Outcome of a stage.
+    """Outcome of the stage.
 
     Attributes:
-        target: that the members were held to in the end.
+        target: that the members were held to.
         prior: its keys name the columns.
-        design: critical groups.
         flip: surrogate of the flip.
         metrics: surrogates of the metrics at the survived speed.
         members: the cars that were drawn for weights.
         weights: of them (m), summing to 1.
-        pool: candidates (k, n) that they were drawn from.
+        drawn: how many cars were drawn; those without a window are no members.
+        pool: candidates (k, n) from the prior within the surrogate's window.
         pool_prior, pool_posterior: weights (k) of the candidates before and after the targets, by the surrogates.
-        bracket_share: share of the pool that the surrogates put into the bracket.
     """
 
     target: Target
     prior: Prior
-    design: Design
     flip: FlipSurrogate
     metrics: dict[str, Surrogate]
     members: Evaluated
     weights: FloatArray
+    drawn: int
     pool: FloatArray
     pool_prior: FloatArray
     pool_posterior: FloatArray
-    bracket_share: float
 
     @property
     def effective_size(self) -> float:
@@ -144,82 +70,51 @@ class StageResult:
         return effective_size(self.weights)
 
 
-def run_stage(
-    target: Target, prior: Prior, size: StageSize, seed: int, draw: Draw, store: RunStore, engine: Engine, say: Say
-) -> StageResult:
-    """Designs, runs, draws and weighs the cars of one stage.
+@dataclass(frozen=True)
+class _Round:
+    design: Design
+    members: Evaluated
+    log_weights: FloatArray
+
+
+def run_stage(target: Target, prior: Prior, size: CarStage, seed: int, runner: Runner) -> StageResult:
+    """Designs, runs, draws and weighs the cars.
 
     Raises:
         UserError: no member meets the target.
     """
-    first, _ = draw(16 * size.points, seed, None)
-    design = critical_groups(target, prior, first[: size.points], size, store, engine, say)
+    first, _ = prior.draw(16 * size.points, seed)
+    whole = np.tile([0.0, 1.0], (size.points, 1))
+    design = critical_groups(target, prior, first[: size.points], whole, (size.halvings,) * 2, size.step, runner)
+    rounds: list[_Round] = []
+    for place, wanted in enumerate(size.rounds):
+        flip, metrics = _surrogates(design, target, prior)
+        rounds.append(_draw_round(target, prior, wanted, seed + 1 + place, flip, metrics, runner))
+        design = design.merged(rounds[-1].design)
     flip, metrics = _surrogates(design, target, prior)
-    pool, log_prior = draw(POOL, seed + 1, flip.window)
-    share = float(normalised(log_prior) @ flip.bracket(pool))
-    if target.must_flip and share < RARE and target.published is None:
-        say(f"{share:.1%} of the plausible cars would flip at {target.speeds[1]:g} m/s after {target.speeds[0]:g} m/s")
-        target = replace(target, must_flip=False)
-    expected = _surrogate_log_likelihood(pool, flip, metrics, target)
-    probability = normalised(log_prior + expected)
-    chosen, drawn = np.unique(systematic_sample(probability, size.members, seed), return_counts=True)
-    members = run_cars(pool[chosen], prior, target, store, engine, None, lambda line: say(f"members: {line}"))
-    weights = normalised(np.log(drawn) + real_log_likelihood(members, target) - expected[chosen])
+    members = rounds[0].members
+    for other in rounds[1:]:
+        members = members.merged(other.members)
+    weights = _combined([each.log_weights for each in rounds])
     if not np.any(weights):
-        raise UserError(f"none of {len(chosen)} cars meets its target with tail {target.tail_mode!r}")
-    return StageResult(
-        target, prior, design, flip, metrics, members, weights, pool, normalised(log_prior), probability, share
+        raise UserError(f"none of {len(weights)} cars meets its target with tail {target.tail_mode!r}")
+    pool, log_prior = prior.draw(POOL, seed, window=flip.window)
+    posterior = normalised(
+        log_prior + np.log(flip.bracket(pool) + FLOOR) + _surrogate_log_likelihood(pool, metrics, target)
     )
-
-
-def critical_groups(
-    target: Target, prior: Prior, cars: FloatArray, size: StageSize, store: RunStore, engine: Engine, say: Say
-) -> Design:
-    """Searches the coordinate of the group at which each car (m, n) flips, by bisection, at both speeds."""
-    upright: list[FloatArray] = []
-    rows: list[pd.DataFrame] = []
-    numbers: list[NDArray[np.int64]] = []
-    found = []
-    for speed in target.speeds:
-        low, high = np.zeros(len(cars)), np.ones(len(cars))
-        for halving in range(size.halvings):
-            trial = cars.copy()
-            trial[:, prior.leading] = 0.5 * (low + high)
-            values = car_values(prior.keys, prior.values(trial))
-            done = store.run([Wanted(car, target.tail_mode, speed, size.step) for car in values], engine)
-            flipped = flips_in_the_turn(done)
-            low, high = (
-                np.where(flipped, low, trial[:, prior.leading]),
-                np.where(flipped, trial[:, prior.leading], high),
-            )
-            say(f"flip at {speed:g} m/s: halving {halving + 1} of {size.halvings}")
-            if speed == target.speeds[0] and np.any(survives(done)):
-                upright.append(trial[survives(done)])
-                rows.append(done[survives(done)])
-                numbers.append(np.flatnonzero(survives(done)))
-        found.append(0.5 * (low + high))
-    kept = np.vstack(upright) if upright else np.empty((0, cars.shape[1]))
-    table = pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
-    whose = np.concatenate(numbers) if numbers else np.empty(0, np.int64)
-    return Design(cars, found[0], found[1], 0.5**size.halvings, kept, table, whose)
-
-
-def run_cars(
-    coordinates: FloatArray,
-    prior: Prior,
-    target: Target,
-    store: RunStore,
-    engine: Engine,
-    step: float | None,
-    say: Say,
-) -> Evaluated:
-    """Runs cars (m, n) at the speeds of a target; the second only where the target asks for it."""
-    cars = car_values(prior.keys, prior.values(coordinates))
-    speeds = target.speeds if target.must_flip else target.speeds[:1]
-    wanted = [Wanted(car, target.tail_mode, speed, step) for speed in speeds for car in cars]
-    rows = store.run(wanted, engine, lambda done, of: say(f"tail {target.tail_mode}, {done} of {of} runs"))
-    slow, fast = rows[: len(cars)], rows[-len(cars) :]
-    return Evaluated(coordinates, slow.reset_index(drop=True), fast.reset_index(drop=True))
+    before = normalised(log_prior)
+    return StageResult(
+        target,
+        prior,
+        flip,
+        metrics,
+        members,
+        weights,
+        sum(wanted.cars for wanted in size.rounds),
+        pool,
+        before,
+        posterior,
+    )
 
 
 def real_log_likelihood(runs: Evaluated, target: Target) -> FloatArray:
@@ -228,14 +123,98 @@ def real_log_likelihood(runs: Evaluated, target: Target) -> FloatArray:
     if target.published is not None:
         columns = {name: runs.slow[name].to_numpy(float) for name in CALIBRATED_METRICS}
         metrics = log_likelihood(columns, target.published, target.discrepancy)
-    return np.where(runs.meets(target), metrics, -np.inf)
+    return np.where(runs.meet, metrics, -np.inf)
+
+
+def _draw_round(
+    target: Target,
+    prior: Prior,
+    wanted: Round,
+    seed: int,
+    flip: FlipSurrogate,
+    metrics: dict[str, Surrogate],
+    runner: Runner,
+) -> _Round:
+    points = prior.points(POOL, seed)
+    low, high = flip.window(points, DEVIATIONS)
+    points[:, prior.leading] = flip.guess(points)
+    shares = np.mean([np.exp(_density_at(prior, points, low + level * (high - low))) for level in LEVELS], axis=0)
+    log_proposal = np.log(shares + FLOOR * np.max(shares)) + _surrogate_log_likelihood(points, metrics, target)
+    probability = normalised(log_proposal)
+    chosen, counts = np.unique(systematic_sample(probability, wanted.cars, seed), return_counts=True)
+    searched = np.column_stack([low[chosen], high[chosen]])
+    design = critical_groups(target, prior, points[chosen], searched, wanted.halvings, None, runner)
+    coordinates, log_widths = _drawn_in_windows(prior, design, seed)
+    kept = np.isfinite(log_widths)
+    members = run_cars(coordinates[kept], prior, target, runner)
+    log_weights = (
+        prior.log_density(prior.values(members.coordinates))
+        + log_widths[kept]
+        + real_log_likelihood(members, target)
+        + np.log(counts[kept] / wanted.cars)
+        - np.log(probability[chosen][kept])
+    )
+    return _Round(_found(design), members, log_weights)
+
+
+def _drawn_in_windows(prior: Prior, design: Design, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Cars with a group drawn in the plausible part of their windows; log width of that part, -inf for none."""
+    edges = design.windows
+    draws = np.random.default_rng(seed).random(len(edges))
+    coordinates = design.coordinates.copy()
+    low, width = edges[:, 0], edges[:, 1] - edges[:, 0]
+    inside = np.stack(
+        [np.isfinite(_density_at(prior, coordinates, np.nan_to_num(low + level * width))) for level in LEVELS], axis=1
+    )
+    inside &= np.isfinite(width)[:, None]
+    log_widths = np.full(len(edges), -np.inf)
+    for place, cells in enumerate(inside):
+        if not np.any(cells):
+            continue
+        cell, rest = divmod(draws[place] * np.count_nonzero(cells), 1.0)
+        share = (np.flatnonzero(cells)[int(cell)] + rest) / len(LEVELS)
+        coordinates[place, prior.leading] = low[place] + share * width[place]
+        log_widths[place] = np.log(width[place] * np.mean(cells))
+    return coordinates, log_widths
+
+
+def _density_at(prior: Prior, points: FloatArray, group: FloatArray) -> FloatArray:
+    moved = points.copy()
+    moved[:, prior.leading] = group
+    return prior.log_density(prior.values(moved))
+
+
+def _found(design: Design) -> Design:
+    """Only the cars whose flip was found: a surrogate learns nothing of use from the others."""
+    kept = np.flatnonzero(design.found)
+    runs = np.isin(design.cars, kept)
+    return Design(
+        design.coordinates[kept],
+        design.slow[kept],
+        design.fast[kept],
+        design.searched[kept],
+        design.upright[runs],
+        design.rows[runs].reset_index(drop=True),
+        np.searchsorted(kept, design.cars[runs]),
+    )
+
+
+def _combined(log_weights: list[FloatArray]) -> FloatArray:
+    """Weights (m) of all rounds, each round scaled by its effective size over its own sum.
+
+    Rounds estimate the same integral, so that their sums agree but for chance; which of them has the better proposal
+    shows in its effective size.
+    """
+    parts = [normalised(each) for each in log_weights]
+    scaled = np.concatenate([effective_size(part) * part for part in parts])
+    total = np.sum(scaled)
+    return scaled / total if total > 0.0 else scaled
 
 
 def _surrogates(design: Design, target: Target, prior: Prior) -> tuple[FlipSurrogate, dict[str, Surrogate]]:
     others = np.delete(design.coordinates, prior.leading, axis=1)
-    flip = FlipSurrogate(
-        prior.leading, target.speeds, fit(others, design.slow), fit(others, design.fast), design.resolution
-    )
+    slow, fast = (fit(others, np.mean(ends, axis=1)) for ends in (design.slow, design.fast))
+    flip = FlipSurrogate(prior.leading, target.speeds, slow, fast, design.resolution)
     if target.published is None or len(design.rows) < LEAST_RUNS:
         return flip, {}
     columns = {name: design.rows[name].to_numpy(float) for name in CALIBRATED_METRICS}
@@ -244,12 +223,8 @@ def _surrogates(design: Design, target: Target, prior: Prior) -> tuple[FlipSurro
     }
 
 
-def _surrogate_log_likelihood(
-    coordinates: FloatArray, flip: FlipSurrogate, metrics: dict[str, Surrogate], target: Target
-) -> FloatArray:
-    expected = flip.bracket(coordinates) if target.must_flip else flip.survival(coordinates)
-    log_bracket: FloatArray = np.log(expected + FLOOR)
+def _surrogate_log_likelihood(coordinates: FloatArray, metrics: dict[str, Surrogate], target: Target) -> FloatArray:
     if target.published is None or not metrics:
-        return log_bracket
+        return np.zeros(len(coordinates))
     predicted = {name: surrogate.predict(coordinates) for name, surrogate in metrics.items()}
-    return log_bracket + log_likelihood(predicted, target.published, target.discrepancy)
+    return log_likelihood(predicted, target.published, target.discrepancy)

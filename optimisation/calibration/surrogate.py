@@ -132,10 +132,10 @@ class FlipSurrogate:
         low = np.clip(np.minimum(slow, fast) - reach, 0.0, 1.0 - self.resolution)
         return low, np.clip(slow + reach, low + self.resolution, 1.0)
 
-    def survival(self, coordinates: FloatArray) -> FloatArray:
-        """Probability (m) that the car survives the slow speed."""
-        result: FloatArray = ndtr(self._standardised(coordinates)[0])
-        return result
+    def guess(self, coordinates: FloatArray) -> FloatArray:
+        """The group's coordinate (m) in the middle of the bracket."""
+        others = np.delete(coordinates, self.column, axis=1)
+        return np.clip(0.5 * (self.slow.predict(others) + self.fast.predict(others)), 0.0, 1.0)
 
     def flip_speed(self, coordinates: FloatArray) -> FloatArray:
         """Speed (m) at which the car flips, m/s: linear in the group between and beyond the two speeds."""

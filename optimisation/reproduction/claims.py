@@ -11,7 +11,16 @@ from optimisation.identify.aggregate import recompute_averages
 from optimisation.identify.published_check import robot_tail_line
 from optimisation.identify.published_tables import published, robot_tail_rows
 from optimisation.reproduction.evidence import NO_FLICK_THROTTLE, Evidence
-from optimisation.reproduction.rows import CLOSE, Row, change_row, figure_row, missing_row, recomputed_row, share_row
+from optimisation.reproduction.rows import (
+    CLOSE,
+    Basis,
+    Row,
+    change_row,
+    figure_row,
+    missing_row,
+    recomputed_row,
+    share_row,
+)
 from workbench.published import PublishedFigures, TurnMetrics, flip_bracket, published_figures
 from workbench.report.words import metric_name, metric_unit
 
@@ -36,20 +45,21 @@ PRINTED = 0.01
 """Last printed digit of a gain, %."""
 
 
-def all_rows(evidence: Evidence, calibrated: frozenset[str]) -> list[Row]:
+def all_rows(evidence: Evidence, calibrated: frozenset[str], tailed: Basis) -> list[Row]:
     """Every row, in the order of the thesis.
 
     Args:
         evidence: runs of the ensemble.
         calibrated: metrics of Table 7.1 that the ensemble was calibrated to; their rows say so.
+        tailed: what agreement with the tailed bracket is worth: the ensemble may be calibrated to it, or not.
     """
     return [
         *_tables_of_chapter_4_and_6(),
-        *_brackets(evidence),
+        *_brackets(evidence, tailed),
         *(row for published_row in published_figures() for row in _metrics(evidence, published_row, calibrated)),
         *_changes(evidence),
         *_gains(),
-        *_kohut(evidence),
+        *_kohut(evidence, calibrated),
         _no_flick(evidence),
         *(missing_row(*entry) for entry in MISSING),
     ]
@@ -90,20 +100,28 @@ def _tables_of_chapter_4_and_6() -> list[Row]:
     return rows
 
 
-def _brackets(evidence: Evidence) -> list[Row]:
+def _brackets(evidence: Evidence, tailed: Basis) -> list[Row]:
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
     fastest = _physical("tailed").metrics.speed_m_per_s
     said = _said(evidence)
-    used = f"{said}; calibrated to, so no evidence of its own"
+    held: Basis = "calibrated to"
+    survived, flipped = evidence.survived("none", none.survived), evidence.flipped("none", none.flipped)
     return [
-        share_row("7.1.1", f"no tail: survives {none.survived:g} m/s", evidence.survived("none", none.survived), used),
-        share_row("7.1.1", f"no tail: flips at {none.flipped:g} m/s", evidence.flipped("none", none.flipped), used),
-        share_row("7.1.2", f"tail: survives {swing.survived:g} m/s", evidence.survived("swing", swing.survived), used),
+        share_row("7.1.1", f"no tail: survives {none.survived:g} m/s", survived, said, held),
+        share_row("7.1.1", f"no tail: flips at {none.flipped:g} m/s", flipped, said, held),
+        share_row(
+            "7.1.2",
+            f"tail: survives {swing.survived:g} m/s",
+            evidence.survived("swing", swing.survived),
+            f"{said}; tails as the ensemble has them, see how it was made",
+            tailed,
+        ),
         share_row(
             "7.1.2",
             f"tail: flips at {swing.flipped:g} m/s",
             evidence.flipped("swing", swing.flipped),
             f"{said}; flips in the turn only, tipping over before it is not counted",
+            tailed,
         ),
         share_row(
             "7.2.2",
@@ -122,27 +140,39 @@ def _metrics(evidence: Evidence, published_row: PublishedFigures, calibrated: fr
     mode, speed = SCENARIOS[published_row.configuration], commanded_speed(published_row)
     physical = published_row.platform == "physical"
     rows = []
+    shared = f"{_said(evidence)}, {evidence.survived(mode, speed):.0%} of the weight survived, numbers of these"
+    shared += "; after the car's filters" if physical else "; raw signals"
     for field in fields(TurnMetrics):
-        used = field.name in calibrated and published_row.source == "Table 7.1"
-        note = f"{_said(evidence)}, {evidence.survived(mode, speed):.0%} of the weight survived"
-        note += "; after the car's filters" if physical else "; raw signals"
-        note += "; calibrated to, so no evidence of its own" if used else ""
+        name, place = metric_name(field.name), published_row.source
+        if field.name == "speed_m_per_s":
+            rows.append(
+                missing_row(place, name, "an input of the run: the speed is commanded, so nothing is predicted")
+            )
+            continue
+        used = place == "Table 7.1" and (field.name in calibrated or _yaw_rate_of(field.name) in calibrated)
+        note = shared
         if field.name == "roll_integral_rad":
             note += "; the printed sum has no time step, one is inferred (ERRATA E35)"
-        if field.name == "speed_m_per_s":
-            note += "; the speed is commanded, not predicted"
+        if field.name != _yaw_rate_of(field.name):
+            note += "; the yaw rate times the commanded speed, no figure of its own"
         rows.append(
             figure_row(
-                published_row.source,
-                metric_name(field.name),
+                place,
+                name,
                 metric_unit(field.name),
                 getattr(published_row.metrics, field.name),
                 evidence.column(mode, speed, ("filtered_" if physical else "") + field.name),
                 evidence.weights,
                 note,
+                "calibrated to" if used else "prediction",
             )
         )
     return rows
+
+
+def _yaw_rate_of(metric: str) -> str:
+    """Kohut is speed times yaw rate; other metrics are themselves."""
+    return metric.replace("kohut_deg_m_per_s2", "yaw_rate_rad_per_s")
 
 
 def _changes(evidence: Evidence) -> list[Row]:
@@ -154,6 +184,8 @@ def _changes(evidence: Evidence) -> list[Row]:
             for configuration in ("tailless", "tailed")
         )
         for field in fields(TurnMetrics):
+            if field.name == "speed_m_per_s":
+                continue
             before, after = getattr(none.metrics, field.name), getattr(swing.metrics, field.name)
             ours = _ratio(evidence, none, field.name, swing)
             rows.append(
@@ -213,7 +245,7 @@ def _gains() -> list[Row]:
     ]
 
 
-def _kohut(evidence: Evidence) -> list[Row]:
+def _kohut(evidence: Evidence, calibrated: frozenset[str]) -> list[Row]:
     none = flip_bracket("tailless").survived
     ours = evidence.column("none", none, "max_kohut_deg_m_per_s2")
     rows = []
@@ -225,6 +257,7 @@ def _kohut(evidence: Evidence) -> list[Row]:
                 f"larger Kohut, no tail, than {robot['robot']} ({robot['kohut_deg_m_per_s2']:g})",
                 share,
                 f"{_said(evidence)} at {none:g} m/s; other robots as printed, not simulated",
+                "calibrated to" if _yaw_rate_of("max_kohut_deg_m_per_s2") in calibrated else "prediction",
             )
         )
     return rows

@@ -40,9 +40,10 @@ class Evidence:
         return np.array([member.weight for member in self.members])
 
     def column(self, mode: str, speed: float, name: str) -> NDArray[np.float64]:
-        """One number of the runs of all members (m); NaN where a run has none."""
+        """One number of the runs of all members (m); NaN where a run has none, or the car did not survive it."""
         rows = self.rows[mode, speed]
-        return rows[name].to_numpy(float) if name in rows else np.full(len(rows), np.nan)
+        values = rows[name].to_numpy(float) if name in rows else np.full(len(rows), np.nan)
+        return np.where(survives(rows), values, np.nan)
 
     def survived(self, mode: str, speed: float) -> float:
         """Share of the weight that survived these runs."""

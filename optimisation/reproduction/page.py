@@ -52,25 +52,36 @@ def reproduction_page(rows: Sequence[Row], evidence: Evidence, ensemble: Ensembl
 
 
 def _verdicts(rows: Sequence[Row]) -> Section:
-    counted = Counter(str(row.verdict) for row in rows)
-    own = sum("no evidence of its own" in row.evidence for row in rows)
+    bases = list(dict.fromkeys(row.basis for row in rows if row.basis))
+    counted = Counter((row.verdict, row.basis) for row in rows)
+    totals = Counter(row.verdict for row in rows)
+    predicted = sum(row.basis == "prediction" for row in rows)
+    held = counted["reproduced", "prediction"]
+    counts: list[Sequence[Cell]] = [
+        (verdict, *(str(counted[verdict, basis]) for basis in bases), str(totals[verdict])) for verdict in VERDICTS
+    ]
     parts = (
         finding(
-            paragraph("; ".join(f"{verdict}: {counted[verdict]}" for verdict in VERDICTS) + "."),
-            paragraph(f"{own} rows were calibrated to and are no evidence; each says so."),
+            paragraph(f"Of {predicted} claims that the runs predict, {held} are reproduced."),
+            paragraph(
+                "The other agreement is no evidence for the car: the ensemble was calibrated to it, or it is "
+                "arithmetic on printed numbers."
+            ),
         ),
+        table(("verdict", *bases, "all"), counts, numbers=range(1, len(bases) + 2)),
         paragraph(
             f"Reproduced: the published figure lies in the band of {LEVELS[2] - LEVELS[0]:.0%} of the weight and the "
             f"band is at most {WIDEST:.0%} of it wide, or the median is within {CLOSE:.0%}; a claim about an outcome "
             f"holds in at least {SURE:.0%} of the weight. Direction only: a change has the published sign in "
-            f"{SURE:.0%} of the weight, not its size."
+            f"{SURE:.0%} of the weight, not its size. Numbers are those of cars that survive the run, as the "
+            f"published one did; where less than {SURE:.0%} of the weight does, nothing counts as reproduced."
         ),
     )
     return Section("verdicts", "Verdicts", parts)
 
 
 def _table(rows: Sequence[Row]) -> Markup:
-    header = ("place", "claim", "unit", "published", "ours", "band", "verdict", "evidence, or what is missing")
+    header = ("place", "claim", "unit", "published", "ours", "band", "verdict", "basis", "evidence, or what is missing")
     cells: list[Sequence[Cell]] = [
         (
             row.place,
@@ -80,6 +91,7 @@ def _table(rows: Sequence[Row]) -> Markup:
             _number(row.ours),
             "" if row.low is None else f"{_number(row.low)} to {_number(row.high)}",
             row.verdict,
+            row.basis,
             row.evidence,
         )
         for row in rows

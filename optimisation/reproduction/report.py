@@ -46,7 +46,8 @@ def write_report(
     store = RunStore(out, load_scenario("turn_none"), varied, force=force)
     evidence = gather(members, store, engine, say, settings)
     calibrated = frozenset(CALIBRATED_METRICS if "targets" in ensemble.provenance else ())
-    rows = all_rows(evidence, calibrated)
+    targets = ensemble.provenance.get("targets", {})
+    rows = all_rows(evidence, calibrated, "calibrated to" if targets.get("tailed_is_met") else "prediction")
     frame = pd.DataFrame([row.as_row() for row in rows])
     write_atomically(out / TABLE, lambda path: frame.to_csv(path, index=False, lineterminator="\n"), True, UserError)
     made = _replays(ensemble, evidence, out, say, settings) if replays else {}

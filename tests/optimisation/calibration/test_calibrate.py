@@ -3,83 +3,179 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optimisation.calibration.calibrate import BASE_SCENARIO, Calibration, calibrate
+from optimisation.calibration.calibrate import BASE_SCENARIO, ENOUGH, Calibration, calibrate
+from optimisation.calibration.design import Runner, critical_groups
 from optimisation.calibration.output import ensemble_text, write_calibration
 from optimisation.calibration.plan import CalibrationPlan, load_plan
-from optimisation.calibration.runs import RunStore
+from optimisation.calibration.runs import RunStore, car_values
+from optimisation.calibration.shipped import shipped_car
+from optimisation.calibration.tails import TailResult, add_tails
+from optimisation.calibration.weights import log_likelihood, normalised
+from optimisation.sweep.task import RunTask
 from tests.optimisation.calibration.made_up_car import TAILLESS_GROUP, MadeUpEngine
 from workbench.ensemble import load_ensemble
 from workbench.errors import UserError
 from workbench.scenario import load_scenario
 
+LOW, HIGH = TAILLESS_GROUP - 0.1 * (3.61 - 3.47), TAILLESS_GROUP - 0.1 * (3.33 - 3.47)
+
+
+def quiet(line: str) -> None:
+    """Says nothing."""
+
 
 def small_plan(**changes: object) -> CalibrationPlan:
-    size = {"points": 24, "halvings": 5, "step": 0.004, "members": 72}
-    plan = load_plan("car").model_dump(by_alias=True) | {"car_stage": size, "tail_stage": size} | changes
+    rounds = [{"cars": 16, "halvings": [6, 4]}, {"cars": 56, "halvings": [6, 4]}]
+    size = {"points": 12, "halvings": 4, "step": 0.004, "rounds": rounds}
+    plan = load_plan("car").model_dump(by_alias=True) | {"car_stage": size, "tail_stage": {"tails": 4}} | changes
     return CalibrationPlan.model_validate(plan)
 
 
-def carried_out(
-    folder: Path, engine: MadeUpEngine, plan: CalibrationPlan | None = None
-) -> tuple[Calibration, RunStore]:
-    plan = plan or small_plan()
-    store = RunStore(folder, load_scenario(BASE_SCENARIO), (*plan.car, *plan.tail))
-    return calibrate(plan, store, engine, lambda line: None), store
+def store_in(folder: Path) -> RunStore:
+    plan = small_plan()
+    return RunStore(folder, load_scenario(BASE_SCENARIO), (*plan.car, *plan.tail))
 
 
-def groups(result: Calibration) -> np.ndarray:
-    values = [result.values[place] for place in result.kept]
+def carried_out(folder: Path, engine: MadeUpEngine, plan: CalibrationPlan | None = None) -> Calibration:
+    return calibrate(plan or small_plan(), store_in(folder), engine, quiet)
+
+
+def groups(values: list[dict]) -> np.ndarray:
     return np.array([2 * v["car.tyre_friction"] * v["car.com_height"] / v["car.track"] for v in values])
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
-    return carried_out(tmp_path_factory.mktemp("calibration"), MadeUpEngine())[0]
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("calibration")
+
+
+@pytest.fixture(scope="module")
+def result(folder: Path) -> Calibration:
+    return carried_out(folder, MadeUpEngine())
 
 
 def test_every_member_lies_where_the_made_up_car_flips_between_the_two_speeds(result: Calibration) -> None:
-    low, high = TAILLESS_GROUP - 0.1 * (3.61 - 3.47), TAILLESS_GROUP - 0.1 * (3.33 - 3.47)
-    assert np.all((groups(result) > low) & (groups(result) <= high))
-    assert result.tail.effective_size >= 32
-    assert result.check.shares == pytest.approx((1.0, 1.0))
+    found = groups([result.values[place] for place in result.kept])
+    assert np.all((found > LOW) & (found <= HIGH))
+    assert result.car.effective_size >= ENOUGH
+    assert result.check.tailless_share == pytest.approx(1.0)
+    assert result.check.tailed_share == pytest.approx(1.0)
 
 
-def test_the_metrics_pull_the_friction_below_its_prior(result: Calibration) -> None:
-    friction = result.tail.prior.values(result.tail.members.coordinates)[
-        :, result.tail.prior.keys.index("car.tyre_friction")
+def test_the_weights_are_those_of_the_posterior_that_a_million_runs_would_find(result: Calibration) -> None:
+    prior, target = result.car.prior, result.car.target
+    scale = prior.plausible.highest_group.value - prior.plausible.lowest_group.value
+    ends = [(group - prior.plausible.lowest_group.value) / scale for group in (LOW, HIGH)]
+    points, density = prior.draw(2**13, 9, window=lambda p: (np.full(len(p), ends[0]), np.full(len(p), ends[1])))
+    values = prior.values(points)
+    engine = MadeUpEngine()
+    rows = [
+        engine.row(RunTask("", "turn_none", (*(f"{k}={v}" for k, v in car.items()), "manoeuvre.speed=3.33")))
+        for car in car_values(prior.keys, values)
     ]
-    plausible, density = result.car.prior.draw(4096, 3)
-    before = np.average(result.car.prior.values(plausible)[:, 1], weights=np.exp(density))
-    assert result.car.prior.keys[1] == "car.tyre_friction"
-    assert result.tail.weights @ friction < before - 0.05
+    metrics = {name: np.array([row[name] for row in rows]) for name in target.discrepancy}
+    exact = normalised(density + log_likelihood(metrics, target.published, target.discrepancy))
+    for key in ("car.tyre_friction", "car.com_height", "car.mass"):
+        column = prior.keys.index(key)
+        mean = exact @ values[:, column]
+        error = np.sqrt(exact @ (values[:, column] - mean) ** 2 / result.car.effective_size)
+        ours = result.car.weights @ prior.values(result.car.members.coordinates)[:, column]
+        assert abs(ours - mean) < 3.0 * error, key
+
+
+def test_windows_end_where_the_made_up_car_flips(result: Calibration, tmp_path: Path) -> None:
+    prior = result.car.prior
+    cars = result.car.members.coordinates[:3]
+    runner = Runner(store_in(tmp_path), MadeUpEngine(), quiet)
+    whole = np.tile([0.0, 1.0], (3, 1))
+    design = critical_groups(result.car.target, prior, cars, whole, (9, 9), None, runner)
+    low, high = prior.group(design.windows).T
+    assert np.all((low < LOW) & (low > LOW - 0.003))
+    assert np.all((high > HIGH) & (high < HIGH + 0.003))
+    assert np.all(design.found)
+
+
+def test_a_car_that_never_flips_at_the_fast_speed_has_no_window(result: Calibration, tmp_path: Path) -> None:
+    class FlipsOnlyWhenSlow(MadeUpEngine):
+        def row(self, task: RunTask) -> dict:
+            row = super().row(task)
+            return row | {"outcome": "survived"} if row["commanded_speed_m_per_s"] > 3.5 else row
+
+    runner = Runner(store_in(tmp_path), FlipsOnlyWhenSlow(), quiet)
+    cars = result.car.members.coordinates[:2]
+    whole = np.tile([0.0, 1.0], (2, 1))
+    design = critical_groups(result.car.target, result.car.prior, cars, whole, (5, 5), None, runner)
+    assert np.all(np.isnan(design.windows))
 
 
 def test_a_larger_sail_saves_the_made_up_car_so_the_members_have_the_right_one(result: Calibration) -> None:
-    assert result.tail.target.must_flip
-    for place in result.kept:
-        v = result.values[place]
-        limit = 0.6 * (v["tail.sail_length"] * v["tail.sail_width"] - 0.05)
-        group = 2 * v["car.tyre_friction"] * v["car.com_height"] / v["car.track"] - TAILLESS_GROUP
-        assert limit - 0.3 * (4.72 - 4.58) < group <= limit - 0.3 * (4.44 - 4.58)
+    assert result.tail.is_met
+    values = [result.values[place] for place in result.kept]
+    area = np.array([v["tail.sail_length"] * v["tail.sail_width"] for v in values])
+    above = groups(values) - TAILLESS_GROUP - 0.6 * (area - 0.05)
+    assert np.all((above > -0.3 * (4.72 - 4.58)) & (above <= -0.3 * (4.44 - 4.58)))
 
 
-def test_same_seed_same_text_other_seed_other_cars(result: Calibration, tmp_path: Path) -> None:
-    again, _ = carried_out(tmp_path / "again", MadeUpEngine())
-    assert ensemble_text(again) == ensemble_text(result)
-    other, _ = carried_out(tmp_path / "other", MadeUpEngine(), small_plan(seed=6))
+def with_tails(result: Calibration, folder: Path, engine: MadeUpEngine) -> TailResult:
+    tail, car = result.tail, result.car
+    runner = Runner(store_in(folder), engine, quiet)
+    return add_tails(tail.target, tail.prior, car.members.coordinates, car.weights, 2, ENOUGH, 7, runner)
+
+
+def test_a_tailed_bracket_that_is_missed_leaves_the_tails_as_the_prior_has_them(
+    result: Calibration, tmp_path: Path
+) -> None:
+    class NeverFlipsWithTail(MadeUpEngine):
+        def row(self, task: RunTask) -> dict:
+            row = super().row(task)
+            return row | {"outcome": "survived"} if task.scenario == "turn_swing" else row
+
+    tail = with_tails(result, tmp_path, NeverFlipsWithTail())
+    assert not tail.is_met
+    assert (tail.survive, tail.flip, tail.meet) == (pytest.approx(1.0), 0.0, 0.0)
+    by_car = np.bincount(tail.cars, tail.weights, len(result.car.weights))
+    np.testing.assert_allclose(by_car, result.car.weights)
+    values = tail.prior.values(tail.members.coordinates)
+    length, sail = (values[:, tail.prior.keys.index(f"tail.{name}")] for name in ("length", "sail_length"))
+    assert np.all(sail <= length)
+
+
+def test_tipping_over_before_the_turn_is_no_flip_in_the_turn(result: Calibration, tmp_path: Path) -> None:
+    class TipsOverBackwards(MadeUpEngine):
+        def row(self, task: RunTask) -> dict:
+            row = super().row(task)
+            tipped = task.scenario == "turn_swing" and row["commanded_speed_m_per_s"] > 4.6
+            return row | {"outcome": "flipped", "speed_m_per_s": 0.5} if tipped else row
+
+    tail = with_tails(result, tmp_path, TipsOverBackwards())
+    assert tail.flip == 0.0
+    assert not tail.is_met
+
+
+def test_another_seed_gives_other_cars(result: Calibration, tmp_path: Path) -> None:
+    other = carried_out(tmp_path, MadeUpEngine(), small_plan(seed=6))
     assert ensemble_text(other) != ensemble_text(result)
 
 
-def test_an_interrupted_calibration_goes_on_and_runs_nothing_twice(result: Calibration, tmp_path: Path) -> None:
-    stopped = MadeUpEngine(stop_after=100)
+def test_an_interrupted_calibration_goes_on_runs_nothing_twice_and_ends_alike(
+    result: Calibration, tmp_path: Path
+) -> None:
+    stopped = MadeUpEngine(stop_after=150)
     with pytest.raises(KeyboardInterrupt):
         carried_out(tmp_path, stopped)
     with (tmp_path / "runs.jsonl").open("a") as stream:
         stream.write('{"run": "cut o')
     goes_on = MadeUpEngine()
-    again, _ = carried_out(tmp_path, goes_on)
-    assert goes_on.runs == result.runs - 100
+    again = carried_out(tmp_path, goes_on)
+    assert goes_on.runs == result.runs - 150
     assert ensemble_text(again) == ensemble_text(result)
+
+
+def test_too_few_cars_are_refused_with_what_to_do(tmp_path: Path) -> None:
+    few = small_plan().model_dump(by_alias=True)
+    few["car_stage"]["rounds"] = [{"cars": 8, "halvings": [6, 4]}]
+    with pytest.raises(UserError, match=r"needed are 32: more cars in the rounds of the plan"):
+        carried_out(tmp_path, MadeUpEngine(), CalibrationPlan.model_validate(few))
 
 
 def test_runs_of_other_parameters_are_refused_unless_forced(tmp_path: Path) -> None:
@@ -92,33 +188,19 @@ def test_runs_of_other_parameters_are_refused_unless_forced(tmp_path: Path) -> N
     assert len(RunStore(tmp_path, other, ["car.mass"], force=True)) == 0
 
 
-def test_a_tail_that_never_flips_is_held_to_the_survived_speed_alone(tmp_path: Path) -> None:
-    class NeverFlipsWithTail(MadeUpEngine):
-        def row(self, task: object) -> dict:
-            row = super().row(task)
-            return row | {"outcome": "survived"} if task.scenario == "turn_swing" else row
-
-    result, _ = carried_out(tmp_path, NeverFlipsWithTail())
-    assert not result.tail.target.must_flip
-    assert result.check.shares == pytest.approx((1.0, 1.0))
-    assert "flips at 4.72" not in ensemble_text(result)
-
-
-def test_tipping_over_before_the_turn_is_no_flip_in_the_turn(tmp_path: Path) -> None:
-    class TipsOverBackwards(MadeUpEngine):
-        def row(self, task: object) -> dict:
-            row = super().row(task)
-            tipped = task.scenario == "turn_swing" and row["commanded_speed_m_per_s"] > 4.6
-            return row | {"outcome": "flipped", "speed_m_per_s": 0.5} if tipped else row
-
-    result, _ = carried_out(tmp_path, TipsOverBackwards())
-    assert not result.tail.target.must_flip
+def test_the_shipped_car_stands_beside_the_ensemble(result: Calibration, folder: Path) -> None:
+    shipped = shipped_car(result, Runner(store_in(folder), MadeUpEngine(), quiet))
+    keys, base = result.tail.prior.keys, result.tail.prior.base
+    assert shipped.values[keys.index("car.com_height")] == base.car.com_height
+    members = result.tail.prior.values(result.tail.members.coordinates)[:, keys.index("car.track")]
+    mean = result.tail.weights @ members
+    assert np.sign(shipped.z[keys.index("car.track")]) == np.sign(base.car.track - mean)
+    group = 2 * base.car.tyre_friction * base.car.com_height / base.car.track
+    assert (shipped.relative_density > 0.0) == bool(LOW < group <= HIGH)
 
 
-def test_everything_is_written_and_the_ensemble_reads_back(tmp_path: Path) -> None:
-    engine = MadeUpEngine()
-    result, store = carried_out(tmp_path, engine)
-    page = write_calibration(result, tmp_path, store, engine, lambda line: None)
+def test_everything_is_written_and_the_ensemble_reads_back(result: Calibration, folder: Path, tmp_path: Path) -> None:
+    page = write_calibration(result, tmp_path, store_in(folder), MadeUpEngine(), quiet)
     ensemble = load_ensemble(tmp_path / "car.yaml")
     assert len(ensemble.members) == len(result.kept)
     assert ensemble.best.values == result.values[result.best]

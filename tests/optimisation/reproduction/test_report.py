@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,8 @@ class TailedToo(MadeUpEngine):
         ([10.5, 10.9], "reproduced"),  # not in the band, but within 10 %
         ([4.0, 16.0], "not reproduced"),  # in the band, which excludes nothing
         ([13.0, 14.0], "not reproduced"),
-        ([np.nan, np.nan], "not computable"),
+        ([np.nan, np.nan], "not reproduced"),  # no car survives the run that the published one survived
+        ([10.0, np.nan], "not reproduced"),  # half of the weight does not survive it
     ],
 )
 def test_a_figure_is_reproduced_only_by_a_band_that_could_have_missed_it(values, verdict) -> None:
@@ -42,6 +44,7 @@ def test_a_change_of_the_right_sign_and_wrong_size_is_a_direction_only() -> None
     assert change_row("T", "c", -40.0, np.array([-5.0, -8.0]), HALF, "").verdict == "direction only"
     assert change_row("T", "c", -40.0, np.array([-5.0, 8.0]), HALF, "").verdict == "not reproduced"
     assert change_row("T", "c", -40.0, np.array([5.0, 8.0]), HALF, "").verdict == "not reproduced"
+    assert change_row("T", "c", -40.0, np.array([-5.0, np.nan]), HALF, "").verdict == "not reproduced"
 
 
 def test_an_outcome_needs_nine_tenths_of_the_weight() -> None:
@@ -59,6 +62,34 @@ def test_the_report_has_a_row_per_claim_and_says_what_is_missing(tmp_path: Path)
     assert "3 of" in text
     assert "Fig. 6.8" in text
     assert "55 %" in text
+
+
+def test_no_row_says_more_than_its_evidence(tmp_path: Path) -> None:
+    class SomeFlipWithTheirTail(TailedToo):
+        def row(self, task):
+            row = super().row(task)
+            heavy = any(setting == "tail.mass=0.2" for setting in task.settings)
+            return row | {"outcome": "flipped"} if heavy and task.scenario == "turn_swing" else row
+
+    plain = load_ensemble("car")
+    calibrated = replace(plain, provenance=plain.provenance | {"targets": {"tailed_is_met": False}})
+    write_report(calibrated, len(plain.members), tmp_path, SomeFlipWithTheirTail(), lambda line: None, replays=False)
+    rows = pd.read_csv(tmp_path / "rows.csv", keep_default_na=False)
+    bracket = rows[rows.claim.str.startswith("no tail: ")]
+    assert set(bracket.basis) == {"calibrated to"}
+    table = rows[(rows.place == "Table 7.1") & (rows.verdict != "not computable")]
+    assert set(table.basis) == {"calibrated to"}  # Kohut too: yaw rate times the commanded speed
+    assert set(rows[rows.place == "Table 7.3"].basis) <= {"prediction", ""}
+    assert set(rows[rows.claim.str.startswith("tail: ")].basis) == {"prediction"}
+    commanded = rows[rows.claim.str.lower().str.startswith("speed")]
+    assert len(commanded) == 4
+    assert set(commanded.verdict) == {"not computable"}
+    tailed = rows[(rows.place == "Table 7.2") & (rows.verdict != "not computable")]
+    share = sum(member.weight for member in plain.members if member.name == "heavier_tail")
+    assert share > 0.1
+    assert set(tailed.verdict) == {"not reproduced"}
+    arithmetic = rows[rows.evidence.str.contains("printed numbers only")]
+    assert set(arithmetic.basis) == {"printed numbers"}
 
 
 def test_a_wrong_number_of_members_is_one_line(tmp_path: Path) -> None:
