@@ -12,10 +12,11 @@ from hardware.motor_group import exit_frames
 from hardware.transport.can_bus import CanBus
 from hardware.transport.can_settings import CanSettings
 from hardware.wiring.car_ports import CarPorts
+from hardware.wiring.devices import Devices, Watchdog
 from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
 from hardware.wiring.mounting import Mounting, load_mounting
 from hardware.wiring.open_ports import closing_on_error, open_common, tail_motors
-from hardware.wiring.wired_car import Devices, Watchdog, WiredCar
+from hardware.wiring.wired_car import WiredCar
 from workbench.errors import HardwareError
 from workbench.scenario import Scenario
 

@@ -12,9 +12,9 @@ from hardware.sensors.readers import gps_thread, imu_thread
 from hardware.teensy_link import TeensyLink
 from hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
 from hardware.wiring.car_ports import CarPorts, MountedMotor
+from hardware.wiring.devices import Devices
 from hardware.wiring.drive_safety import DriveSafety
 from hardware.wiring.mounting import Mounting
-from hardware.wiring.wired_car import Devices
 from workbench.errors import HardwareError
 from workbench.scenario import Scenario
 

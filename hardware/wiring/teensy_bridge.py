@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hardware.wiring.car_ports import CarPorts
+from hardware.wiring.devices import Devices
 from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
 from hardware.wiring.mounting import Mounting, load_mounting
 from hardware.wiring.open_ports import closing_on_error, open_common, tail_motors
-from hardware.wiring.wired_car import Devices, WiredCar
+from hardware.wiring.wired_car import WiredCar
 from workbench.scenario import Scenario
 
 

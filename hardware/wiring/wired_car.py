@@ -6,25 +6,23 @@ import contextlib
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from hardware.motor_group import FramePort, MotorGroup
+from hardware.motor_group import MotorGroup
 from hardware.motor_settings import MotorSettings
 from hardware.motor_state import ENERGISED, MotorFault
 from hardware.protocol.ak70 import MitCommand
 from hardware.protocol.can_frame import CanFrame
 from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from hardware.radio_link import IDLE, RadioLink
+from hardware.radio_link import IDLE
 from hardware.sensors.bno055 import Bno055Sample
 from hardware.sensors.sensor_thread import SensorThread
 from hardware.sensors.ublox import GpsSample
-from hardware.teensy_link import TeensyFault, TeensyLink
-from hardware.transport.serial_link import SerialLink
+from hardware.teensy_link import TeensyFault
 from hardware.wiring.base import CarCommand, CarReading, SourceFault, WiringName
 from hardware.wiring.car_reporter import CarReporter
+from hardware.wiring.devices import Devices
 from hardware.wiring.drive_safety import DriveSafety
 from hardware.wiring.mounting import Mounting
 from hardware.wiring.recent import ListeningPort, SailRate
@@ -41,62 +39,6 @@ _TEENSY_FAULTS = {
     TeensyFault.LOST: SourceFault.LOST,
     TeensyFault.WATCHDOG_ACTED: SourceFault.REPORTED,
 }
-
-
-class Watchdog(Protocol):
-    """What switches the motors off when this process dies; `hardware.watchdog.process.WatchdogProcess` is one."""
-
-    @property
-    def healthy(self) -> bool:
-        """Whether it lives and has not acted."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """Why it is not healthy."""
-        ...
-
-    def arm(self) -> None:
-        """From now on it waits for heartbeats; `HardwareError` if it is not healthy."""
-        ...
-
-    def beat(self) -> None:
-        """The loop lives."""
-        ...
-
-    def disarm(self) -> None:
-        """The motors are off; no heartbeats follow."""
-        ...
-
-    def trip(self) -> None:
-        """Asks it to switch the motors off."""
-        ...
-
-    def close(self) -> None:
-        """Ends it in order."""
-        ...
-
-
-@dataclass
-class Devices:
-    """The open devices of a car.
-
-    Attributes:
-        motor_port: where the motors' frames go: the CAN bus, or the Teensy itself in the bridge.
-        teensy: servo, throttle, sail. imu, gps, radio: None where it is not fitted.
-        closers: called at the end, in order.
-        watchdog: None where the Teensy's firmware is the watchdog.
-        radio_serial: under `radio`, to tell a lost port from a silent operator.
-    """
-
-    motor_port: FramePort
-    teensy: TeensyLink
-    imu: SensorThread[Bno055Sample]
-    gps: SensorThread[GpsSample] | None
-    radio: RadioLink | None
-    radio_serial: SerialLink | None
-    watchdog: Watchdog | None
-    closers: list[Callable[[], None]]
 
 
 class WiredCar:

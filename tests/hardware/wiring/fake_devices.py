@@ -8,10 +8,11 @@ from hardware.sensors.ublox import GpsSample
 from hardware.teensy_link import TeensyFault
 from hardware.wiring.base import SourceFault
 from hardware.wiring.car_ports import ports_from_dict
+from hardware.wiring.devices import Devices
 from hardware.wiring.drive_safety import load_drive_safety
 from hardware.wiring.mounting import load_mounting
 from hardware.wiring.open_ports import tail_motors
-from hardware.wiring.wired_car import Devices, WiredCar
+from hardware.wiring.wired_car import WiredCar
 from tests.hardware.fake_motors import FakeMotor, FakePort
 from workbench.errors import HardwareError
 from workbench.scenario import load_scenario
