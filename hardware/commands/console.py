@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -64,6 +65,7 @@ def console(
     with listener:
         try:
             if car is not None:
+                signal.signal(signal.SIGTERM, signal.default_int_handler)  # or nobody would end the car
                 car.start(typer.echo)
                 ports = car.ports
             device = _device(ports) if ports else ConsoleDevice.model_validate(_radio(radio, receiver))

@@ -88,6 +88,9 @@ class EmulatedCarProcess:
         """Starts a drive; `HardwareError` while one runs."""
         if self.driving:
             raise HardwareError("a drive runs already")
+        if self._emulator is None or self._emulator.poll() is not None:
+            out = self._emulator.stdout.read() if self._emulator and self._emulator.stdout else ""
+            raise HardwareError(f"the emulated car has ended ({_last_line(out)}); start the console again")
         self._drives += 1
         log = self._folder / f"drive_{self._drives}.parquet"
         self._lines = ["starting"]

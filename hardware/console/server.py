@@ -96,7 +96,7 @@ def make_app(console: Console, access: Access, say: Say) -> Starlette:
 
 
 def run_server(listener: socket.socket, console: Console, access: Access, say: Say) -> None:
-    """Serves until Ctrl-C or SIGTERM."""
+    """Serves until Ctrl-C; ends in order by SIGTERM too, which then does what it did before."""
     config = uvicorn.Config(
         make_app(console, access, say),
         log_level="warning",

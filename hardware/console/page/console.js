@@ -32,6 +32,8 @@ function setMode(wanted) {
   if (wanted === mode) return;
   mode = wanted;
   sliders.centre();
+  const seen = state?.radio.report;
+  if (mode === "manual" && seen) sliders.set({pitch: seen.tail_pitch ?? 0, roll: seen.tail_roll ?? 0});  // the tail stays
   document.querySelector(`input[name=mode][value=${mode}]`).checked = true;
   get("mode-note").textContent = NOTES[mode];
   show();

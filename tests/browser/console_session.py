@@ -1,0 +1,111 @@
+"""`aerodima console` with an emulated car as a process of its own, and a browser's page of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from hardware.emulator.events import read_events
+from hardware.emulator.folder import EVENTS_FILE
+
+SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
+"""Half the load of a step of 2 ms for a machine that runs car, drive and browser."""
+_TRIES = 5
+
+
+class ConsoleSession:
+    """The processes; a context manager."""
+
+    def __init__(self, folder: Path, *flags: str) -> None:
+        self.car = folder / "car"
+        words = [word for setting in SETTINGS for word in ("--set", setting)]
+        command = ["console", "--emulate", "auto_turn", "--out", str(self.car), "--port", "0", *words, *flags]
+        record = ["--record", str(folder / "record.jsonl")]
+        self._lines: list[str] = []
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "workbench.cli", *command, *record],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def __enter__(self) -> ConsoleSession:
+        wait_for(lambda: self._addresses() or self._process.poll() is not None, 180.0)
+        assert self._addresses(), self._lines
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.wait(40.0)
+
+    @property
+    def url(self) -> str:
+        """The address that is valid now."""
+        return self._addresses()[-1]
+
+    def events(self, name: str) -> list[dict[str, Any]]:
+        """What the emulated car noted so far."""
+        return [event for event in read_events(self.car / EVENTS_FILE) if event["event"] == name]
+
+    def exits_since(self, time_s: float) -> list[dict[str, Any]]:
+        """Motors that an exit frame on the emulated bus has switched off since then (s, monotonic)."""
+        return [event for event in self.events("off") if event["time_s"] >= time_s and event["reason"] == "exit frame"]
+
+    def _addresses(self) -> list[str]:
+        return [line.split()[-1] for line in list(self._lines) if "http://" in line]
+
+    def _listen(self) -> None:
+        for line in self._process.stdout or ():
+            self._lines.append(line.strip())
+
+
+class OperatorPage:
+    """A page that controls the car. Conditions are asked for again and again: the page's policy forbids `eval`."""
+
+    def __init__(self, page: Any, session: ConsoleSession) -> None:
+        self.page, self.session = page, session
+        page.goto(session.url)
+        self.until("state !== null && (state.controls || state.can_take)")
+        if not self.holds("state.controls"):
+            page.click("#take")
+            self.until("state.controls")
+
+    def holds(self, condition: str) -> bool:
+        return bool(self.page.evaluate(f"() => Boolean({condition})"))
+
+    def until(self, condition: str, seconds: float = 20.0) -> None:
+        wait_for(lambda: self.holds(condition), seconds, condition)
+
+    def arm(self, mode: str | None = "manual") -> None:
+        """Arms and chooses a mode; again, when a busy machine made the drive stop for a late reply."""
+        for _ in range(_TRIES):
+            if self.holds("state.radio.stopped_by"):
+                self.until("!state.car.driving")
+                self.page.click("#reset")
+                self.until("!state.radio.stopped_by")
+            self.until("!state.car.driving && !document.getElementById('arm').disabled", 30.0)
+            self.page.click("#arm")
+            self.until("state.car.driving")
+            self.until("state.car.said.startsWith('waiting') || !state.car.driving", 60.0)
+            if not self.holds("state.car.driving"):
+                continue
+            if mode is None:
+                return
+            self.until("state.radio.armed || !state.car.driving")
+            self.page.locator(f"input[value={mode}]").evaluate("box => box.click()")
+            self.until(f"state.radio.report.mode === '{mode}' || !state.car.driving")
+            if self.holds("state.car.driving"):
+                return
+        raise AssertionError(self.page.evaluate("state.car.said"))
+
+
+def wait_for(condition: Any, seconds: float, what: str = "") -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"did not come: {what}"
+        time.sleep(0.02)

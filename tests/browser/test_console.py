@@ -1,0 +1,134 @@
+"""The operator's page in a real browser, on the emulated car: what stops it, and what moves it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("starlette", reason="the extra `console` is not installed")
+
+from tests.browser.console_session import ConsoleSession, OperatorPage, wait_for
+
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
+
+GAMEPADS = """
+window.fakePads = [];
+navigator.getGamepads = () => window.fakePads;
+window.makePad = (id) => ({id, connected: true, axes: [0, 0, 0, 0], buttons: Array.from({length: 17}, () => ({pressed: false, value: 0}))});
+"""  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleSession]:
+    with ConsoleSession(tmp_path_factory.mktemp("console"), "--no-view") as session:
+        yield session
+
+
+@pytest.fixture
+def operator(page: Any, session: ConsoleSession) -> OperatorPage:
+    page.set_viewport_size({"width": 1280, "height": 900})
+    page.add_init_script(GAMEPADS)
+    return OperatorPage(page, session)
+
+
+def press_button(page: Any) -> None:
+    page.click("#stop")
+
+
+def press_key(page: Any) -> None:
+    page.keyboard.press("Escape")
+
+
+def press_gamepad(page: Any) -> None:
+    page.evaluate("() => { const pad = makePad('pad'); pad.buttons[1].pressed = true; fakePads = [pad]; }")
+
+
+@pytest.mark.parametrize("press", [press_button, press_key, press_gamepad])
+def test_stop_reaches_the_emulated_bus_and_stays(operator: OperatorPage, session: ConsoleSession, press: Any) -> None:
+    operator.arm()
+    pressed = time.monotonic()
+    press(operator.page)
+    wait_for(lambda: {event["joint"] for event in session.exits_since(pressed)} == {"tail_pitch", "tail_roll"}, 5.0)
+    operator.until("state.radio.confirmed")
+    assert "EMERGENCY STOP" in operator.page.inner_text("#banner")
+    assert operator.holds("mode === 'rest' && document.getElementById('arm').disabled")
+    by = {press_button: "button", press_key: "key", press_gamepad: "gamepad"}[press]
+    assert operator.holds(f"state.radio.stopped_by === '{by}'")
+    operator.until("!state.car.driving")
+    operator.page.evaluate("() => { fakePads = []; }")
+    operator.page.click("#reset")
+    operator.until("!state.radio.stopped_by")
+
+
+def test_slider_moves_the_emulated_tail(operator: OperatorPage) -> None:
+    operator.arm()
+    start = operator.page.evaluate("state.radio.report.tail_roll")
+    assert abs(operator.page.evaluate("sliders.values(seconds()).roll") - start) < 0.05  # the tail stays where it is
+    operator.page.fill("#slider-roll", "-60")
+    operator.until("Math.abs(state.radio.report.tail_roll - (-Math.PI / 3)) < 0.1")
+    operator.page.focus("#slider-roll")
+    for _ in range(20):
+        operator.page.keyboard.press("ArrowRight")
+    operator.until("Math.abs(state.radio.report.tail_roll - (-2 * Math.PI / 9)) < 0.1")
+    operator.page.locator("input[value=rest]").evaluate("box => box.click()")
+    operator.until("!state.car.driving")
+
+
+def test_an_unplugged_gamepad_means_rest_and_two_may_not_drive(operator: OperatorPage) -> None:
+    page = operator.page
+    page.evaluate("() => { fakePads = [makePad('one')]; }")
+    operator.until("!document.getElementById('use-gamepad').disabled")
+    operator.arm()
+    page.check("#use-gamepad")
+    page.evaluate("() => { fakePads[0].axes[0] = -1; }")
+    operator.until("sliders.values(seconds()).steering > 0.3")
+    page.evaluate("() => { fakePads = []; }")
+    operator.until("mode === 'rest' && !document.getElementById('use-gamepad').checked")
+    assert "unplugged" in page.inner_text("#banner")
+    page.evaluate("() => { fakePads = [makePad('one'), makePad('two')]; }")
+    operator.until("document.getElementById('gamepad').textContent.startsWith('2 gamepads')")
+    assert page.is_disabled("#use-gamepad")
+    operator.until("!state.car.driving")
+
+
+def test_second_page_looks_on(operator: OperatorPage, session: ConsoleSession, browser: Any) -> None:
+    context = browser.new_context()
+    other = context.new_page()
+    other.goto(session.url)
+    wait_for(lambda: other.evaluate("() => state !== null"), 20.0)
+    assert other.inner_text("#seat") == "read-only"
+    assert other.is_hidden("#take")
+    assert other.is_enabled("#stop")
+    assert all(other.is_disabled(name) for name in ("#arm", "#slider-throttle", "#record"))
+    context.close()
+
+
+def test_everything_can_be_reached_by_keyboard_and_has_a_name(operator: OperatorPage) -> None:
+    page = operator.page
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "stop"
+    unnamed = page.evaluate(
+        "[...document.querySelectorAll('button, input')]"
+        ".filter(item => !item.textContent.trim() && !item.labels?.length).map(item => item.id)"
+    )
+    assert unnamed == []
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_a_closed_or_hidden_tab_stops_the_car(operator: OperatorPage, session: ConsoleSession, hidden: bool) -> None:
+    operator.arm()
+    page = operator.page
+    gone = time.monotonic()
+    if hidden:
+        page.evaluate(
+            "() => { Object.defineProperty(document, 'hidden', {value: true});"
+            " document.dispatchEvent(new Event('visibilitychange')); }"
+        )
+    else:
+        page.close()
+    wait_for(lambda: len({event["joint"] for event in session.exits_since(gone)}) == 2, 5.0)
+    off = max(event["time_s"] for event in session.exits_since(gone))
+    assert off - gone < 2.0  # dead-man 0.25 s and 0.5 s with the tail held; the rest is a busy machine's
