@@ -85,4 +85,20 @@ def decode_report(data: bytes) -> CarReport:
     if any(math.isnan(number) for number in numbers):
         raise FrameError(f"car report with NaN: {numbers}")
     text = data[_HEAD.size :].decode(errors="ignore")
-    return CarReport(bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers, text=text)
+    fault_pitch, fault_roll, sail, imu, gps, operator = faults
+    yaw_rate, roll, tail_pitch, tail_roll, torque_pitch, torque_roll, speed, age = numbers
+    return CarReport(
+        bool(flags & _ARMED),
+        bool(flags & _STOPPED),
+        RadioMode(mode),
+        (fault_pitch, fault_roll, sail, imu, gps, operator),
+        yaw_rate,
+        roll,
+        tail_pitch,
+        tail_roll,
+        torque_pitch,
+        torque_roll,
+        speed,
+        age,
+        text,
+    )

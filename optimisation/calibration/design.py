@@ -97,8 +97,14 @@ class Design:
 
     def merged(self, other: "Design") -> "Design":
         """Both."""
+        pairs = zip(self._arrays, other._arrays, strict=True)
+        coordinates, slow, fast, searched, upright = (np.vstack(pair) for pair in pairs)
         return Design(
-            *(np.vstack(pair) for pair in zip(self._arrays, other._arrays, strict=True)),
+            coordinates,
+            slow,
+            fast,
+            searched,
+            upright,
             pd.concat([self.rows, other.rows], ignore_index=True),
             np.concatenate([self.cars, other.cars + len(self.coordinates)]),
         )

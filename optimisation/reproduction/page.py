@@ -9,14 +9,14 @@ from matplotlib.figure import Figure
 from optimisation.calibration.validation import SCENARIOS, commanded_speed
 from optimisation.identify.published_tables import published
 from optimisation.reproduction.evidence import Evidence
-from optimisation.reproduction.rows import CLOSE, LEVELS, SURE, WIDEST, Row
+from optimisation.reproduction.rows import CLOSE, LEVELS, SURE, WIDEST, Basis, Row, Verdict
 from workbench.ensemble import Ensemble, weighted_quantiles
 from workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from workbench.published import flip_bracket, published_figures
 from workbench.report.page import Cell, Markup, Section, bullets, figure, finding, link, page, paragraph, table
 from workbench.report.words import metric_name, metric_unit
 
-VERDICTS = ("reproduced", "direction only", "not reproduced", "not computable")
+VERDICTS: tuple[Verdict, ...] = ("reproduced", "direction only", "not reproduced", "not computable")
 SHOWN = (
     "max_yaw_rate_rad_per_s",
     "average_yaw_rate_rad_per_s",
@@ -52,7 +52,7 @@ def reproduction_page(rows: Sequence[Row], evidence: Evidence, ensemble: Ensembl
 
 
 def _verdicts(rows: Sequence[Row]) -> Section:
-    bases = list(dict.fromkeys(row.basis for row in rows if row.basis))
+    bases: list[Basis] = list(dict.fromkeys(row.basis for row in rows if row.basis))
     counted = Counter((row.verdict, row.basis) for row in rows)
     totals = Counter(row.verdict for row in rows)
     predicted = sum(row.basis == "prediction" for row in rows)
