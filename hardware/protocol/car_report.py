@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hardware.protocol.can_frame import FrameError
 from hardware.protocol.radio import RadioMode
@@ -84,21 +84,5 @@ def decode_report(data: bytes) -> CarReport:
     faults, numbers = rest[:-_NUMBERS], rest[-_NUMBERS:]
     if any(math.isnan(number) for number in numbers):
         raise FrameError(f"car report with NaN: {numbers}")
-    text = data[_HEAD.size :].decode(errors="ignore")
-    fault_pitch, fault_roll, sail, imu, gps, operator = faults
-    yaw_rate, roll, tail_pitch, tail_roll, torque_pitch, torque_roll, speed, age = numbers
-    return CarReport(
-        bool(flags & _ARMED),
-        bool(flags & _STOPPED),
-        RadioMode(mode),
-        (fault_pitch, fault_roll, sail, imu, gps, operator),
-        yaw_rate,
-        roll,
-        tail_pitch,
-        tail_roll,
-        torque_pitch,
-        torque_roll,
-        speed,
-        age,
-        text,
-    )
+    report = CarReport(bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers)
+    return replace(report, text=data[_HEAD.size :].decode(errors="ignore"))
