@@ -12,7 +12,7 @@ pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from tests.browser.console_session import ConsoleSession, OperatorPage, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.console]
+pytestmark = [pytest.mark.slow, pytest.mark.emulated]
 
 GAMEPADS = """
 window.fakePads = [];

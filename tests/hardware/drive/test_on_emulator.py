@@ -20,7 +20,7 @@ from workbench.replay.reckoned_motion import replayable
 from workbench.scenario import load_scenario
 from workbench.trial import run_trial
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = [pytest.mark.emulated, pytest.mark.slow]
 
 SETTINGS = [
     "manoeuvre.straight_time=3",

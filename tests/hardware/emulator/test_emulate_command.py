@@ -55,7 +55,7 @@ def test_a_missing_compiler_is_one_line(tmp_path):
     assert result.stderr.count("\n") == 1
 
 
-@pytest.mark.realtime
+@pytest.mark.emulated
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
     from tests.hardware.emulator.fault_runs import EmulatorProcess

@@ -6,7 +6,7 @@ import pytest
 
 from tests.hardware.emulator.fault_runs import AT, CASES, RUN_OVER, run_case_undisturbed
 
-pytestmark = pytest.mark.realtime  # three processes and a car in real time
+pytestmark = pytest.mark.emulated  # three processes and a car in real time
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.name}-{case.wiring}".replace(" ", "_"))

@@ -20,7 +20,7 @@ from tests.hardware.fake_can import wait_until
 from workbench.errors import HardwareError
 from workbench.scenario import load_scenario
 
-pytestmark = pytest.mark.realtime  # processes and a car in real time
+pytestmark = pytest.mark.emulated  # processes and a car in real time
 
 WIRINGS = ("direct_can", "teensy_bridge")
 MARGIN = 0.2
