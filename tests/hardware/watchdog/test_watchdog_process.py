@@ -16,7 +16,7 @@ from hardware.watchdog.settings import load_watchdog_timing
 from tests.hardware.fake_can import SlcanAdapter, wait_until
 from workbench.errors import HardwareError
 
-pytestmark = pytest.mark.realtime  # processes and deadlines on the wall clock
+pytestmark = pytest.mark.emulated  # processes and deadlines on the wall clock
 
 TIMING = load_watchdog_timing()
 EXITS = [(motor_id, make_exit(motor_id).data) for motor_id in (1, 2)]

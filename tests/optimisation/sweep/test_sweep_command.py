@@ -33,11 +33,21 @@ def wait_for(condition, process=None):
         time.sleep(0.05)
 
 
+def listen_to_ctrl_c() -> None:
+    """A job in the background ignores it, and its children would too."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @contextmanager
 def started(*command):
     """A process that is gone at the end; it has a process group of its own, so that a Ctrl-C reaches it alone."""
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=listen_to_ctrl_c,
     )
     try:
         yield process
