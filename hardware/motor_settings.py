@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import ValidationError
-
 from hardware.protocol.ak70 import MOST_ID, check_motor_id
 from hardware.protocol.ak70_profiles import FirmwareProfile
 from workbench.errors import HardwareError
-from workbench.parameter_files import load_parameter_file
+from workbench.parameter_files import load_section
 from workbench.parameters import TailMotorParameters
-from workbench.quantity import QuantityModel, explain, quantity
+from workbench.quantity import QuantityModel, quantity
 from workbench.resources import model_path
 
 
@@ -44,12 +42,7 @@ def load_motor_safety(changes: Mapping[str, Any] | None = None) -> MotorSafety:
     Raises:
         ScenarioError: names key, value and what is allowed.
     """
-    path = model_path("parameters/hardware/motor_safety.yaml")
-    values = {key: entry.value for key, entry in load_parameter_file(path, MotorSafety).items()}
-    try:
-        return MotorSafety.model_validate({**values, **(changes or {})})
-    except ValidationError as error:
-        raise explain(error, str(path), MotorSafety) from None
+    return load_section(model_path("parameters/hardware/motor_safety.yaml"), MotorSafety, changes)
 
 
 @dataclass(frozen=True)

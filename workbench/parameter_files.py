@@ -72,6 +72,24 @@ def load_parameter_file(path: Path, model: type[BaseModel]) -> dict[str, Paramet
     return entries
 
 
+def load_section(path: Path, model: type[ModelT], changes: Mapping[str, Any] | None = None) -> ModelT:
+    """Reads a parameter file into its model.
+
+    Args:
+        path: the file.
+        model: of its numbers, with their units and ranges.
+        changes: values on top of those of the file.
+
+    Raises:
+        ScenarioError: as `load_parameter_file`; or a value is out of range.
+    """
+    values = {key: entry.value for key, entry in load_parameter_file(path, model).items()}
+    try:
+        return model.model_validate({**values, **(changes or {})})
+    except ValidationError as error:
+        raise explain(error, str(path), model) from None
+
+
 def load_entries_without_model(path: Path) -> dict[str, ParameterEntry]:
     """Reads a parameter file whose section another package describes: value, unit and source of every number."""
     return {key: _entry(path, key, raw) for key, raw in _raw_entries(path).items()}

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from hardware.protocol.radio import OperatorCommand, RadioMode
 from workbench.errors import HardwareError
-from workbench.parameter_files import load_parameter_file, read_yaml
+from workbench.parameter_files import load_section, read_yaml
 from workbench.quantity import QuantityModel, explain, quantity
 from workbench.resources import model_path
 
@@ -142,7 +142,4 @@ class EmulatorNumbers(QuantityModel):
 
 def load_emulator_numbers() -> EmulatorNumbers:
     """The values of `models/parameters/hardware/emulator.yaml`; `ScenarioError` names what is wrong in it."""
-    path = model_path("parameters/hardware/emulator.yaml")
-    return EmulatorNumbers.model_validate(
-        {key: entry.value for key, entry in load_parameter_file(path, EmulatorNumbers).items()}
-    )
+    return load_section(model_path("parameters/hardware/emulator.yaml"), EmulatorNumbers)

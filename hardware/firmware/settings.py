@@ -10,7 +10,7 @@ from hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
 from hardware.protocol.teensy import StringForm
 from hardware.wiring.base import WIRINGS
 from workbench.errors import HardwareError
-from workbench.parameter_files import load_parameter_file
+from workbench.parameter_files import load_section
 from workbench.quantity import QuantityModel, quantity
 from workbench.resources import model_path
 
@@ -28,9 +28,7 @@ class TeensyTiming(QuantityModel):
 
 def load_teensy_timing() -> TeensyTiming:
     """The values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names what is wrong in it."""
-    path = model_path("parameters/hardware/teensy_firmware.yaml")
-    values = {key: entry.value for key, entry in load_parameter_file(path, TeensyTiming).items()}
-    return TeensyTiming.model_validate(values)
+    return load_section(model_path("parameters/hardware/teensy_firmware.yaml"), TeensyTiming)
 
 
 @dataclass(frozen=True)

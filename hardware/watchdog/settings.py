@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workbench.parameter_files import load_parameter_file
+from workbench.parameter_files import load_section
 from workbench.quantity import QuantityModel, quantity
 from workbench.resources import model_path
 
@@ -22,6 +22,4 @@ class WatchdogTiming(QuantityModel):
 
 def load_watchdog_timing() -> WatchdogTiming:
     """The values of `models/parameters/hardware/watchdog.yaml`; `ScenarioError` names what is wrong in it."""
-    path = model_path("parameters/hardware/watchdog.yaml")
-    values = {key: entry.value for key, entry in load_parameter_file(path, WatchdogTiming).items()}
-    return WatchdogTiming.model_validate(values)
+    return load_section(model_path("parameters/hardware/watchdog.yaml"), WatchdogTiming)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workbench.parameter_files import load_parameter_file
+from workbench.parameter_files import load_section
 from workbench.quantity import QuantityModel, quantity
 from workbench.resources import model_path
 
@@ -28,7 +28,4 @@ class DriveSafety(QuantityModel):
 
 def load_drive_safety() -> DriveSafety:
     """The limits; `ScenarioError` names what is wrong in the file."""
-    path = model_path("parameters/hardware/drive_safety.yaml")
-    return DriveSafety.model_validate(
-        {key: entry.value for key, entry in load_parameter_file(path, DriveSafety).items()}
-    )
+    return load_section(model_path("parameters/hardware/drive_safety.yaml"), DriveSafety)

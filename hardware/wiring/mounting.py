@@ -10,14 +10,14 @@ import math
 from functools import cache
 
 import numpy as np
-from pydantic import ValidationError, field_validator
+from pydantic import field_validator
 
 from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from hardware.sensors.bno055 import Bno055Sample
 from hardware.teensy_link import pulse
 from workbench.errors import HardwareError
-from workbench.parameter_files import load_parameter_file
-from workbench.quantity import QuantityModel, explain, quantity
+from workbench.parameter_files import load_section
+from workbench.quantity import QuantityModel, quantity
 from workbench.resources import model_path
 
 AXES = {
@@ -112,12 +112,7 @@ class Mounting(QuantityModel):
 
 def load_mounting() -> Mounting:
     """The table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is wrong in it."""
-    path = model_path("parameters/hardware/mounting.yaml")
-    values = {key: entry.value for key, entry in load_parameter_file(path, Mounting).items()}
-    try:
-        mounting = Mounting.model_validate(values)
-    except ValidationError as error:
-        raise explain(error, str(path), Mounting) from None
+    mounting = load_section(model_path("parameters/hardware/mounting.yaml"), Mounting)
     mounting.chip_to_body  # noqa: B018 - raises if the axes are none
     return mounting
 

@@ -1,5 +1,8 @@
 """Every physical number has one home, with a unit and a source; an assumed one says why and within what range."""
 
+import re
+from importlib import import_module
+
 import pytest
 
 from workbench import scenario as scenario_module
@@ -113,3 +116,27 @@ def test_parameter_that_is_missing_is_named(gps_file):
     gps_file.write_text("\n".join(lines))
     with pytest.raises(ScenarioError, match=r"gps\.yaml: missing: noise"):
         load_parameter_entries("gps")
+
+
+def _spoilt(text: str) -> str:
+    """The first number of a parameter file becomes one that no unit allows."""
+    return re.sub(r"value: [-0-9.e]+", "value: -1.0e9", text, count=1)
+
+
+@pytest.mark.parametrize(
+    ("module", "read", "file"),
+    [
+        ("hardware.motor_settings", "load_motor_safety", "motor_safety"),
+        ("hardware.wiring.drive_safety", "load_drive_safety", "drive_safety"),
+        ("hardware.firmware.settings", "load_teensy_timing", "teensy_firmware"),
+        ("hardware.watchdog.settings", "load_watchdog_timing", "watchdog"),
+        ("hardware.emulator.script", "load_emulator_numbers", "emulator"),
+    ],
+)
+def test_value_out_of_range_in_a_file_of_the_real_car_is_one_line(tmp_path, monkeypatch, module, read, file):
+    path = tmp_path / f"{file}.yaml"
+    path.write_text(_spoilt((models_dir() / "parameters" / "hardware" / f"{file}.yaml").read_text()))
+    monkeypatch.setattr(f"{module}.model_path", lambda relative: path)
+    with pytest.raises(ScenarioError, match=rf"{file}\.yaml: .*-1000000000.*allowed") as caught:
+        getattr(import_module(module), read)()
+    assert "\n" not in str(caught.value)

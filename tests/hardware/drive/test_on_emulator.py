@@ -13,6 +13,7 @@ import pytest
 
 from hardware.emulator.events import read_events
 from hardware.wiring.base import WIRINGS
+from tests.blocked_drake import BLOCK
 from workbench.logs.columns import sensor_columns
 from workbench.logs.schema import read_run_log
 from workbench.metrics import metrics_of
@@ -31,17 +32,14 @@ SETTINGS = [
 ]
 FLAGS = [word for setting in SETTINGS for word in ("--set", setting)]
 PROGRAM = str(Path(sys.executable).with_name("aerodima"))
-NO_DRAKE = """
-import sys
-class Blocked:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] == "pydrake":
-            raise ImportError("no Drake here")
-sys.meta_path.insert(0, Blocked())
+NO_DRAKE = (
+    BLOCK
+    + """
 from workbench.cli import main
 sys.argv = ["aerodima", *sys.argv[1:]]
 main()
 """
+)
 
 
 class Emulated:

@@ -1,24 +1,8 @@
 """The drive without Drake: nothing on its way imports pydrake, and the plain loop swings the tail."""
 
-import subprocess
-import sys
+from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
-import sys
-
-class Blocked:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] == "pydrake":
-            raise ImportError("no Drake here")
-
-sys.meta_path.insert(0, Blocked())
-try:
-    import pydrake
-except ImportError:
-    pass
-else:
-    raise SystemExit("the block does not work")
-
 import importlib, pathlib, pkgutil, tempfile
 import hardware.commands.drive, hardware.drive, hardware.sensors, hardware.watchdog, hardware.wiring, workbench.bundle
 for package in (hardware.drive, hardware.sensors, hardware.watchdog, hardware.wiring):
@@ -58,5 +42,5 @@ print("swung" if wiring.roll > 1.3 else wiring.roll)
 
 
 def test_a_drive_runs_with_drake_blocked():
-    result = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
+    result = run_without_drake(PROGRAM)
     assert result.stdout == "swung\n", result.stderr

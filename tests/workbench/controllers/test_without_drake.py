@@ -1,24 +1,8 @@
 """The laws, the schedules and the port names must run on a computer for which Drake has no wheel."""
 
-import subprocess
-import sys
+from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
-import sys
-
-class Blocked:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] == "pydrake":
-            raise ImportError("no Drake here")
-
-sys.meta_path.insert(0, Blocked())
-try:
-    import pydrake
-except ImportError:
-    pass
-else:
-    raise SystemExit("the block does not work")
-
 from workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
 from workbench.controllers.swing_law import FRESH, SwingSettings, SwingState, step
 from workbench.controllers.tail_law import Observation
@@ -53,5 +37,5 @@ print("runs")
 
 
 def test_laws_schedule_and_ports_run_with_drake_blocked():
-    result = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
+    result = run_without_drake(PROGRAM)
     assert result.stdout == "runs\n", result.stderr
