@@ -12,6 +12,9 @@
 Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the run is over. Hard: the
 operator's emergency stop, a fault of a motor, a bus or the Teensy, a command that is not finite, a loop that comes too
 late, a signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays until `reset`.
+
+A switch that stands on AUTO, MANUAL or CONTROL while the car is being armed moves nothing: the operator must be heard
+in IDLE once the motors hold, and only what is chosen after that is obeyed.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from __future__ import annotations
 from array import array
 from enum import IntEnum
 
+from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import RadioMode
 from hardware.wiring.base import CarCommand, CarReading, SourceFault, Wiring
 from hardware.wiring.drive_safety import DriveSafety
@@ -28,6 +32,7 @@ from workbench.ports import STATUS, TAIL_STATE
 _ARMED = STATUS.index("armed")
 _TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
 _SAIL, _IMU, _SPEED, _OPERATOR = (STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator"))
+_OPERATOR_AGE = STATUS.index("operator_age")
 _RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
 _GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
 _UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
@@ -59,6 +64,7 @@ class CarGuard:
         stage: see the picture above.
         reason: why it stopped, empty before. hard: that reason was a hard one.
         reading: of the last cycle.
+        rested: the operator was heard in IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
         overruns: cycles that came later than `safety.overrun`.
         cycle_times: `time.monotonic` of every cycle since `drive`, s.
@@ -77,6 +83,8 @@ class CarGuard:
         self.cycle_times = array("d")
         self._since = 0.0
         self._was_armed = False
+        self.rested = False
+        self._ready_since: float | None = None
         self._mode = RadioMode.AUTO
 
     @property
@@ -88,6 +96,13 @@ class CarGuard:
     def ready(self) -> bool:
         """Whether the car takes commands."""
         return self.stage is Stage.ARMED and (not self._has_tail or self.reading.status[_ARMED] == 1.0)
+
+    @property
+    def asks(self) -> Asks:
+        """What the operator must do before the car drives."""
+        if not self.ready or self.reason:
+            return Asks.NOTHING
+        return Asks.CHOICE if self.rested else Asks.REST
 
     # -- by hand
 
@@ -105,17 +120,20 @@ class CarGuard:
         if reason:
             raise HardwareError(f"the car cannot be armed: {reason}")
         self.wiring.arm()
-        self._was_armed = False
+        self._was_armed = self.rested = False
+        self._ready_since = None
         self._go_unless_stopped(Stage.ARMED, now)
 
     def drive(self, mode: RadioMode, now: float) -> None:
         """Lets commands through from now on, for as long as the operator stays in `mode`.
 
         Raises:
-            HardwareError: the car is not ready.
+            HardwareError: the car is not ready, or the operator was not heard in IDLE since it is.
         """
         if not self.ready:
             raise HardwareError(f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}")
+        if not self.rested:
+            raise HardwareError("the car cannot drive: the operator was not heard in IDLE since it was armed")
         self.cycle_times = array("d")
         self._mode = mode
         self._go_unless_stopped(Stage.DRIVING, now)
@@ -161,6 +179,8 @@ class CarGuard:
         self._look_at_clock(now, due)
         self.reading = self.wiring.read(now)
         self._judge(now)
+        self._look_for_rest(now)
+        self.wiring.asks = self.asks
         if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
             self._exit(now)
         elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
@@ -183,6 +203,17 @@ class CarGuard:
         if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
             text = f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} cycles"
             self.stop(text, now, hard=True)
+
+    def _look_for_rest(self, now: float) -> None:
+        """A command counts that was given when the car was ready; the newest one may be from before."""
+        if not self.ready:
+            self._ready_since = None
+            return
+        if self._ready_since is None:
+            self._ready_since = now
+        given = now - self.reading.status[_OPERATOR_AGE]
+        if self.reading.operator.mode is RadioMode.IDLE and given > self._ready_since:
+            self.rested = True
 
     def _judge(self, now: float) -> None:
         hard, reason = self._reason(self.reading)

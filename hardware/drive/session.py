@@ -22,6 +22,7 @@ from hardware.drive.loop import idle_until, run_loop
 from hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
 from hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from hardware.drive.stop_signals import stop_on_signals
+from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import RadioMode
 from hardware.wiring.base import SourceFault
 from hardware.wiring.car_ports import CarPorts
@@ -38,6 +39,8 @@ _HOUR = 3600.0
 _SETTLE = 0.5
 """s with the motors holding before their replies are judged."""
 RUN_OVER = "the run is over"
+_REST_NOTICE = 0.5
+"""s in which a switch that stands in IDLE is heard; after that the drive says what it waits for."""
 Say = Callable[[str], None]
 
 
@@ -67,7 +70,7 @@ class DriveOptions:
         dry_run: never arm; the sequence runs with the car switched off.
         with_drake: the diagram in Drake's simulator, otherwise the plain loop.
         confirm: asks somebody beside the car whether it may be armed; None arms without asking.
-        wait_for_operator: s until the operator must have chosen AUTO or MANUAL.
+        wait_for_operator: s until the operator must have chosen AUTO or MANUAL, out of IDLE.
     """
 
     log: Path
@@ -194,13 +197,20 @@ def _arm(drive: _Drive) -> None:
 
 def _wait_for_operator(drive: _Drive) -> RadioMode:
     guard = drive.guard
-    drive.say("waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio")
     wanted = (RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL)
+    end = time.monotonic() + drive.options.wait_for_operator
+    if not idle_until(guard, lambda: guard.asks is not Asks.REST, min(_REST_NOTICE, drive.options.wait_for_operator)):
+        stands = guard.reading.operator.mode.name
+        drive.say(f"the operator's switch stands on {stands}: put it in IDLE first; nothing is obeyed before")
+        idle_until(guard, lambda: guard.asks is not Asks.REST, end - time.monotonic())
+    if guard.asks is Asks.CHOICE:
+        drive.say("waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio")
     chosen = idle_until(
-        guard, lambda: guard.ready and guard.reading.operator.mode in wanted, drive.options.wait_for_operator
+        guard, lambda: guard.asks is Asks.CHOICE and guard.reading.operator.mode in wanted, end - time.monotonic()
     )
     if not chosen and not guard.reason:
-        guard.stop("the operator chose neither AUTO nor MANUAL nor CONTROL", time.monotonic())
+        reason = "chose neither AUTO nor MANUAL nor CONTROL" if guard.rested else "did not put the switch in IDLE"
+        guard.stop(f"the operator {reason}", time.monotonic())
     if not chosen:
         _let_stop(guard)
         return RadioMode.IDLE

@@ -179,6 +179,8 @@ class Emulator:
             self._write("radio", self._air.to_car(data))
         elif name == "radio" and "console" in self._ports:
             self._write("console", self._air.to_console(data))
+        elif name == "radio":
+            self._operator.hear(data)
 
     def _write(self, name: Device, data: bytes) -> None:
         if data:
@@ -187,6 +189,8 @@ class Emulator:
     def _look(self, now: float) -> None:
         if any(motor.entered for motor in self._motors):
             self._board.begin("entered", now)
+        if self._teensy.driving:
+            self._board.begin("driving", now)
         self._board.look(now)
         for name, port in self._ports.items():
             if self._board.entry(Fault.UNPLUGGED, name):

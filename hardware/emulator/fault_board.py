@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from hardware.emulator.events import EventLog
-from hardware.emulator.script import Fault, FaultEntry, Script
+from hardware.emulator.script import Clock, Fault, FaultEntry, Script
 
 
 class FaultBoard:
@@ -23,10 +23,11 @@ class FaultBoard:
         self._on: set[int] = set()
         self.time = -math.inf
 
-    def begin(self, clock: str, now: float) -> None:
-        """`start` or `entered` has come; starts the script's clock if that is its own."""
+    def begin(self, clock: Clock, now: float) -> None:
+        """What a clock counts from has come; starts the script if that clock is its own, for good."""
         if clock == self._script.clock and self._begin is None:
             self._begin = now
+            self._events.add("script_begins", clock=clock)
 
     def look(self, now: float) -> None:
         """Switches faults on and off by the clock, and notes it."""

@@ -2,14 +2,17 @@
 
 ```yaml
 schema: aerodima/emulation/1
-clock: entered          # seconds since the first motor was entered; start: since the emulator was ready
+clock: entered          # seconds since the first motor was entered; driving: since the throttle first left neutral;
+                        # start: since the emulator was ready
 faults:
   - {time: 1.0, fault: reply_lost, part: tail_roll, duration: 0.1}
   - {time: 3.0, fault: unplugged, part: can}
-operator:               # without it: an operator who asks for AUTO from the start
-  - {time: 0.0, mode: auto}
+operator:
+  - {time: 0.0, mode: auto_when_asked}
   - {time: 5.0, stop: true}
 ```
+An operator in `auto_when_asked`, as without a script, keeps IDLE until the car reports that it waits for a choice, and
+goes back to IDLE when the car asks for that. One in `auto` sends AUTO whatever the car says.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from workbench.resources import model_path
 SCHEMA = "aerodima/emulation/1"
 Device = Literal["can", "teensy", "imu", "gps", "radio", "console"]
 Joint = Literal["tail_pitch", "tail_roll"]
+Clock = Literal["entered", "driving", "start"]
 JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
 
 
@@ -85,19 +89,24 @@ class FaultEntry(_Entry):
 
 
 class OperatorEntry(_Entry):
-    """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop: emergency stop."""
+    """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop: emergency stop.
 
-    mode: Literal["idle", "manual", "auto", "control"] = "auto"
+    mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before.
+    """
+
+    mode: Literal["idle", "manual", "auto", "control", "auto_when_asked"] = "auto_when_asked"
     throttle: float = Field(default=0.0, ge=-1.0, le=1.0)
     steering: float = Field(default=0.0, ge=-3.14, le=3.14)
     pitch_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
     roll_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
     stop: bool = False
 
-    @property
-    def command(self) -> OperatorCommand:
-        """As a frame carries it."""
-        mode = RadioMode[self.mode.upper()]
+    def command(self, asked: bool) -> OperatorCommand:
+        """As a frame carries it; `asked`: the car asks for a choice, or did so last."""
+        if self.mode == "auto_when_asked":
+            mode = RadioMode.AUTO if asked else RadioMode.IDLE
+        else:
+            mode = RadioMode[self.mode.upper()]
         return OperatorCommand(mode, self.throttle, self.steering, self.pitch_tail, self.roll_tail)
 
 
@@ -107,7 +116,7 @@ class Script(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
     schema_: Literal["aerodima/emulation/1"] = Field(default="aerodima/emulation/1", alias="schema")
-    clock: Literal["entered", "start"] = "entered"
+    clock: Clock = "entered"
     faults: tuple[FaultEntry, ...] = ()
     operator: tuple[OperatorEntry, ...] = (OperatorEntry(time=0.0),)
 

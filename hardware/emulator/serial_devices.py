@@ -11,6 +11,8 @@ import numpy as np
 from hardware.emulator.fault_board import FaultBoard
 from hardware.emulator.script import Device, Fault, OperatorEntry
 from hardware.protocol import radio
+from hardware.protocol.can_frame import FrameError
+from hardware.protocol.car_report import Asks, decode_report
 from hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
 from hardware.sensors.bno055 import Bno055Chip
 from hardware.sensors.ublox import GpsSample, make_nav_pvt
@@ -68,13 +70,29 @@ class EmulatedGps:
 
 
 class EmulatedOperator:
-    """The operator's module as the car's own hands it over: commands and a living heartbeat, API mode 1."""
+    """The operator's module as the car's own hands it over: commands and a living heartbeat, API mode 1.
+
+    Attributes:
+        asked: the car asks for a choice, or did so last.
+    """
 
     def __init__(self, entries: Sequence[OperatorEntry], rate: float, board: FaultBoard) -> None:
         self._entries = sorted(entries, key=lambda entry: entry.time)
         self._period, self._next, self._line = 1.0 / rate, 0.0, _Line("radio", board)
         self._board = board
         self._counter = self._stops = 0
+        self._of_car = ApiStream()
+        self.asked = False
+
+    def hear(self, data: bytes) -> None:
+        """What the car's computer hands to its module: reports of what the car asks for."""
+        for packet in self._of_car.feed_transmits(data):
+            try:
+                asks = decode_report(packet.data).asks
+            except FrameError:
+                continue
+            if asks is not Asks.NOTHING:
+                self.asked = asks is Asks.CHOICE
 
     def turn(self, now: float) -> bytes:
         """Bytes that are due."""
@@ -91,7 +109,7 @@ class EmulatedOperator:
                 self._stops += 1
                 frames.append(radio.make_emergency_stop())
         else:
-            frames.append(radio.make_command(passed[-1].command))
+            frames.append(radio.make_command(passed[-1].command(self.asked)))
         return self._line.through(b"".join(make_received(ReceivedPacket(OPERATOR, frame)) for frame in frames))
 
 

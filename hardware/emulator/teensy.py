@@ -47,6 +47,11 @@ class EmulatedTeensy:
         """Pulses and status."""
         return self._core.state
 
+    @property
+    def driving(self) -> bool:
+        """Whether the throttle pulse is not the neutral one."""
+        return self._last.throttle != THROTTLE_PULSES[1]
+
     def feed(self, data: bytes, now: float) -> None:
         """Takes bytes from the computer."""
         if self._hung_since is None or math.isinf(self._hung_since):
@@ -64,7 +69,7 @@ class EmulatedTeensy:
         for frame in self._core.frames():
             if self._bus is not None:
                 for answer in self._bus.carry(frame):
-                    self._core.receive(answer, now)
+                    self._core.receive(answer)
         self._core.step(now)  # a reply that waited for the motors goes out at once
         self._note()
         reply = self._core.reply()

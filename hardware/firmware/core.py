@@ -78,7 +78,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "ad_core_new": (c_void_p, [POINTER(_Config), c_uint32]),
     "ad_core_free": (None, [c_void_p]),
     "ad_core_feed": (None, [c_void_p, c_char_p, c_size_t, c_uint32]),
-    "ad_core_receive": (None, [c_void_p, POINTER(_Frame), c_uint32]),
+    "ad_core_receive": (None, [c_void_p, POINTER(_Frame)]),
     "ad_core_set_sail_word": (None, [c_void_p, c_uint32]),
     "ad_core_step": (None, [c_void_p, c_uint32]),
     "ad_core_next_frame": (c_int, [c_void_p, POINTER(_Frame)]),
@@ -158,9 +158,9 @@ class TeensyCore:
         """Takes bytes from the computer."""
         self._library.ad_core_feed(self._core, data, len(data), _clock(now))
 
-    def receive(self, frame: CanFrame, now: float) -> None:
+    def receive(self, frame: CanFrame) -> None:
         """Takes a frame from the bus."""
-        self._library.ad_core_receive(self._core, ctypes.byref(_frame(frame)), _clock(now))
+        self._library.ad_core_receive(self._core, ctypes.byref(_frame(frame)))
 
     def set_sail_word(self, word: int) -> None:
         """Takes a reading of the sail encoder."""

@@ -1,8 +1,8 @@
 """What the car tells the operator by radio, 20 times per second: armed, faults, and what the plots show.
 
-Class 4, packed little-endian: class, sequence, flags (1 armed, 2 the emergency stop came), mode last heard, fault codes
-of `workbench.ports.STATUS_SOURCES`, eight 32-bit floats, then the worst fault in words. 42 to 100 bytes, as many as the
-smallest modules carry.
+Class 4, packed little-endian: class, sequence, flags (1 armed, 2 the emergency stop came, 4 and 8 what the car asks the
+operator for), mode last heard, fault codes of `workbench.ports.STATUS_SOURCES`, eight 32-bit floats, then the worst
+fault in words. 42 to 100 bytes, as many as the smallest modules carry.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
 from hardware.protocol.can_frame import FrameError
 from hardware.protocol.radio import RadioMode
@@ -20,7 +21,18 @@ PERIOD = 0.05
 _HEAD = struct.Struct("<BBBB6B8f")
 _MOST_BYTES = 100
 _ARMED, _STOPPED = 1, 2
+_ASKS_SHIFT = 2
 _NUMBERS = 8
+
+
+class Asks(IntEnum):
+    """What an armed car wants of its operator before it drives."""
+
+    NOTHING = 0
+    REST = 1
+    """The switch stands on AUTO, MANUAL or CONTROL from before: it must be seen in IDLE first."""
+    CHOICE = 2
+    """It was seen in IDLE; AUTO, MANUAL and CONTROL are obeyed from now on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +46,7 @@ class CarReport:
         yaw_rate: rad/s. roll: of the chassis, rad. tail_pitch, tail_roll: rad. torque_pitch, torque_roll: N m.
         speed: m/s. operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
+        asks: what the operator must do before the car drives.
     """
 
     armed: bool
@@ -49,11 +62,12 @@ class CarReport:
     speed: float = 0.0
     operator_age: float = math.inf
     text: str = ""
+    asks: Asks = Asks.NOTHING
 
 
 def make_report(report: CarReport, sequence: int = 0) -> bytes:
     """The bytes of a report; the sequence is taken modulo 256."""
-    flags = _ARMED * report.armed | _STOPPED * report.stopped
+    flags = _ARMED * report.armed | _STOPPED * report.stopped | report.asks << _ASKS_SHIFT
     numbers = (
         report.yaw_rate,
         report.roll,
@@ -72,7 +86,7 @@ def decode_report(data: bytes) -> CarReport:
     """The report in a frame.
 
     Raises:
-        FrameError: another class or length, an unknown mode, or NaN.
+        FrameError: another class or length, an unknown mode or flag, or NaN.
     """
     if not _HEAD.size <= len(data) <= _MOST_BYTES:
         raise FrameError(f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MOST_BYTES}")
@@ -81,8 +95,11 @@ def decode_report(data: bytes) -> CarReport:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
     if mode not in tuple(RadioMode):
         raise FrameError(f"car report: mode {mode}; allowed: {', '.join(str(item.value) for item in RadioMode)}")
+    asks = flags >> _ASKS_SHIFT
+    if asks not in tuple(Asks):
+        raise FrameError(f"car report: flags {flags}; allowed is less than {(max(Asks) + 1) << _ASKS_SHIFT}")
     faults, numbers = rest[:-_NUMBERS], rest[-_NUMBERS:]
     if any(math.isnan(number) for number in numbers):
         raise FrameError(f"car report with NaN: {numbers}")
     report = CarReport(bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers)
-    return replace(report, text=data[_HEAD.size :].decode(errors="ignore"))
+    return replace(report, text=data[_HEAD.size :].decode(errors="ignore"), asks=Asks(asks))

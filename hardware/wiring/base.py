@@ -13,6 +13,7 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
+from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import OperatorCommand
 from hardware.radio_link import IDLE
 from workbench.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
@@ -90,7 +91,13 @@ class CarReading:
 
 
 class Wiring(Protocol):
-    """The car at the end of its cables. None of these calls waits for a device, apart from `start` and `stop`."""
+    """The car at the end of its cables. None of these calls waits for a device, apart from `start` and `stop`.
+
+    Attributes:
+        asks: what the operator is told to do before the car drives, with the next report; set by the guard.
+    """
+
+    asks: Asks
 
     @property
     def name(self) -> WiringName:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from hardware.protocol.car_report import PERIOD, CarReport, make_report
+from hardware.protocol.car_report import PERIOD, Asks, CarReport, make_report
 from hardware.radio_link import RadioLink
 from hardware.wiring.base import CarReading
 from workbench.ports import IMU, STATUS, STATUS_SOURCES, TAIL_STATE, TAIL_TORQUE
 
+_REST_FIRST = "put the switch in IDLE first"
 _UNKNOWN_FAULT = 255
 """Codes of the status port are small; a larger one is still a fault."""
 
@@ -18,17 +19,19 @@ class CarReporter:
         self._due = 0.0
         self._sequence = 0
 
-    def turn(self, radio: RadioLink, reading: CarReading, now: float, at_once: bool = False) -> None:
+    def turn(
+        self, radio: RadioLink, reading: CarReading, now: float, asks: Asks = Asks.NOTHING, at_once: bool = False
+    ) -> None:
         """Sends a report when one is due (`now` in s, monotonic), or at once."""
         if now < self._due and not at_once:
             return
         self._due = now + PERIOD
         self._sequence += 1
-        radio.report(make_report(report_of(reading, radio.stopped), self._sequence))
+        radio.report(make_report(report_of(reading, radio.stopped, asks), self._sequence))
 
 
-def report_of(reading: CarReading, stopped: bool) -> CarReport:
-    """What a reading tells the operator; `stopped`: the emergency stop came."""
+def report_of(reading: CarReading, stopped: bool, asks: Asks = Asks.NOTHING) -> CarReport:
+    """What a reading tells the operator; `stopped`: the emergency stop came; `asks`: what is wanted of the operator."""
     status, tail = STATUS.read(reading.status), TAIL_STATE.read(reading.tail_state)
     imu, torque = IMU.read(reading.imu), TAIL_TORQUE.read(reading.tail_torque)
     codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
@@ -45,5 +48,6 @@ def report_of(reading: CarReading, stopped: bool) -> CarReport:
         torque_roll=torque.roll,
         speed=float(reading.speed[0]),
         operator_age=status.operator_age,
-        text=reading.fault_text,
+        text=reading.fault_text or _REST_FIRST * (asks is Asks.REST),
+        asks=asks,
     )

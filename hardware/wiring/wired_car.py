@@ -14,6 +14,7 @@ from hardware.motor_settings import MotorSettings
 from hardware.motor_state import ENERGISED, MotorFault
 from hardware.protocol.ak70 import MitCommand
 from hardware.protocol.can_frame import CanFrame
+from hardware.protocol.car_report import Asks
 from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from hardware.radio_link import IDLE
 from hardware.sensors.bno055 import Bno055Sample
@@ -56,6 +57,7 @@ class WiredCar:
         group: the motors.
         reading: of the last cycle.
         stop_reason: of the first `stop`, empty before.
+        asks: what the operator is told to do; see `Wiring`.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class WiredCar:
         self._port: ListeningPort | None = None
         self.reading = CarReading()
         self.stop_reason = ""
+        self.asks = Asks.NOTHING
         self._sail = SailRate()
         self._reporter = CarReporter()
         self._tail_seen = np.zeros((2, 3))
@@ -153,7 +156,7 @@ class WiredCar:
         if self.devices is not None and self.group is not None:
             self._send(self.devices, self.group, command, now)
             if self.devices.radio is not None:
-                self._reporter.turn(self.devices.radio, self.reading, now)
+                self._reporter.turn(self.devices.radio, self.reading, now, self.asks)
 
     def _watch(self, devices: Devices, group: MotorGroup, now: float) -> None:
         if devices.watchdog is None:

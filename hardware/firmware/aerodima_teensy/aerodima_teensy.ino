@@ -39,7 +39,7 @@ uint32_t read_encoder() {  // synchronous serial: the most significant bit first
   return word;
 }
 
-void receive_frames(uint32_t now) {
+void receive_frames() {
   CAN_message_t message;
   while (can_bus.read(message)) {
     if (message.flags.remote) continue;
@@ -48,7 +48,7 @@ void receive_frames(uint32_t now) {
     frame.extended = message.flags.extended;
     frame.length = message.len;
     memcpy(frame.data, message.buf, sizeof frame.data);
-    core->receive(frame, now);
+    core->receive(frame);
   }
 }
 
@@ -91,7 +91,7 @@ void loop() {
   int count = 0;
   while (count < static_cast<int>(sizeof bytes) && Serial.available()) bytes[count++] = static_cast<char>(Serial.read());
   core->feed(bytes, static_cast<size_t>(count), now);
-  if (AERODIMA_OWNS_CAN) receive_frames(now);
+  if (AERODIMA_OWNS_CAN) receive_frames();
   if (micros() - encoder_time >= kEncoderPeriodUs) {
     encoder_time = micros();
     core->set_sail_word(read_encoder());

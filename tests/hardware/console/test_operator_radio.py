@@ -9,7 +9,7 @@ from hardware.console.operator_radio import OperatorRadio
 from hardware.console.seats import GONE_AFTER, Seats
 from hardware.protocol import radio as frames
 from hardware.protocol.can_frame import FrameError
-from hardware.protocol.car_report import CarReport, decode_report, make_report
+from hardware.protocol.car_report import Asks, CarReport, decode_report, make_report
 from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
 from workbench.errors import UserError
@@ -111,6 +111,8 @@ def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, 
 def test_report_survives_the_frame_and_wrong_ones_are_refused():
     assert decode_report(make_report(REPORT)) == REPORT
     assert decode_report(make_report(CarReport(False, True, RadioMode.AUTO))).operator_age == math.inf
+    for asks in Asks:
+        assert decode_report(make_report(CarReport(True, True, RadioMode.IDLE, asks=asks))).asks is asks
     data = make_report(CarReport(True, False, RadioMode.IDLE, text="long " * 40))
     assert len(data) == 100
     for wrong in (data[:41], data + b"x", b"\x05" + data[1:], data[:3] + b"\x09" + data[4:], data[:10] + b"\xff" * 32):

@@ -5,10 +5,12 @@ import math
 import numpy as np
 
 from hardware.motor_state import MotorFault
+from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.radio_link import IDLE
 from hardware.wiring.base import CarReading, SourceFault
 from workbench.errors import HardwareError
-from workbench.ports import STATUS
+from workbench.ports import STATUS, STATUS_SOURCES
 from workbench.scenario import load_scenario
 
 PERIOD = 0.01
@@ -21,16 +23,19 @@ def quick_turn(**settings):
 
 
 class FakeWiring:
-    """Attributes: commands: as exchanged; calls: of arm, hold, disarm, reset, stop; faults: on the status by name."""
+    """Attributes: commands: as exchanged; calls: of arm, hold, disarm, reset, stop; faults: on the status by name;
+    operator: what is chosen, by one who goes to IDLE first when the car asks for it, unless `stubborn`.
+    """
 
     def __init__(self, roll=-math.pi / 2, yaw_rate=lambda tick: 0.0):
         self.name = "direct_can"
         self.roll, self.roll_rate = roll, 0.0
         self.yaw_rate = yaw_rate
         self.armed = False
-        self.faults = {}
+        self.faults, self.ages = {}, {}
         self.fault_text = ""
         self.operator = OperatorCommand(RadioMode.AUTO)
+        self.asks, self.stubborn = Asks.NOTHING, False
         self.commands, self.calls = [], []
         self.refuse = ""
         self.raises = None
@@ -76,7 +81,7 @@ class FakeWiring:
             raise self.raises
         imu = np.zeros(9)
         imu[2], imu[5] = math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi), self.yaw_rate(len(self.commands))
-        status = {f"{source}_age": 0.004 for source in ("tail_pitch", "tail_roll", "sail", "imu", "speed", "operator")}
+        status = {f"{source}_age": self.ages.get(source, 0.004) for source in STATUS_SOURCES}
         status |= {name.replace("_age", "_fault"): 0.0 for name in status}
         status |= {f"{source}_fault": float(code) for source, code in self.faults.items()}
         return CarReading(
@@ -84,7 +89,7 @@ class FakeWiring:
             imu=imu,
             speed=np.array([3.0]),
             status=STATUS.write(**status, armed=float(self.armed)),
-            operator=self.operator,
+            operator=IDLE if self.asks is Asks.REST and not self.stubborn else self.operator,
             fault_text=self.fault_text
             or next((f"{name} {SourceFault(code).name}" for name, code in self.faults.items()), ""),
         )

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from hardware.drive.guard import CarGuard, Stage
+from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.radio_link import IDLE
 from hardware.wiring.base import CarCommand, SourceFault
 from hardware.wiring.drive_safety import load_drive_safety
 from tests.hardware.drive.fake_wiring import PERIOD, FakeWiring
@@ -64,6 +66,51 @@ def test_driving_needs_armed_motors(car):
     car.turn()
     with pytest.raises(HardwareError, match="not armed"):
         car.guard.drive(RadioMode.AUTO, car.now)
+
+
+@pytest.mark.parametrize("mode", [RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL])
+def test_a_switch_that_stands_on_a_mode_from_before_is_not_obeyed_until_it_was_in_idle(car, mode):
+    car.wiring.operator, car.wiring.stubborn = OperatorCommand(mode, 1.0), True
+    car.turn(count=2)
+    car.guard.arm(car.now)
+    car.turn(count=100)
+    assert car.wiring.asks is Asks.REST
+    with pytest.raises(HardwareError, match="was not heard in IDLE"):
+        car.guard.drive(mode, car.now)
+    car.turn()
+    assert all(same(command, STOP) for command in car.wiring.commands)
+    car.wiring.operator = IDLE
+    car.turn(count=2)
+    assert car.wiring.asks is Asks.CHOICE
+    car.wiring.operator = OperatorCommand(mode, 1.0)
+    car.turn()
+    car.guard.drive(mode, car.now)
+    car.turn()
+    assert same(car.last, FORWARD)
+    assert car.wiring.asks is Asks.NOTHING
+
+
+def test_an_idle_that_is_older_than_the_holding_motors_does_not_count(car):
+    car.wiring.operator = IDLE
+    car.wiring.ages["operator"] = 0.2
+    car.turn(count=2)
+    car.guard.arm(car.now)
+    car.turn(count=15)
+    assert car.wiring.asks is Asks.REST
+    car.turn(count=10)
+    assert car.wiring.asks is Asks.CHOICE
+
+
+def test_every_arming_needs_its_own_idle(car):
+    car.driving()
+    car.guard.stop("SIGINT", car.now, hard=True)
+    car.turn(count=30)
+    car.guard.reset(car.now)
+    car.turn()
+    car.wiring.stubborn = True
+    car.guard.arm(car.now)
+    car.turn(count=10)
+    assert car.wiring.asks is Asks.REST
 
 
 def soft(source, code):
@@ -254,7 +301,7 @@ def test_a_car_without_a_tail_drives_without_armed_motors(car):
     car.guard.arm(car.now)
     car.wiring.armed = False
     car.wiring.faults |= {"tail_roll": SourceFault.NOT_FITTED, "tail_pitch": SourceFault.NOT_FITTED}
-    car.turn()
+    car.turn(count=2)
     car.guard.drive(RadioMode.AUTO, car.now)
     car.turn()
     assert same(car.last, FORWARD)

@@ -46,7 +46,7 @@ def armed(wiring, clock):
     guard = CarGuard(wiring, SAFETY)
     idle_until(guard, lambda: True, 0.1, clock, clock.wait)
     guard.arm(clock())
-    assert idle_until(guard, lambda: guard.ready, 0.1, clock, clock.wait)
+    assert idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
     guard.drive(RadioMode.AUTO, clock())
     return guard
 
@@ -157,7 +157,7 @@ def test_the_operator_drives_by_radio(tmp_path):
     wiring.operator = OperatorCommand(RadioMode.MANUAL, 0.2, -0.9, 0.1, 0.4)
     idle_until(guard, lambda: True, 0.1, clock, clock.wait)
     guard.arm(clock())
-    idle_until(guard, lambda: guard.ready, 0.1, clock, clock.wait)
+    idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
     guard.drive(RadioMode.MANUAL, clock())
     journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "direct_can")
     run_loop(guard, ManualPilot(SCENARIO), SCENARIO, 0.5, journal, no_links, clock, clock.wait)

@@ -176,6 +176,17 @@ def test_an_operator_who_never_chooses(drive):
     assert not drive.log.exists()
 
 
+def test_a_switch_that_stands_on_auto_since_before_the_arming_starts_nothing(drive):
+    drive.bench.radio.car = None  # nobody listens to what the car asks for
+    result = drive.run(wait_for_operator=1.0)
+    assert result.reason == "the operator did not put the switch in IDLE"
+    assert any("switch stands on AUTO: put it in IDLE first" in text for text in drive.said)
+    assert not any(text.startswith("driving") for text in drive.said)
+    assert {pulses for pulses in drive.bench.teensy.pulses if pulses} == {(1500, 1500)}
+    drive.assert_safe()
+    assert not drive.log.exists()
+
+
 def test_a_motor_that_does_not_answer_fails_the_start(drive):
     drive.bench.port.motors[1].respond = lambda frame: []
     with pytest.raises(HardwareError, match="arming failed: tail roll: does not answer"):

@@ -27,9 +27,10 @@ from hardware.protocol.ak70 import (
 )
 from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
 from hardware.protocol.can_frame import CanFrame, FrameError
+from hardware.protocol.car_report import Asks, CarReport, make_report
 from hardware.protocol.teensy import MotorOrder, MotorRequest, StringForm, TeensyCommand
 from hardware.protocol.teensy import make_command as make_string
-from hardware.protocol.xbee import ApiStream
+from hardware.protocol.xbee import ApiStream, make_transmit
 from hardware.sensors.bno055 import make_sample_request
 from hardware.sensors.ublox import GpsStream
 from hardware.wiring.mounting import load_mounting
@@ -83,7 +84,7 @@ def test_a_motor_makes_torque_between_enter_and_exit_only(tmp_path):
     assert motor.joint_command.position == pytest.approx(0.4, abs=4e-4), "it jumps to what it was told before"
     bench.ask(make_exit(2))
     assert motor.joint_command == NEUTRAL
-    assert bench.names() == ["entered", "off"]
+    assert bench.names() == ["script_begins", "entered", "off"]
 
 
 def test_it_holds_its_last_command_for_ever(tmp_path):
@@ -232,6 +233,24 @@ def test_the_operator_sends_commands_with_a_living_heartbeat_and_stops(tmp_path)
     assert len(beats) == pytest.approx(2.0 * NUMBERS.operator_rate, abs=2)
     assert next(when for when, message in messages if isinstance(message, radio.EmergencyStop)) >= 1.0
     assert max(when for when, message in messages if isinstance(message, radio.OperatorCommand)) < 1.0
+
+
+def test_the_operator_chooses_auto_when_the_car_asks_and_rests_when_it_asks_for_that(tmp_path):
+    operator, stream = EmulatedOperator((OperatorEntry(time=0.0),), 20.0, Bench(tmp_path).board), ApiStream()
+    now = 0.0
+
+    def mode_after(asks):
+        nonlocal now
+        now += 0.1
+        report = CarReport(True, False, radio.RadioMode.IDLE, asks=asks)
+        operator.hear(make_transmit(make_report(report), OPERATOR))
+        messages = [radio.decode(packet.data) for packet in stream.feed(operator.turn(now))]
+        (command,) = [message for message in messages if isinstance(message, radio.OperatorCommand)]
+        return command.mode
+
+    idle, auto = radio.RadioMode.IDLE, radio.RadioMode.AUTO
+    asked = (Asks.NOTHING, Asks.REST, Asks.CHOICE, Asks.NOTHING, Asks.REST)
+    assert [mode_after(asks) for asks in asked] == [idle, idle, auto, auto, idle]
 
 
 def test_imu_and_gps_answer_until_they_fall_silent(tmp_path):

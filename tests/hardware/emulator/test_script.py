@@ -40,8 +40,10 @@ def test_a_script_is_read(tmp_path):
         )
     )
     assert (read.clock, read.faults[0].fault, read.faults[0].duration) == ("start", Fault.REPLY_LOST, 0.1)
-    assert (read.operator[0].command.mode, read.operator[0].command.throttle) == (RadioMode.MANUAL, 0.2)
-    assert no_faults().operator[0].command.mode is RadioMode.AUTO
+    command = read.operator[0].command(asked=False)
+    assert (command.mode, command.throttle) == (RadioMode.MANUAL, 0.2)
+    usual = no_faults().operator[0]
+    assert (usual.command(asked=False).mode, usual.command(asked=True).mode) == (RadioMode.IDLE, RadioMode.AUTO)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +84,11 @@ def test_a_fault_lasts_from_its_time_for_its_duration(events, tmp_path):
         faults.look(now)
         assert (faults.entry(Fault.SILENT, "imu") is not None) is on
         assert faults.entry(Fault.SILENT, "gps") is None
-    assert [event["event"] for event in read_events(tmp_path / "events.jsonl")] == ["fault_on", "fault_off"]
+    assert [event["event"] for event in read_events(tmp_path / "events.jsonl")] == [
+        "script_begins",
+        "fault_on",
+        "fault_off",
+    ]
 
 
 def test_a_counted_fault_meets_that_many(events):

@@ -55,7 +55,7 @@ class Bench:
             self.sent.append((self.now, frame))
             if not self.deaf:
                 answer = make_reply(MitReply(frame.arbitration_id, 0.5, -1.0, 2.0, 31.0, 0), PROFILE)
-                self.core.receive(answer, self.now)
+                self.core.receive(answer)
         reply = self.core.reply()
         if reply:
             self.replies.append((self.now, reply))

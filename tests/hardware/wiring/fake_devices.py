@@ -2,7 +2,9 @@
 
 import math
 
+from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import OperatorCommand, RadioMode
+from hardware.radio_link import IDLE
 from hardware.sensors.bno055 import Bno055Sample
 from hardware.sensors.ublox import GpsSample
 from hardware.teensy_link import TeensyFault
@@ -56,10 +58,21 @@ class FakeSensor:
 
 
 class FakeRadio:
+    """An operator who goes to IDLE first when the car asks for it, and then back to what was chosen."""
+
     def __init__(self):
+        self.car = None
         self.command, self.stopped, self.silence = OperatorCommand(RadioMode.AUTO), False, 0.05
         self.rejected, self.last_error = 0, ""
         self.reports = []
+
+    @property
+    def command(self):
+        return IDLE if self.car is not None and self.car.asks is Asks.REST else self._chosen
+
+    @command.setter
+    def command(self, chosen):
+        self._chosen = chosen
 
     def report(self, data):
         self.reports.append(data)
@@ -113,6 +126,7 @@ class CarOnTheBench:
         mounting = load_mounting()
         motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
         self.car = WiredCar("direct_can", motors, mounting, load_drive_safety(), lambda: devices, authorise)
+        self.radio.car = self.car
         self.now = 10.0
 
     def cycle(self, command, count=1):

@@ -207,7 +207,7 @@ def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench
 
     turn(2)
     guard.arm(bench.now)
-    turn(10)
+    turn(15)
     guard.drive(bench.radio.command.mode, bench.now)
     turn(20)
     bench.radio.silence = 0.26

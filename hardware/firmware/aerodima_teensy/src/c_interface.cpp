@@ -72,7 +72,7 @@ void ad_core_free(void* core) { delete core_of(core); }
 
 void ad_core_feed(void* core, const char* data, size_t size, uint32_t now) { core_of(core)->feed(data, size, now); }
 
-void ad_core_receive(void* core, const ad_frame* frame, uint32_t now) { core_of(core)->receive(to_frame(*frame), now); }
+void ad_core_receive(void* core, const ad_frame* frame) { core_of(core)->receive(to_frame(*frame)); }
 
 void ad_core_set_sail_word(void* core, uint32_t word) { core_of(core)->set_sail_word(word); }
 

@@ -53,7 +53,7 @@ struct ad_state {
 void* ad_core_new(const ad_config* config, uint32_t now);
 void ad_core_free(void* core);
 void ad_core_feed(void* core, const char* data, size_t size, uint32_t now);
-void ad_core_receive(void* core, const ad_frame* frame, uint32_t now);
+void ad_core_receive(void* core, const ad_frame* frame);
 void ad_core_set_sail_word(void* core, uint32_t word);
 void ad_core_step(void* core, uint32_t now);
 int ad_core_next_frame(void* core, ad_frame* frame);

@@ -86,8 +86,7 @@ void TeensyCore::bridge(const Order& order) {
   }
 }
 
-void TeensyCore::receive(const CanFrame& frame, uint32_t now) {
-  (void)now;
+void TeensyCore::receive(const CanFrame& frame) {
   MitReply reply;
   if (!config_.owns_can || !decode_reply(frame, config_.profile, &reply)) return;
   for (int i = 0; i < 2; ++i) {

@@ -30,7 +30,7 @@ class TeensyCore {
   TeensyCore(const Config& config, uint32_t now);
 
   void feed(const char* data, size_t size, uint32_t now);     // bytes from the computer
-  void receive(const CanFrame& frame, uint32_t now);          // a frame from the bus
+  void receive(const CanFrame& frame);                        // a frame from the bus
   void set_sail_word(uint32_t word) { sail_word_ = word; }
   void step(uint32_t now);
 
