@@ -1,4 +1,4 @@
-"""The rig's motion and reactions against equations derived by hand, its signs, and the published currents."""
+"""The rig's motion and reactions against Lagrange's equations, its signs, and the published currents."""
 
 from __future__ import annotations
 
@@ -9,20 +9,23 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from tests.workbench.plants.rig_lagrangian import (
+    BAR_INERTIA,
+    BAR_MASS,
+    GRAVITY,
+    MOUNT_COM,
+    MOUNT_MASS,
+    PIVOT,
+    ROTOR,
+    TAILS,
+    derived,
+)
 from workbench.errors import ModelError, ScenarioError, UserError
 from workbench.plants.rig import Rig, rig_reaction
 from workbench.resources import model_path
 from workbench.rig_scenario import RigScenario, load_rig_scenario
 
 STATIC = load_rig_scenario("static")
-GRAVITY = 9.81
-
-# Thesis Tables 4.2, 4.5 and 4.6, in SI, typed here again so that the model files are checked too.
-MOUNT_MASS, MOUNT_COM = 1.189, np.array([-0.00569, -0.00011, 0.03149])
-PIVOT = MOUNT_COM + np.array([0.10145, 0.0, 0.13989])
-BAR_MASS, BAR_DISTANCE, BAR_INERTIA = 0.313, 0.100, 1.9198e-3
-ROTOR = 6.731e-3
-TAILS = {1: (0.0982, 0.390, 0.270 + 0.163), 2: (0.0975, 0.365, 0.295 + 0.181), 3: (0.0937, 0.365, 0.295 + 0.182)}
 
 
 def without_air(tail: int = 1, friction: bool = False, **sections: dict[str, float]) -> RigScenario:
@@ -35,44 +38,17 @@ def without_air(tail: int = 1, friction: bool = False, **sections: dict[str, flo
     )
 
 
-def by_hand(tail: int, angle: float, rate: float, torque: float, kilter: float = 0.0) -> tuple[float, np.ndarray]:
-    """Acceleration and the support's wrench at W from the Lagrangian of the pendulum and the momenta of its bodies.
-
-    L = 1/2 (J_rotor + sum(I_k + m_k r_k^2)) angle'^2 + g sum(m_k r_k cos(angle + kilter_k)); body k at
-    (x, y, z) = P + (0, -r sin, -r cos), turning by angle' about -x. The rotor has inertia about the motor axis alone.
-    """
-    mass, length, distance = TAILS[tail]
-    root = distance - {1: 0.163, 2: 0.181, 3: 0.182}[tail]
-    beyond = distance - root
-    # With kilter, the tail's centre of mass is off the bar's line: its polar coordinates about the pivot.
-    across, along = beyond * math.sin(kilter), root + beyond * math.cos(kilter)
-    bodies = [
-        (BAR_MASS, BAR_DISTANCE, 0.0, BAR_INERTIA),
-        (mass, math.hypot(across, along), math.atan2(across, along), mass * length**2 / 12),
-    ]
-    inertia = ROTOR + sum(inertia + m * r**2 for m, r, _, inertia in bodies)
-    pull = sum(-m * GRAVITY * r * math.sin(angle + phase) for m, r, phase, _ in bodies)
-    acceleration = (torque + pull) / inertia
-    up = np.array([0.0, 0.0, GRAVITY])
-    force = MOUNT_MASS * up
-    moment = np.cross(MOUNT_COM, force)
-    for m, r, phase, own in bodies:
-        s, c = math.sin(angle + phase), math.cos(angle + phase)
-        a = np.array([0.0, -r * (c * acceleration - s * rate**2), r * (s * acceleration + c * rate**2)])
-        force = force + m * (a + up)
-        moment = moment + np.cross(PIVOT + np.array([0.0, -r * s, -r * c]), m * (a + up))
-        moment[0] -= own * acceleration
-    return acceleration, np.concatenate((force, moment))
-
-
 @pytest.mark.parametrize(("tail", "kilter"), [(1, 0.0), (2, 0.0), (3, 0.0), (1, 0.07)])
-def test_bare_rig_moves_and_reacts_as_derived_by_hand(tail: int, kilter: float) -> None:
-    """Both sides carry twelve or more digits, so 1e-9 is far above rounding and far below any modelling difference."""
+def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, kilter: float) -> None:
+    """Acceleration and all six reactions over 100 random states.
+
+    Both sides carry twelve or more digits, so 1e-9 is far above rounding and far below any modelling difference.
+    """
     rig = Rig(without_air(tail, tunnel={"kilter": kilter}))
     rng = np.random.default_rng(7)
     for _ in range(100):
         angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-15, 15), rng.uniform(-6, 6)
-        acceleration, wrench = by_hand(tail, angle, rate, torque, kilter)
+        acceleration, wrench = derived(tail, angle, rate, torque, kilter)
         reaction = rig.reaction(angle, rate, torque)
         assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9, abs=1e-9)
         np.testing.assert_allclose(reaction.wrench, wrench, rtol=1e-9, atol=1e-9)
@@ -131,7 +107,7 @@ def test_friction_brakes_by_the_published_law() -> None:
 
 
 def test_reaction_in_the_wind_closes_the_balance_of_forces() -> None:
-    """Support + weight + air = momentum change; the air from the section law, the rest from the derivation by hand."""
+    """Support + weight + air = momentum change; the air from the section law, the rest is what moves without air."""
     wind, still = Rig(STATIC), Rig(without_air(friction=True))
     angle, rate, torque = 0.4, 3.0, 0.5
     moved = wind.reaction(angle, rate, torque)
@@ -221,13 +197,13 @@ def test_added_mass_acts_across_the_tail_only() -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
         angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-15, 15), rng.uniform(-6, 6)
-        bare, _ = by_hand(1, angle, rate, torque)
+        bare, _ = derived(1, angle, rate, torque)
         inertia = ROTOR + BAR_INERTIA + BAR_MASS * 0.01 + 0.0982 * 0.39**2 / 12 + 0.0982 * 0.433**2
         acceleration = bare * inertia / (inertia + mass * np.sum(distances**2))
         reaction = rig.reaction(angle, rate, torque)
         assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9)
         # The same acceleration without added mass, plus m times the normal acceleration of each part.
-        _, wrench = by_hand(1, angle, rate, torque + (acceleration - bare) * inertia)
+        _, wrench = derived(1, angle, rate, torque + (acceleration - bare) * inertia)
         down = np.array([0.0, -math.sin(angle), -math.cos(angle)])
         normal = np.array([0.0, -math.cos(angle), math.sin(angle)])
         for s in distances:
