@@ -101,7 +101,7 @@ class SlcanAdapter:
                     self._on_frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode()))
 
 
-def wait_until(condition, timeout=2.0):
+def wait_until(condition, timeout=10.0):
     """Whether `condition()` came true within `timeout` s."""
     end = time.monotonic() + timeout
     while time.monotonic() < end:

@@ -3,9 +3,11 @@
 import math
 import os
 import pty
+import statistics
 import threading
 import time
 import tty
+from itertools import pairwise
 
 import pytest
 
@@ -73,17 +75,20 @@ def imu(tmp_path):
 def test_the_chip_is_set_up_and_read_at_100_hz(imu):
     _, thread = imu
     assert fault(thread) is SourceFault.NO_SAMPLE_YET
-    assert wait_until(lambda: thread.count > 5, 2.0)
+    assert wait_until(lambda: thread.count > 5)
     assert thread.newest[1].gyro == (0.0, 0.0, 0.5)
     assert fault(thread) is SourceFault.NONE
-    before, begin = thread.count, time.monotonic()
-    time.sleep(1.0)
-    assert (thread.count - before) / (time.monotonic() - begin) == pytest.approx(100.0, rel=0.05)
+    asked = [thread.newest[0]]
+    while len(asked) < 100:
+        assert wait_until(lambda: thread.newest[0] > asked[-1])
+        asked.append(thread.newest[0])
+    # The median: a busy computer makes some samples late.
+    assert statistics.median(after - before for before, after in pairwise(asked)) == pytest.approx(0.01, abs=5e-4)
 
 
 def test_samples_come_in_step_with_the_loop(imu):
     _, thread = imu
-    assert wait_until(lambda: thread.count > 5, 2.0)
+    assert wait_until(lambda: thread.count > 5)
     wanted = time.monotonic() + 0.5
     for _ in range(30):
         thread.align(wanted)
@@ -94,37 +99,37 @@ def test_samples_come_in_step_with_the_loop(imu):
 
 def test_a_silent_chip_is_told_and_its_return_too(imu):
     terminal, thread = imu
-    assert wait_until(lambda: thread.count > 5, 2.0)
+    assert wait_until(lambda: thread.count > 5)
     terminal.answer = lambda data: b""
-    assert wait_until(lambda: fault(thread) is SourceFault.SILENT, 0.5)
+    assert wait_until(lambda: fault(thread) is SourceFault.SILENT)
     terminal.answer = terminal.chip.feed
-    assert wait_until(lambda: fault(thread) is SourceFault.NONE, 3.0)
+    assert wait_until(lambda: fault(thread) is SourceFault.NONE)
 
 
 def test_a_system_error_of_the_chip_is_told(imu):
     terminal, thread = imu
-    assert wait_until(lambda: thread.count > 5, 2.0)
+    assert wait_until(lambda: thread.count > 5)
     terminal.chip.set_error(3)
-    assert wait_until(lambda: fault(thread) is SourceFault.REPORTED, 2.0)
+    assert wait_until(lambda: fault(thread) is SourceFault.REPORTED)
     assert "system error 3" in thread.fault(time.monotonic())[1]
 
 
 def test_a_plug_that_was_pulled_is_told_and_the_chip_is_set_up_again(imu):
     terminal, thread = imu
-    assert wait_until(lambda: thread.count > 5, 2.0)
+    assert wait_until(lambda: thread.count > 5)
     terminal.unplug()
-    assert wait_until(lambda: fault(thread) is SourceFault.LOST, 1.0)
+    assert wait_until(lambda: fault(thread) is SourceFault.LOST)
     count = thread.count
     terminal.chip.__init__()  # it lost its power
     terminal.chip.set_sample(LEVEL)
     terminal.plug()
-    assert wait_until(lambda: thread.count > count and fault(thread) is SourceFault.NONE, 3.0)
+    assert wait_until(lambda: thread.count > count and fault(thread) is SourceFault.NONE)
 
 
 def test_what_is_no_bno055_is_named(tmp_path):
     terminal = Terminal(tmp_path, lambda data: b"\xbb\x01\x55")
     thread = imu_thread(terminal.open, 0.1)
-    assert wait_until(lambda: "chip id 55" in thread.error, 2.0)
+    assert wait_until(lambda: "chip id 55" in thread.error)
     assert fault(thread) is not SourceFault.NONE
     thread.close()
 
@@ -134,7 +139,7 @@ def test_gps_samples_have_an_age(tmp_path):
     thread = gps_thread(terminal.open, 0.3)
     assert thread.age(time.monotonic()) == math.inf
     os.write(terminal.master, b"noise" + make_nav_pvt(GpsSample(3.2)))
-    assert wait_until(lambda: thread.count == 1, 2.0)
+    assert wait_until(lambda: thread.count == 1)
     assert thread.newest[1].speed == pytest.approx(3.2)
-    assert wait_until(lambda: fault(thread) is SourceFault.SILENT, 1.0)
+    assert wait_until(lambda: fault(thread) is SourceFault.SILENT)
     thread.close()

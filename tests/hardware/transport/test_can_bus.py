@@ -194,7 +194,7 @@ def test_driver_that_never_returns_does_not_hold_up_the_loop_and_is_noticed(bus,
         bus.send(COMMAND)
         bus.poll()
     assert time.monotonic() - start < 0.1
-    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.SEND_BLOCKED, 1.0)
+    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.SEND_BLOCKED)
     assert "holds a frame" in bus.fault_text
 
 
@@ -202,18 +202,18 @@ def test_driver_that_never_returns_does_not_hold_up_the_loop_and_is_noticed(bus,
 def test_lost_adapter_is_noticed_by_sending(bus, adapter, number):
     adapter.send_error = can.CanOperationError("Failed to transmit", number)
     bus.send(COMMAND)
-    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 0.5)
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
 
 
 @pytest.mark.parametrize("number", [errno.ENODEV, errno.ENETDOWN])
 def test_lost_adapter_is_noticed_by_receiving(bus, adapter, number):
     adapter.incoming.put(can.CanOperationError("Error receiving", number))
-    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 0.5)
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
 
 
 def test_receive_thread_that_dies_is_noticed(bus, adapter):
     adapter.incoming.put(RuntimeError("driver bug"))
-    assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD, 0.5)
+    assert wait_until(lambda: bus.fault is BusFault.RECEIVER_DEAD)
     assert "driver bug" in bus.fault_text
     assert bus.send(EXIT, urgent=True)  # exit frames go out although nothing comes in any more
     bus.flush()
@@ -223,12 +223,12 @@ def test_receive_thread_that_dies_is_noticed(bus, adapter):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_receive_thread_that_is_killed_outright_is_noticed(bus, adapter):
     adapter.incoming.put(SystemExit())
-    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD, 0.5)
+    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD)
 
 
 def test_receive_thread_that_hangs_is_noticed(bus, adapter):
     adapter._recv_internal = lambda timeout: (time.sleep(1.0), (None, False))[1]
-    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD, 1.5)
+    assert wait_until(lambda: bus.poll() is None or bus.fault is BusFault.RECEIVER_DEAD)
     assert "hangs" in bus.fault_text
 
 
@@ -236,12 +236,12 @@ def test_bus_off_is_reported_by_the_controller(bus, adapter):
     adapter.deliver(0x04, bytes(8), extended=True, is_error_frame=True)
     assert not wait_until(lambda: bus.fault is not BusFault.NONE, 0.05)  # error-passive warnings are no bus-off
     adapter.deliver(0x40, bytes(8), extended=True, is_error_frame=True)
-    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF, 0.5)
+    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF)
 
 
 def test_first_fault_stays(bus, adapter):
     adapter.deliver(0x40, bytes(8), extended=True, is_error_frame=True)
-    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF, 0.5)
+    assert wait_until(lambda: bus.fault is BusFault.BUS_OFF)
     adapter.incoming.put(RuntimeError("later"))
     time.sleep(0.05)
     assert bus.fault is BusFault.BUS_OFF
@@ -371,7 +371,7 @@ def test_slcan_adapter_unplugged(slcan):
     bus, adapter = slcan
     adapter.unplug()
     start = time.monotonic()
-    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 1.0)
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
     assert time.monotonic() - start < 0.3
 
 
@@ -402,6 +402,12 @@ class Socketcand:
                 if self.socket.fileno() < 0:
                     return
 
+    def close(self):
+        # A thread that waits in `accept` keeps a closed socket listening, and the client would get through once more.
+        self.socket.shutdown(socket.SHUT_RDWR)
+        self.socket.close()
+        self.client.shutdown(socket.SHUT_RDWR)
+
 
 def test_socketcand_end_to_end_and_its_server_gone():
     server = Socketcand()
@@ -411,10 +417,9 @@ def test_socketcand_end_to_end_and_its_server_gone():
     assert wait_until(lambda: "< send 001 8 80 0 80 0 0 0 8 0 >" in server.received)
     server.client.sendall(b"< frame 000 1.5 0180008008001900 >")
     assert received(bus) == [REPLY]
-    server.client.shutdown(socket.SHUT_RDWR)
-    server.socket.close()
+    server.close()
     start = time.monotonic()
-    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST, 2.0)
+    assert wait_until(lambda: bus.fault is BusFault.ADAPTER_LOST)
     assert time.monotonic() - start < 0.5
     bus.close()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -12,6 +14,7 @@ from optimisation.swing.full_car import drive, varied
 from optimisation.swing.profile import turn_profile
 from optimisation.swing.reduced_car import ReducedCar
 from tests.optimisation.swing.turn import car
+from workbench.car_air import sail_law
 from workbench.scenario import load_scenario
 
 STRAIGHT = np.array([0.0, 0.0, 4.5, 0.0, 0.0, 0.0])
@@ -151,3 +154,23 @@ def test_planar_model_explains_the_full_car_and_rolls_like_it() -> None:
     run = solve_ivp(slope, (0.0, time[-1]), profile.state_at(0.0), t_eval=time, method="LSODA", rtol=1e-4, atol=1e-5)
     measured = np.interp(time, profile.time, profile.roll)
     assert np.max(np.abs(run.y[0] - measured)) < 0.006
+
+
+@pytest.mark.parametrize("rate", [-6.0, 6.0])
+def test_hollow_and_round_side_of_the_sail_push_as_the_law_of_the_full_car_says(rate: float) -> None:
+    """What the motor must add when the air is there: an upright tail on a car too heavy to give way."""
+    scenario = load_scenario("turn_swing", ["tail.coefficients=half_cylinder"])
+    law, _ = sail_law(scenario.tail)
+    c = replace(ReducedCar.of(scenario), mass=1e9, inertia=1e9)
+    assert c.force_along != c.force_against
+    calm = replace(c, force_along=0.0, force_against=0.0)
+    normal, up = (0.0, c.normal_side, 0.0), (0.0, 0.0, 1.0)
+    sections = zip(c.section_distances, c.section_areas, strict=True)
+    expected = sum(
+        s * law.section_force((-STRAIGHT[2], s * rate, 0.0), up, normal, area, c.air_density)[1] for s, area in sections
+    )
+    for model, joints in ((planar, 1), (spatial, 2)):
+        tail = tuple(value * np.eye(joints)[0] for value in (0.0, rate, 0.0))
+        torque = [model.motion(UPRIGHT, UPRIGHT, tail, STRAIGHT, which)[1][0] for which in (c, calm)]
+        assert torque[0] - torque[1] == pytest.approx(expected, rel=1e-6)
+        assert np.sign(expected) == np.sign(rate)
