@@ -76,7 +76,8 @@ def _line(item: Any, model: type[BaseModel]) -> str:
     path = [str(part) for part in item["loc"]]
     key = ".".join(path)
     if item["type"] == "extra_forbidden":
-        return f"{key}: unknown key; {nearest(path[-1], list(_model_at(model, path[:-1]).model_fields))}"
+        known = [field.alias or name for name, field in _model_at(model, path[:-1]).model_fields.items()]
+        return f"{key}: unknown key; {nearest(path[-1], known)}"
     if item["type"] == "missing":
         return f"{key}: missing"
     if item["type"] == "value_error":

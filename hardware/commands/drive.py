@@ -77,10 +77,14 @@ def drive(
     if result.log is not None:
         typer.echo(f"log: {result.log}")
     typer.echo(f"ended: {result.reason}", err=not result.orderly)
+    if result.traffic_error:
+        typer.echo(f"error: {traffic}: {result.traffic_error}", err=True)
     if result.signal:
         raise typer.Exit(128 + result.signal)
     if not result.orderly:
         raise HardwareError(f"the car was stopped: {result.reason}")
+    if result.traffic_error:
+        raise typer.Exit(2)
 
 
 def _wiring_name(wiring: str) -> WiringName:
@@ -125,7 +129,8 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 
 def _confirm() -> bool:
-    return (
-        typer.prompt("keep clear of the tail; type arm to switch the motors on", default="", show_default=False)
-        == "arm"
-    )
+    question = "keep clear of the tail; type arm to switch the motors on"
+    try:
+        return bool(typer.prompt(question, default="", show_default=False) == "arm")
+    except typer.Abort:  # nobody is there to answer
+        return False

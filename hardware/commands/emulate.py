@@ -28,6 +28,9 @@ def emulate(
         bool, typer.Option("--console", help="A port for `aerodima console`; the script's operator is silent.")
     ] = False,
     view: Annotated[bool, typer.Option("--view", help="Show the car in Meshcat.")] = False,
+    parent: Annotated[
+        int | None, typer.Option(help="End with the process of this id, which has started this one.")
+    ] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
     ] = None,
@@ -64,7 +67,7 @@ def emulate(
         duration=duration,
         console=console,
         view=view,
+        parent=parent,
     )
-    typer.echo(f"ports: {out / PORTS_FILE}")
-    facts = run_emulator(emulated)
+    facts = run_emulator(emulated, lambda: typer.echo(f"ports: {out / PORTS_FILE}"))
     typer.echo(f"simulated {facts['simulated_s']:.1f} s, largest delay {1000 * facts['largest_delay_s']:.1f} ms")

@@ -54,6 +54,7 @@ class EmulatedCarProcess:
         """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with what they said."""
         say("starting the emulated car")
         command = ["emulate", *self._scenario, "--out", str(self._folder), "--wiring", self._wiring, "--console"]
+        command += ["--parent", str(os.getpid())]  # killed or not, it does not leave an emulator behind
         self._emulator = self._run([*command, *(["--view"] if self._show else [])])
         ready, end = self._folder / READY_FILE, time.monotonic() + _START_TIME
         while not ready.exists():

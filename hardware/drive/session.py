@@ -11,7 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,12 +53,14 @@ class DriveResult:
         orderly: the run came to its end, or the operator ended it without an emergency.
         log: the run log; None when none was written.
         signal: number of the signal that ended it; 0 for none.
+        traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is none.
     """
 
     reason: str
     orderly: bool
     log: Path | None
     signal: int = 0
+    traffic_error: str = ""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def run_drive(
     with stop_on_signals(stop) as came:
         try:
             car.start()
-            return _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say), came)
+            result = _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say), came)
         except HardwareError:
             if came:  # before the run began: what follows from the signal is no error of its own
                 return DriveResult(guard.reason, False, None, came[0])
@@ -110,6 +112,7 @@ def run_drive(
         finally:
             car.stop(guard.reason or "the drive is over")
             gc.unfreeze()
+    return replace(result, traffic_error=car.traffic_error)
 
 
 @dataclass

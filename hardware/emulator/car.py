@@ -30,6 +30,10 @@ _OUTPUTS = ("tail_state", "tail_torque", "imu", "speed", "status")
 class EmulatedCar:
     """The station of a scenario with constant inputs that are set from outside, advanced step by step.
 
+    The IMU of the car inside samples at every step: the chip of the emulated car, read at any time, then shows what was
+    `imu.delay` before, as the simulated station does at the ticks of its controller. A real chip renews its data at
+    `imu.rate` by its own clock, up to a period later.
+
     The columns of commands hold what reached the actuators: `planned_turn` and `controller_state` are known to the
     drive process only and stay 0.
 
@@ -47,7 +51,7 @@ class EmulatedCar:
         self, scenario: Scenario, log: Path, log_rate: float, facts: dict[str, Any], meshcat: Meshcat | None = None
     ) -> None:
         builder = DiagramBuilder()
-        station = make_car_station(scenario, meshcat=meshcat)
+        station = make_car_station(_with_eager_imu(scenario), meshcat=meshcat)
         builder.AddSystem(station)
         self._sources: dict[str, Any] = {}
         self._values: dict[str, tuple[float, ...]] = {}
@@ -136,3 +140,10 @@ class EmulatedCar:
         self._values[name] = values
         source = self._sources[name]
         source.get_mutable_source_value(source.GetMyMutableContextFromRoot(self._context)).SetFromVector(values)
+
+
+def _with_eager_imu(scenario: Scenario) -> Scenario:
+    """A sample is seen after the step that follows it, so a step of the delay is in the stepping."""
+    step = scenario.simulation.step
+    imu = scenario.imu.model_copy(update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)})
+    return scenario.model_copy(update={"imu": imu})

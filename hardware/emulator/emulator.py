@@ -12,6 +12,7 @@ import os
 import select
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,9 @@ from workbench.scenario import Scenario
 
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
+_SAMPLE_PERIOD = 0.01
+_LATE = 0.01
+"""A delay of the emulated car behind the clock that is noted among the events, s."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,7 @@ class EmulatorSettings:
         duration: s after which it ends by itself; None for ever.
         console: the operator's module has a port for `aerodima console`, and the script's operator is silent.
         view: show the car in Meshcat; the address is in ready.json.
+        parent: id of the process that started it, with which it ends; None: it ends alone.
     """
 
     scenario: Scenario
@@ -73,6 +78,7 @@ class EmulatorSettings:
     duration: float | None = None
     console: bool = False
     view: bool = False
+    parent: int | None = None
 
 
 class Emulator:
@@ -95,12 +101,12 @@ class Emulator:
         self._board = FaultBoard(settings.script, self._events)
         self._log = TrafficLog.create(self._folder / TRAFFIC_FILE)
         self._end = False
-        self.latest = 0.0
+        self.latest = self._lag = 0.0
         self._make_devices(firmware)
         truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
         self._view = _open_view() if settings.view else None
         self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts, self._view)
-        self._sample_due, self._imu_due = 0.0, settings.scenario.imu.delay
+        self._sample_due = 0.0
         self._begin = time.monotonic()
 
     def _make_devices(self, firmware: FirmwareSettings) -> None:
@@ -131,25 +137,35 @@ class Emulator:
         """Ends the loop; safe in a signal handler."""
         self._end = True
 
-    def run(self) -> dict[str, Any]:
-        """Serves until `stop` or the duration; what came out, also in the last event."""
+    def run(self, ready: Callable[[], None] | None = None) -> dict[str, Any]:
+        """Serves until `stop` or the duration; what came out, also in the last event. ready: called when it begins."""
         step = self._settings.scenario.simulation.step
-        self._begin = time.monotonic()
-        self._board.begin("start", self._begin)
         gc.collect()
         gc.freeze()  # a collection that looks through all of Drake's objects would stop the car for 30 ms
+        self._begin = time.monotonic()
+        self._board.begin("start", self._begin)
         self._write_ready()
+        if ready is not None:
+            ready()
         tick = 0
-        while not self._end:
+        while not self._end and self._settings.parent in (None, os.getppid()):
             due = self._begin + (tick + 1) * step
             self._serve(due)
-            now = time.monotonic()
-            self.latest = max(self.latest, now - due)
+            self._note_delay(time.monotonic() - due)
             tick += 1
             self._advance(tick * step)
             if self._settings.duration is not None and tick * step >= self._settings.duration:
                 break
         return self._close()
+
+    def _note_delay(self, delay: float) -> None:
+        """Every time that the car falls behind and catches up is an event `late`, with the largest delay."""
+        self.latest = max(self.latest, delay)
+        if delay > _LATE:
+            self._lag = max(self._lag, delay)
+        elif self._lag:
+            self._events.add("late", delay_s=round(self._lag, 6))
+            self._lag = 0.0
 
     def _serve(self, due: float) -> None:
         """Answers the ports until `due`, at least once."""
@@ -174,6 +190,7 @@ class Emulator:
         elif name == "can" and self._adapter is not None:
             self._write("can", self._adapter.feed(data))
         elif name == "imu":
+            self._imu.set_reading(self._car.output("imu"))
             self._write("imu", self._imu.feed(data))
         elif name == "console":
             self._write("radio", self._air.to_car(data))
@@ -209,16 +226,12 @@ class Emulator:
             joints, torques = car.joints(), car.output("tail_torque")
             for index, motor in enumerate(self._motors):
                 motor.set_joint(float(joints[index]), float(joints[2 + index]), float(torques[index]))
-        imu = self._settings.scenario.imu
-        if time_s >= self._imu_due:  # as soon as the station shows a sample, or its age would grow by most of a period
-            self._imu_due += 1.0 / imu.rate
-            self._imu.set_reading(car.output("imu"))
         if time_s >= self._sample_due:
-            self._sample_due += 1.0 / imu.rate
+            self._sample_due += _SAMPLE_PERIOD
             self._sample(time_s)
 
     def _sample(self, time_s: float) -> None:
-        """What GPS and sail measure anew, at the rate of the IMU; the slower GPS keeps its own pace."""
+        """What GPS and sail measure anew; the slower GPS keeps its own pace."""
         car = self._car
         self._write("gps", self._gps.turn(float(car.output("speed")[0]), time_s))
         if car.has_tail:
@@ -267,12 +280,12 @@ class Emulator:
         return facts
 
 
-def run_emulator(settings: EmulatorSettings) -> dict[str, Any]:
-    """Runs an emulator until SIGINT, SIGTERM or its duration; what came out. Errors as `Emulator`."""
+def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = None) -> dict[str, Any]:
+    """Runs an emulator until SIGINT, SIGTERM or its duration; what came out. Errors and `ready` as `Emulator`."""
     emulator = Emulator(settings)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: emulator.stop())
-    return emulator.run()
+    return emulator.run(ready)
 
 
 def _open_view() -> Any:

@@ -214,6 +214,8 @@ class SerialLink:
 
 def _reason(error: Exception) -> str:
     number = getattr(error, "errno", None)
+    if number == errno.EISDIR or _is_no_terminal(error):
+        return "is no serial device"
     if number in (errno.EACCES, errno.EPERM):
         return "permission denied; is the user in the group that owns the device (often dialout)?"
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
@@ -221,3 +223,9 @@ def _reason(error: Exception) -> str:
     if number in (errno.EBUSY, errno.EAGAIN):
         return "another program uses it"
     return " ".join(str(error).split())
+
+
+def _is_no_terminal(error: Exception) -> bool:
+    """pyserial raises without a number what `termios` says of a file that is no terminal."""
+    causes = (error.__cause__, error.__context__)
+    return any(cause is not None and cause.args[:1] == (errno.ENOTTY,) for cause in causes)

@@ -57,9 +57,11 @@ class TrafficLog:
         """Writes what is waiting, finishes the file and waits for it for at most a second."""
         try:
             self._waiting.put_nowait(None)
+            self._thread.join(1.0)
         except queue.Full:
-            return
-        self._thread.join(1.0)
+            self.lost += 1
+        if not self.error and (self.lost or self._thread.is_alive()):
+            self.error = f"CAN traffic log: the disk is too slow, {self.lost} frames are lost"
 
     def _write(self) -> None:
         try:

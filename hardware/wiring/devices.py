@@ -59,6 +59,7 @@ class Devices:
         closers: called at the end, in order.
         watchdog: None where the Teensy's firmware is the watchdog.
         radio_serial: under `radio`, to tell a lost port from a silent operator.
+        traffic_error: what stopped the log of the CAN traffic; empty while it works, or when there is none.
     """
 
     motor_port: FramePort
@@ -69,3 +70,4 @@ class Devices:
     radio_serial: SerialLink | None
     watchdog: Watchdog | None
     closers: list[Callable[[], None]]
+    traffic_error: Callable[[], str] = lambda: ""

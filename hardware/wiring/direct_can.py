@@ -51,6 +51,7 @@ def direct_can(
             bus = CanBus.open(can, traffic_log, listen={0, *ports.motor_ids})
             closers += [bus.close, lambda: _switch_off(bus, ports)]  # the other way round after a failed start
             devices = open_common(ports, limits, closers, lambda _: bus)
+            devices.traffic_error = lambda: bus.log_error
             devices.watchdog = start_watchdog(can)
             closers.append(devices.watchdog.close)
             return devices

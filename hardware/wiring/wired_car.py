@@ -58,6 +58,7 @@ class WiredCar:
         reading: of the last cycle.
         stop_reason: of the first `stop`, empty before.
         asks: what the operator is told to do; see `Wiring`.
+        traffic_error: what stopped the log of the CAN traffic, known after `stop`; empty if nothing did.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class WiredCar:
         self.reading = CarReading()
         self.stop_reason = ""
         self.asks = Asks.NOTHING
+        self.traffic_error = ""
         self._sail = SailRate()
         self._reporter = CarReporter()
         self._tail_seen = np.zeros((2, 3))
@@ -316,3 +318,4 @@ class WiredCar:
         for close in devices.closers:
             with contextlib.suppress(Exception):
                 close()
+        self.traffic_error = devices.traffic_error()

@@ -54,6 +54,8 @@ def test_wrong_words():
     assert "no such ports file" in refused("auto_turn", "--ports", "none.json")
     assert "allowed: ak70" not in refused("nothing", "--ports", ports())
     assert "V3 firmware" in refused("auto_turn", "--ports", ports(firmware_profile="v3"))
+    assert "allowed: can, console, firmware_profile" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
+    assert "schema, string_form" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
     assert "allowed with direct_can" in refused("auto_turn", "--ports", ports(), "--traffic", "a.blf")
 
 
@@ -84,6 +86,16 @@ def test_a_missing_port_is_named_with_its_device():
     assert "CAN slcan:/dev/no-can" in line
     unknown = ports(can={"interface": "canbus9000", "channel": "x"})
     assert "canbus9000" in refused("auto_turn", "--ports", unknown, "--dry-run", "--wiring", "direct_can")
+
+
+def test_a_path_that_is_no_serial_device_says_so():
+    for path in ("/dev/null", "/dev"):
+        line = refused("auto_turn", "--ports", ports(teensy={"path": path}), "--dry-run")
+        assert line == f"error: teensy: {path}: cannot be opened: is no serial device"
+
+
+def test_without_a_terminal_nothing_is_armed():
+    assert refused("auto_turn", "--ports", ports(), "--watchdog-test").startswith("error: not armed: nobody said")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")

@@ -80,6 +80,13 @@ def test_the_sequence_runs_and_ends_in_order(drive):
     assert "driving: AUTO" in drive.said
 
 
+def test_a_traffic_log_that_stopped_is_told_in_the_outcome(drive):
+    drive.bench.devices.traffic_error = lambda: "CAN traffic log stopped: No space left on device"
+    result = drive.run()
+    assert (result.reason, result.orderly) == (RUN_OVER, True)
+    assert result.traffic_error == "CAN traffic log stopped: No space left on device"
+
+
 def test_an_exception_in_the_controller(drive):
     def fail(result):
         raise ZeroDivisionError("in the law")

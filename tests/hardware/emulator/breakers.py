@@ -86,7 +86,7 @@ class DiskFull(Breaker):
         with contextlib.suppress(LogError):
             self.journal.close()
         table, _ = read_journal(self.journal.journal)
-        assert table.num_rows >= 100, "the log can be read up to the fault"
+        assert table.num_rows > 0, "the log can be read up to the last time that it was written, once a second"
 
 
 class _DeadEnd(deque):

@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import math
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,31 +16,36 @@ from pathlib import Path
 
 import can
 import numpy as np
-import yaml
 
 from hardware.drive.guard import CarGuard, Stage
 from hardware.drive.loop import PERIOD, wait_until
-from hardware.emulator.events import read_events
-from hardware.emulator.folder import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
-from hardware.protocol.ak70 import make_exit
+from hardware.emulator.script import JOINTS
+from hardware.protocol.ak70 import make_enter, make_exit
+from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import RadioMode
 from hardware.watchdog.process import WatchdogProcess
-from hardware.wiring.base import CarCommand
-from hardware.wiring.car_ports import CarPorts, read_ports
+from hardware.wiring.base import WIRINGS, CarCommand
+from hardware.wiring.car_ports import CarPorts
 from hardware.wiring.direct_can import direct_can
 from hardware.wiring.drive_safety import load_drive_safety
 from hardware.wiring.teensy_bridge import teensy_bridge
 from tests.hardware.emulator.breakers import Breaker, ClockJumps, ControllerRaises, DiskFull, ReceiverDies
-from workbench.errors import HardwareError
+from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
+from workbench.ports import STATUS
 from workbench.scenario import Scenario, load_scenario
 
 SCENARIO = "turn_swing"
-_READY_TIME = 60.0
 _PITCH = np.array([0.0, 0.0, 17.0, 5.0, 0.0])
 _ROLL = np.array([-math.pi / 2, 0.0, 17.0, 5.0, 0.0])
 RUN_OVER = "the run is over"
-AT = 1.5
-"""When the fault comes: s after the motors were entered. The car drives by then."""
+AT = 1.0
+"""When the fault comes: s after the throttle was first opened, which is when the car drives."""
+_AFTER = 0.2
+"""s after the second motor was off in which exit frames are counted: those of ten cycles, or of the watchdog."""
+_LAST_WAIT = 2.0
+
+
+ASKED = {"time": 0.0, "mode": "auto_when_asked"}
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Case:
     stops: bool = True
     within: float = 0.3
     reason: str = ""
-    operator: tuple[dict, ...] = ({"time": 0.0},)
+    operator: tuple[dict, ...] = (ASKED,)
     breaker: Callable[[], Breaker] = Breaker
     broken_command: CarCommand | None = None
 
@@ -73,7 +76,7 @@ class Case:
 
 
 class EndedEarlyError(AssertionError):
-    """The drive had ended before the fault came, as it must on a computer that is too busy; it showed nothing."""
+    """The drive had ended before the fault came, as it must on a computer that stands still; it showed nothing."""
 
 
 @dataclass
@@ -93,44 +96,6 @@ class Outcome:
     events: list[dict] = field(repr=False)
 
 
-class EmulatorProcess:
-    """`aerodima emulate` as a context manager."""
-
-    def __init__(self, folder: Path, wiring: str, script: dict | None = None) -> None:
-        self.folder = folder / "emulated"
-        path = folder / "script.yaml"
-        path.write_text(yaml.safe_dump({"schema": "aerodima/emulation/1", **(script or {})}))
-        command = ["emulate", SCENARIO, "--out", str(self.folder), "--wiring", wiring, "--faults", str(path)]
-        self.process = subprocess.Popen([sys.executable, "-m", "workbench.cli", *command], stdout=subprocess.DEVNULL)
-
-    def __enter__(self) -> EmulatorProcess:
-        end = time.monotonic() + _READY_TIME
-        while not (self.folder / READY_FILE).exists():
-            assert self.process.poll() is None, "the emulator ended"
-            assert time.monotonic() < end, "the emulator is not ready"
-            time.sleep(0.05)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.process.terminate()
-        try:
-            self.process.wait(30.0)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-
-    @property
-    def ports(self) -> CarPorts:
-        return read_ports(self.folder / PORTS_FILE)
-
-    @property
-    def events(self) -> list[dict]:
-        return read_events(self.folder / EVENTS_FILE)
-
-    def traffic(self) -> list[can.Message]:
-        """Frames of the finished log, those of the motors too."""
-        return list(can.BLFReader(self.folder / TRAFFIC_FILE))
-
-
 def open_car(scenario: Scenario, ports: CarPorts, wiring: str):
     """The wiring of a scenario, allowed to arm."""
     if wiring == "teensy_bridge":
@@ -141,7 +106,7 @@ def open_car(scenario: Scenario, ports: CarPorts, wiring: str):
 def drive_until_stopped(
     guard: CarGuard, run_time: float, command_at: Callable[[float], CarCommand], breaker: Breaker
 ) -> None:
-    """Arms, drives with the commands for `run_time` s after entering, and lets the car stop."""
+    """Arms, drives with the commands for `run_time` s, and lets the car stop."""
 
     def turn(condition: Callable[[], bool], limit: float, command: Callable[[float], CarCommand]) -> bool:
         begin = due = time.monotonic()
@@ -158,27 +123,34 @@ def drive_until_stopped(
     def idle(_: float) -> CarCommand:
         return CarCommand()
 
-    assert turn(lambda: _heard(guard), 10.0, idle), guard.reading.fault_text
-    entered = time.monotonic()
-    guard.arm(entered)
-    assert turn(lambda: guard.ready or guard.finished, 5.0, idle), guard.reading.fault_text
-    guard.drive(RadioMode.AUTO, time.monotonic())
-    turn(lambda: guard.finished, run_time, lambda now: command_at(now - entered))
+    def chosen() -> bool:
+        return guard.asks is Asks.CHOICE and guard.reading.operator.mode is RadioMode.AUTO
+
+    if not turn(lambda: _heard(guard), 10.0, idle):
+        raise EndedEarlyError(guard.reading.fault_text)
+    guard.arm(time.monotonic())
+    if not turn(lambda: chosen() or guard.finished, 5.0, idle) or guard.finished:
+        raise EndedEarlyError(guard.reason or guard.reading.fault_text)
+    began = time.monotonic()
+    guard.drive(RadioMode.AUTO, began)
+    turn(lambda: guard.finished, run_time, lambda now: command_at(now - began))
     guard.stop(RUN_OVER, breaker.clock())
     turn(lambda: guard.finished, 3.0, idle)
 
 
 def _heard(guard: CarGuard) -> bool:
-    """Every source but the motors has been heard, and none has a fault."""
-    status = guard.reading.status
-    return bool(np.all(status[5:12:2] == 0.0)) and guard.reading.operator.mode is RadioMode.AUTO
+    """Something has been read, every source but the motors has been heard, and none has a fault."""
+    status = STATUS.read(guard.reading.status)
+    faults = (status.sail_fault, status.imu_fault, status.speed_fault, status.operator_fault)
+    return status.operator_age > 0.0 and not any(faults)
 
 
-def run_case(case: Case, folder: Path, run_time: float = 4.0) -> Outcome:
+def run_case(case: Case, folder: Path, run_time: float = AT + 2.5) -> Outcome:
     """Drives on the emulator with the fault of a case."""
     faults = [] if case.fault is None else [{"time": AT, **case.fault}]
     scenario = load_scenario(SCENARIO)
-    with EmulatorProcess(folder, case.wiring, {"faults": faults, "operator": list(case.operator)}) as emulator:
+    script = {"clock": "driving", "faults": faults, "operator": list(case.operator)}
+    with EmulatorProcess(folder, scenario, case.wiring, script) as emulator:
         car = open_car(scenario, emulator.ports, case.wiring)
         guard = CarGuard(car, load_drive_safety())
         good = CarCommand(0.1, 0.3, _PITCH, _ROLL)
@@ -203,7 +175,7 @@ def run_case(case: Case, folder: Path, run_time: float = 4.0) -> Outcome:
         if case.of_the_computer and breaker.struck is None:
             raise EndedEarlyError(guard.reason)
         breaker.end()
-        time.sleep(1.3)  # the watchdog process goes on after the end
+        _wait_for_end(emulator)
         reason = guard.reason
     events = emulator.events
     began = breaker.struck if case.of_the_computer else _fault_time(events, case)
@@ -212,11 +184,24 @@ def run_case(case: Case, folder: Path, run_time: float = 4.0) -> Outcome:
     return _outcome(reason, began, events, emulator.traffic())
 
 
+def _wait_for_end(emulator: EmulatorProcess) -> None:
+    """Until both motors are off and the throttle is neutral, whoever does it, and for what may come after that."""
+    end = time.monotonic() + _LAST_WAIT
+    while time.monotonic() < end:
+        last = {event["event"] + event.get("joint", ""): event["time_s"] for event in emulator.events}
+        off = all(last.get(f"off{joint}", 0.0) > last.get(f"entered{joint}", 0.0) for joint in JOINTS)
+        if off and last.get("throttle_neutral", 0.0) > last.get("throttle_on", 0.0):
+            break
+        time.sleep(0.02)
+    time.sleep(_AFTER)
+
+
 def _fault_time(events: list[dict], case: Case) -> float | None:
-    if case.fault is None:
-        entered = next(event["time_s"] for event in events if event["event"] == "entered")
-        return entered + next(entry["time"] for entry in case.operator if entry.get("stop"))
-    return next((event["time_s"] for event in events if event["event"] == "fault_on"), None)
+    name = "fault_on" if case.fault is not None else "script_begins"
+    came = next((event["time_s"] for event in events if event["event"] == name), None)
+    if came is None or case.fault is not None:
+        return came
+    return came + next(entry["time"] for entry in case.operator if entry.get("stop"))
 
 
 def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Message]) -> Outcome:
@@ -225,11 +210,11 @@ def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Me
         return found[0] - began if found else math.nan
 
     clock = time.time() - time.monotonic()
-    after = [message for message in traffic if not message.is_rx and message.timestamp - clock >= began]
-    exits = sum(bytes(message.data) == make_exit(1).data for message in after)
-    enters = sum(bytes(message.data) == b"\xff" * 7 + b"\xfc" for message in after)
-    off = [when("off", joint) for joint in ("tail_pitch", "tail_roll")]
-    return Outcome(reason, float(np.max(off)), when("throttle_neutral"), exits, enters, events)
+    off = float(np.max([when("off", joint) for joint in JOINTS]))
+    sent = [(message.timestamp - clock - began, bytes(message.data)) for message in traffic if not message.is_rx]
+    exits = sum(0.0 <= at <= off + _AFTER and data == make_exit(1).data for at, data in sent)
+    enters = sum(at >= 0.0 and data == make_enter(1).data for at, data in sent)
+    return Outcome(reason, off, when("throttle_neutral"), exits, enters, events)
 
 
 def _motor(name: str, wiring: str = "direct_can", **keys) -> Case:
@@ -286,9 +271,9 @@ CASES = (
     _device("gps", "silent", "direct_can", reason="GPS", within=1.3 + _SOFT),
     _device("radio", "silent", "direct_can", reason="radio", within=0.5 + _SOFT),
     _device("radio", "silent", "teensy_bridge", reason="radio", within=0.5 + _SOFT),
-    Case("operator stop", "direct_can", None, operator=({"time": 0.0}, {"time": AT, "stop": True}), reason="emergency"),
-    Case(
-        "operator stop", "teensy_bridge", None, operator=({"time": 0.0}, {"time": AT, "stop": True}), reason="emergency"
+    *(
+        Case("operator stop", wiring, None, operator=(ASKED, {"time": AT, "stop": True}), reason="emergency")
+        for wiring in WIRINGS
     ),
     Case("commanded NaN", "direct_can", None, broken_command=CarCommand(math.nan, 0.3, _PITCH, _ROLL), reason="NaN"),
     Case(
@@ -303,7 +288,7 @@ CASES = (
 
 CASES += tuple(
     Case(name, wiring, None, breaker=breaker, reason=reason, within=within)
-    for wiring in ("direct_can", "teensy_bridge")
+    for wiring in WIRINGS
     for name, breaker, reason, within in (
         ("exception in the controller", ControllerRaises, "ZeroDivisionError", 0.3),
         ("clock jumps ahead", lambda: ClockJumps(3600.0), "between two cycles", 0.3),
@@ -314,32 +299,9 @@ CASES += tuple(
 )
 
 
-def run_case_undisturbed(case: Case, folder: Path, run_time: float) -> Outcome:
-    """A run in which the fault came; of three attempts, the last one raises `EndedEarlyError`."""
-    for attempt in range(2):
-        with contextlib.suppress(EndedEarlyError):
-            return run_case(case, _new_folder(folder, attempt), run_time)
-    return run_case(case, _new_folder(folder, 2), run_time)
-
-
-def _new_folder(folder: Path, attempt: int) -> Path:
-    made = folder / str(attempt)
-    made.mkdir()
-    return made
-
-
 def _measured(case: Case) -> Outcome:
-    """An outcome; a run that a busy computer has spoilt is made again."""
-    for _ in range(3):
-        with tempfile.TemporaryDirectory() as folder:
-            try:
-                found = run_case_undisturbed(case, Path(folder), run_time=AT + 2.5)
-            except (HardwareError, AssertionError) as error:
-                print(f"again: {error}", file=sys.stderr)
-                continue
-        if (not case.stops and found.reason == RUN_OVER) or (case.stops and math.isfinite(found.motors_off)):
-            return found
-    return Outcome("not measured: the computer is too busy", math.nan, math.nan, 0, 0, [])
+    with tempfile.TemporaryDirectory() as folder:
+        return undisturbed(lambda place: run_case(case, place), Path(folder))
 
 
 def main() -> None:

@@ -11,6 +11,7 @@ import pytest
 from hardware.commands.emulate import emulate
 from hardware.emulator.events import read_events
 from hardware.wiring.car_ports import read_ports
+from tests.hardware.fake_can import wait_until
 from workbench.errors import UserError
 from workbench.logs.schema import read_run_log
 from workbench.resources import model_path
@@ -58,19 +59,35 @@ def test_a_missing_compiler_is_one_line(tmp_path):
 @pytest.mark.emulated
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
-    from tests.hardware.emulator.fault_runs import EmulatorProcess
-
-    with EmulatorProcess(tmp_path, "direct_can") as emulator:
-        ports = read_ports(emulator.folder / "ports.json")
-        assert Path(ports.can.channel).is_char_device()
-        emulator.process.send_signal(number)
-        assert emulator.process.wait(30.0) == 0
-    assert read_events(emulator.folder / "events.jsonl")[-1]["event"] == "ended"
-    log = read_run_log(emulator.folder / "truth.parquet")
+    out = tmp_path / "emulated"
+    command = [sys.executable, "-m", "workbench.cli", "emulate", "turn_swing", "--out", str(out)]
+    process = subprocess.Popen([*command, "--wiring", "direct_can"], stdout=subprocess.DEVNULL)
+    assert wait_until((out / "ready.json").exists, 60.0)
+    ports = read_ports(out / "ports.json")
+    assert Path(ports.can.channel).is_char_device()
+    process.send_signal(number)
+    assert process.wait(30.0) == 0
+    assert read_events(out / "events.jsonl")[-1]["event"] == "ended"
+    log = read_run_log(out / "truth.parquet")
     assert log.has_truth
     assert log.extra["emulated"] == "direct_can"
-    assert list(can.BLFReader(emulator.folder / "traffic.blf")) == []
-    assert list((emulator.folder / "ports").iterdir()) == []
+    assert list(can.BLFReader(out / "traffic.blf")) == []
+    assert list((out / "ports").iterdir()) == []
+
+
+@pytest.mark.emulated
+def test_it_ends_with_the_process_that_started_it(tmp_path):
+    out = tmp_path / "emulated"
+    start = (
+        "import os, subprocess, sys, time; "
+        "subprocess.Popen([sys.executable, '-m', 'workbench.cli', 'emulate', 'turn_swing', '--out', sys.argv[1], "
+        "'--parent', str(os.getpid())]); time.sleep(60)"
+    )
+    starter = subprocess.Popen([sys.executable, "-c", start, str(out)], stdout=subprocess.DEVNULL)
+    assert wait_until((out / "ready.json").exists, 60.0)
+    starter.kill()
+    starter.wait()
+    assert wait_until(lambda: read_events(out / "events.jsonl")[-1]["event"] == "ended", 20.0)
 
 
 def _run(out, *arguments, environment=None):

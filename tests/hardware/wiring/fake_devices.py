@@ -123,6 +123,7 @@ class CarOnTheBench:
             if not authorised:
                 raise HardwareError("no watchdog test of direct_can is recorded")
 
+        self.devices = devices
         mounting = load_mounting()
         motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
         self.car = WiredCar("direct_can", motors, mounting, load_drive_safety(), lambda: devices, authorise)

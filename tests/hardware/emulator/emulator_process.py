@@ -1,0 +1,141 @@
+"""Emulators of the tests: processes of their own, forked from one that has loaded Drake once for all of them.
+
+A start of `aerodima emulate` costs three seconds of processor time, nearly all of it for imports.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import can
+
+from hardware.emulator.emulator import EmulatorSettings, run_emulator
+from hardware.emulator.events import read_events
+from hardware.emulator.folder import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
+from hardware.emulator.script import Script
+from hardware.wiring.car_ports import CarPorts, read_ports
+from workbench.errors import HardwareError
+from workbench.scenario import Scenario
+
+DISTURBED = 0.02
+"""A pause of that length, s, is not of our making: the loops of drive and emulator take 2 ms of their 10."""
+_READY_TIME = 60.0
+_ATTEMPTS = 3
+_CONTEXT = multiprocessing.get_context("forkserver")
+_CONTEXT.set_forkserver_preload(["hardware.emulator.emulator", "workbench.run", "workbench.scenario"])
+
+T = TypeVar("T")
+
+
+class EmulatorProcess:
+    """A running emulator as a context manager: ready at the beginning, ended in order at the end.
+
+    Args:
+        folder: gets the folder `emulated` with the emulator's files.
+        script: content of a script of faults, without its schema.
+    """
+
+    def __init__(self, folder: Path, scenario: Scenario, wiring: Any, script: dict | None = None) -> None:
+        self.folder, self.wiring = folder / "emulated", wiring
+        arguments = (scenario, wiring, self.folder, Script.model_validate(script or {}))
+        self.process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
+
+    def __enter__(self) -> EmulatorProcess:
+        self.process.start()
+        end = time.monotonic() + _READY_TIME
+        while not (self.folder / READY_FILE).exists():
+            assert self.process.is_alive(), "the emulator ended"
+            assert time.monotonic() < end, "the emulator is not ready"
+            time.sleep(0.01)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """Its logs are whole after that."""
+        if self.process.is_alive():
+            self.process.terminate()
+            self.process.join(30.0)
+        if self.process.is_alive():
+            self.process.kill()
+
+    @property
+    def ports(self) -> CarPorts:
+        return read_ports(self.folder / PORTS_FILE)
+
+    @property
+    def events(self) -> list[dict]:
+        return read_events(self.folder / EVENTS_FILE)
+
+    def named(self, name: str) -> list[dict]:
+        """Events of that name."""
+        return [event for event in self.events if event["event"] == name]
+
+    def traffic(self) -> list[can.Message]:
+        """Frames of the finished log, those of the motors too."""
+        return list(can.BLFReader(self.folder / TRAFFIC_FILE))
+
+
+def _run(*settings: Any) -> None:
+    run_emulator(EmulatorSettings(*settings))
+
+
+class PauseWitness:
+    """Watches how late a thread that sleeps wakes up: what the computer does to all real-time loops.
+
+    Attributes: longest: s.
+    """
+
+    def __init__(self) -> None:
+        self.longest = 0.0
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="pause-witness", daemon=True)
+
+    def __enter__(self) -> PauseWitness:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        before = time.monotonic()
+        while not self._end.wait(0.005):
+            now = time.monotonic()
+            self.longest = max(self.longest, now - before - 0.005)
+            before = now
+
+
+def undisturbed(run: Callable[[Path], T], folder: Path) -> T:
+    """What `run` returns for a new folder; again, at most twice, when it failed while the computer stood still.
+
+    That it stood still is witnessed by the emulator, which notes its delays, and by a thread of this process. A failure
+    without such a witness stands.
+    """
+    for attempt in range(_ATTEMPTS):
+        made = folder / f"attempt_{attempt}"
+        made.mkdir()
+        with PauseWitness() as witness:
+            try:
+                return run(made)
+            except (AssertionError, HardwareError) as error:
+                pause = max(witness.longest, _longest_delay(made))
+                print(f"attempt {attempt}: longest pause {pause * 1000:.0f} ms: {error}")
+                if pause < DISTURBED or attempt == _ATTEMPTS - 1:
+                    raise
+    raise AssertionError("unreachable")
+
+
+def _longest_delay(folder: Path) -> float:
+    """Of the emulators that ran in a folder, s."""
+    files = [Path(place) / EVENTS_FILE for place, _, names in os.walk(folder) if EVENTS_FILE in names]
+    events = [event for file in files for event in read_events(file)]
+    return max((event["delay_s"] for event in events if event["event"] == "late"), default=0.0)
