@@ -7,15 +7,13 @@ import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import pandas as pd
 import yaml
-
-matplotlib.use("Agg")
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -23,6 +21,7 @@ from optimisation.errors import FitError
 from optimisation.pipeline import Estimate, FitResult
 from workbench.atomic_write import make_folder
 from workbench.logs.schema import software_versions
+from workbench.plots.overlay import RUN_STYLES
 
 SCHEMA = "aerodima/fit-report/1"
 _MOST_CURVES = 12
@@ -32,6 +31,8 @@ _MOST_FIGURES = 8
 _MOST_NAMED = 16
 _EXACT = 1e-9
 """Residuals below this are rounding."""
+_MODEL_STYLES = (RUN_STYLES[2], *RUN_STYLES[1:2], RUN_STYLES[0], *RUN_STYLES[3:])
+"""Blue dots first, vermilion dashes over them: told apart without colour."""
 _LONG = 40
 """Cells of more characters than this may wrap."""
 _STYLE = (
@@ -124,19 +125,23 @@ def _numbers(value: Any) -> Any:
 def _figures(results: Sequence[FitResult]) -> dict[str, Figure]:
     figures = {}
     if results:
-        figures["estimates"] = _estimates_figure(results)
+        figures["estimates"] = plot_estimates(results)
         figures["residuals"] = _residuals_figure(results)
     single = [result for result in results if len(result.curves) == 1]
     if single:
         figures["curves"] = _curves_figure([(r, name, curve) for r in single for name, curve in r.curves.items()])
     several = [result for result in results if len(result.curves) > 1]
     for number, result in enumerate(several[:_MOST_FIGURES], start=1):
-        curves = [(None, name, curve) for name, curve in result.curves.items()]
-        figures[f"curves_{number}_{Path(result.name).stem}"] = _curves_figure(curves, Path(result.name).name)
+        figures[f"curves_{number}_{Path(result.name).stem}"] = plot_curves(result)
     return figures
 
 
-def _estimates_figure(results: Sequence[FitResult]) -> Figure:
+def plot_curves(result: FitResult) -> Figure:
+    """Measured and model of one fit: a panel per curve that the fit kept, such as the angle and each reaction."""
+    return _curves_figure([(None, name, curve) for name, curve in result.curves.items()], Path(result.name).name)
+
+
+def plot_estimates(results: Sequence[FitResult]) -> Figure:
     """Every free parameter over the fits, with its interval; what is not determined is left out."""
     names = list(dict.fromkeys(e.name for result in results for e in result.free if not e.name.startswith("start_")))
     units = {e.name: e.unit for result in results for e in result.free}
@@ -202,9 +207,9 @@ def _curves_figure(curves: Sequence[tuple[FitResult | None, str, Mapping[str, An
         x = np.asarray(curve["x"])
         if "measured" in curve:
             ax.plot(x, curve["measured"], "." if len(x) <= 200 else "-", color="#9a9a9a", lw=2.4, label="measured")
-        for label, values in curve.items():
-            if label not in ("x", "measured", "labels"):
-                ax.plot(x, values, lw=1.2, label=label)
+        models = [label for label in curve if label not in ("x", "measured", "labels")]
+        for label, (colour, line) in zip(models, cycle(_MODEL_STYLES)):
+            ax.plot(x, curve[label], lw=1.3, color=colour, linestyle=line, label=label)
         ax.set_title(name if result is None else f"{Path(result.name).name}: {name}", fontsize=9)
         labels = curve.get("labels", ("x", name))
         ax.set_xlabel(labels[0])
@@ -280,11 +285,12 @@ def _short(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def in_words(estimate: Estimate) -> str:
-    """Value and interval in one cell."""
-    if estimate.frozen:
-        return f"{estimate.value:.5g} (frozen)"
+def in_words(estimate: Estimate, unit: bool = False) -> str:
+    """Value and interval in one cell; with the unit on request."""
     if not estimate.identifiable:
         return "not determined"
-    text = f"{estimate.value:.5g} ({estimate.lower:.4g} .. {estimate.upper:.4g})"
-    return f"{text}, at its {estimate.bound} bound" if estimate.bound else text
+    behind = f" {estimate.unit}" if unit and estimate.unit != "1" else ""
+    if estimate.frozen:
+        return f"{estimate.value:.5g}{behind} (frozen)"
+    text = f"{estimate.value:.5g} ({estimate.lower:.4g} .. {estimate.upper:.4g}){behind}"
+    return f"{text}, one-sided: at its {estimate.bound} bound" if estimate.bound else text

@@ -246,6 +246,8 @@ def _remote(address: str) -> Iterator[Client]:
 @contextmanager
 def _quiet_logs() -> Iterator[None]:
     """Dask tells of every lost worker and closed stream; what matters of it is in the rows and in our errors."""
+    import distributed  # noqa: F401 - sets its logger up when it is imported, so before the level below
+
     logger = logging.getLogger("distributed")
     before = logger.level
     logger.setLevel(logging.CRITICAL)

@@ -139,8 +139,8 @@ def plot_verification(swing: SwingFile, found: Verification) -> Figure:
         time = np.linspace(release, release + swing.knots.time_s[-1], 200)
         tail.plot(time, np.degrees(swing_at(swing, time - release, side).roll_position), color=BLACK, linestyle=":")
         car.axhline(0.0, color=GREY, linewidth=0.6)
-        for run, colour, name in ((other, BLUE, "8 rad/s"), (log, VERMILION, swing.name)):
-            _curves(run, (tail, car, torque), colour, name)
+        for run, look, name in ((other, (BLUE, (0, (5, 2))), "8 rad/s"), (log, (VERMILION, "-"), swing.name)):
+            _curves(run, (tail, car, torque), look, name)
         limit = swing.limits.torque_n_m
         for level in (-limit, limit):
             torque.axhline(level, color=BLACK, linestyle=":")
@@ -152,8 +152,9 @@ def plot_verification(swing: SwingFile, found: Verification) -> Figure:
     return image
 
 
-def _curves(run: RunLog, axes: tuple[Any, ...], colour: str, name: str) -> None:
+def _curves(run: RunLog, axes: tuple[Any, ...], look: tuple[str, Any], name: str) -> None:
     tail, car, torque = axes
-    tail.plot(run.time, np.degrees(run.signal("tail_roll_angle_rad")), color=colour, label=name)
-    car.plot(run.time, np.degrees(run.signal("roll_truth_rad")), color=colour)
-    torque.plot(run.time, run.signal("tail_roll_torque_n_m"), color=colour)
+    colour, line = look
+    tail.plot(run.time, np.degrees(run.signal("tail_roll_angle_rad")), color=colour, linestyle=line, label=name)
+    car.plot(run.time, np.degrees(run.signal("roll_truth_rad")), color=colour, linestyle=line)
+    torque.plot(run.time, run.signal("tail_roll_torque_n_m"), color=colour, linestyle=line)
