@@ -7,17 +7,23 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from optimisation.calibration.edge import Edge, closeness
 from optimisation.calibration.plan import Discrepancy
 from optimisation.calibration.prior import Prior
 from optimisation.calibration.runs import RunStore, Wanted, car_values, flips_in_the_turn, survives
 from optimisation.sweep.engine import Engine
 from workbench.published import FlipBracket, PublishedFigures
+from workbench.scenario import Scenario
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]
 
-REACH_BELOW = 0.12
-"""How far below the critical coordinate of the slow speed that of the fast one is searched; four times its median."""
+SHARP = 0.003
+"""Standard deviation of a critical group that is known well enough."""
+BELOW, BELOW_DEVIATION = 0.012, 0.006
+"""Critical group of the fast speed below that of the slow one, where no surrogate knows better."""
+ENDS = (0.01, 0.99)
+"""Quantiles of the critical coordinates at which a window ends."""
 
 
 @dataclass(frozen=True)
@@ -61,57 +67,49 @@ class Design:
 
     Attributes:
         coordinates: of the cars (m, n); the one of the group says nothing.
-        slow, fast: last trial below and above the critical coordinate of the group at the two speeds (m, 2).
-        searched: coordinates of the group that the search began with (m, 2).
+        edges: critical coordinate of the group at the two speeds (m, 2).
+        deviations: of these (m, 2).
+        windows: ends of the group's coordinate outside which the bracket is missed (m, 2); they lie a little outside
+            of the edges, so that the bracket may be missed within as well.
         upright: coordinates of the runs that survived the slow speed (k, n).
         rows: of these runs.
         cars: number of the car of each of these runs (k).
     """
 
     coordinates: FloatArray
-    slow: FloatArray
-    fast: FloatArray
-    searched: FloatArray
+    edges: FloatArray
+    deviations: FloatArray
+    windows: FloatArray
     upright: FloatArray
     rows: pd.DataFrame
     cars: NDArray[np.int64]
 
-    @property
-    def resolution(self) -> float:
-        """Of the searches."""
-        return float(np.median(self.slow[:, 1] - self.slow[:, 0]))
-
-    @property
-    def windows(self) -> FloatArray:
-        """Coordinates of the group (m, 2) outside which the bracket is missed; NaN where no trial flipped fast.
-
-        From the last trial that survived the fast speed to the first that flipped at the slow one.
-        """
-        empty = self.fast[:, 1] >= self.slow[:, 1]
-        return np.where(empty[:, None], np.nan, np.column_stack([self.fast[:, 0], self.slow[:, 1]]))
-
-    @property
-    def found(self) -> NDArray[np.bool_]:
-        """Cars whose slow search saw a survival and a flip (m): the others flip outside of what was searched."""
-        return (self.slow[:, 0] > self.searched[:, 0]) & (self.slow[:, 1] < self.searched[:, 1])
-
     def merged(self, other: "Design") -> "Design":
         """Both."""
         pairs = zip(self._arrays, other._arrays, strict=True)
-        coordinates, slow, fast, searched, upright = (np.vstack(pair) for pair in pairs)
+        coordinates, edges, deviations, windows, upright = (np.vstack(pair) for pair in pairs)
         return Design(
             coordinates,
-            slow,
-            fast,
-            searched,
+            edges,
+            deviations,
+            windows,
             upright,
             pd.concat([self.rows, other.rows], ignore_index=True),
             np.concatenate([self.cars, other.cars + len(self.coordinates)]),
         )
 
+    def kept(self, cars: NDArray[np.bool_]) -> "Design":
+        """Only some of the cars."""
+        places = np.flatnonzero(cars)
+        runs = np.isin(self.cars, places)
+        coordinates, edges, deviations, windows = (array[places] for array in self._arrays[:4])
+        rows = self.rows[runs].reset_index(drop=True)
+        numbers = np.searchsorted(places, self.cars[runs])
+        return Design(coordinates, edges, deviations, windows, self.upright[runs], rows, numbers)
+
     @property
     def _arrays(self) -> tuple[FloatArray, ...]:
-        return self.coordinates, self.slow, self.fast, self.searched, self.upright
+        return self.coordinates, self.edges, self.deviations, self.windows, self.upright
 
 
 @dataclass(frozen=True)
@@ -155,46 +153,73 @@ def critical_groups(
     target: Target,
     prior: Prior,
     cars: FloatArray,
-    searched: FloatArray,
-    halvings: tuple[int, int],
+    guess: tuple[Edge, FloatArray],
+    pilots: tuple[int, int],
     step: float | None,
     runner: Runner,
 ) -> Design:
-    """Searches the coordinate of the group at which each car flips, by bisection, at both speeds.
+    """Searches the coordinate of the group at which each car flips at the two speeds of a target.
 
     Args:
         target: its tail mode and speeds.
         prior: of the cars.
         cars: (m, n).
-        searched: coordinates of the group (m, 2) to begin with at the slow speed; the fast one is searched down from
-            what the slow one found.
-        halvings: at the slow and at the fast speed.
+        guess: what is known before at the slow speed, and how far below it the fast one is expected (m).
+        pilots: most runs per car at the slow and at the fast speed; a car that is known well enough takes fewer, but
+            one at either.
         step: of the plant, s; None for the default.
         runner: that runs them.
     """
+    slow, below = guess
+    scale = prior.group_scale
+    known: list[Edge] = []
     upright: list[FloatArray] = []
     rows: list[pd.DataFrame] = []
     numbers: list[NDArray[np.int64]] = []
-    ends = searched
-    found = []
-    for speed, count in zip(target.speeds, halvings, strict=True):
-        low, high = ends[:, 0], ends[:, 1]
-        for halving in range(count):
-            trial = cars.copy()
-            trial[:, prior.leading] = middle = 0.5 * (low + high)
+    edge = slow
+    for speed, count in zip(target.speeds, pilots, strict=True):
+        for pilot in range(count):
+            open_ = np.flatnonzero((edge.deviation * scale > SHARP) | (pilot == 0))
+            if not len(open_):
+                break
+            trial = cars[open_].copy()
+            trial[:, prior.leading] = np.clip(edge.middle[open_], 0.0, 1.0)
             values = car_values(prior.keys, prior.values(trial))
             wanted = [Wanted(car, target.tail_mode, speed, step) for car in values]
-            done = runner.run(wanted, f"flip at {speed:g} m/s, halving {halving + 1} of {count}")
-            flipped = flips_in_the_turn(done)
-            low, high = np.where(flipped, low, middle), np.where(flipped, middle, high)
+            done = runner.run(wanted, f"flip at {speed:g} m/s, pilot {pilot + 1} of at most {count}")
+            density = edge.log_density.copy()
+            found = closeness(done, steering_end(prior.base))
+            density[open_] = Edge(density[open_]).after(trial[:, prior.leading], found, scale).log_density
+            edge = Edge(density)
             if speed == target.speeds[0]:
                 upright.append(trial[survives(done)])
                 rows.append(done[survives(done)])
-                numbers.append(np.flatnonzero(survives(done)))
-        found.append(np.column_stack([low, high]))
-        ends = np.column_stack([np.maximum(low - REACH_BELOW, 0.0), high])
+                numbers.append(open_[survives(done)])
+        known.append(edge)
+        if len(known) == 1:
+            edge = Edge.around(edge.middle - below, np.hypot(edge.deviation, BELOW_DEVIATION / scale))
+    edges = np.column_stack([each.middle for each in known])
+    deviations = np.column_stack([each.deviation for each in known])
+    windows = np.column_stack([known[1].quantile(ENDS[0]), known[0].quantile(ENDS[1])])
     table = pd.concat(rows, ignore_index=True)
-    return Design(cars, found[0], found[1], searched, np.vstack(upright), table, np.concatenate(numbers))
+    return Design(cars, edges, deviations, windows, np.vstack(upright), table, np.concatenate(numbers))
+
+
+def run_through(
+    coordinates: FloatArray, prior: Prior, target: Target, runner: Runner
+) -> tuple[NDArray[np.bool_], Evaluated]:
+    """Runs cars (m, n) at the slow speed, and those that survive it at the fast one: which survived (m), and these."""
+    cars = car_values(prior.keys, prior.values(coordinates))
+    slow = runner.run([Wanted(car, target.tail_mode, target.speeds[0]) for car in cars], "drawn cars, slow")
+    upright = survives(slow)
+    left = [car for car, is_upright in zip(cars, upright, strict=True) if is_upright]
+    fast = runner.run([Wanted(car, target.tail_mode, target.speeds[1]) for car in left], "drawn cars, fast")
+    return upright, Evaluated(coordinates[upright], slow[upright].reset_index(drop=True), fast)
+
+
+def steering_end(base: Scenario) -> float:
+    """Time at which the turn's command goes straight again, s."""
+    return float(base.manoeuvre.turn_start + base.manoeuvre.turn_hold)
 
 
 def run_cars(

@@ -80,12 +80,12 @@ def shrinkage(prior: Prior, values: FloatArray, weights: FloatArray, reference: 
 
 
 def directions(stage: StageResult) -> list[Direction]:
-    """Combinations of parameters, best determined first; from the pool of the stage with its surrogates.
+    """Combinations of parameters, best determined first; from the candidates of the stage with its surrogates.
 
     The members themselves are too few for a covariance of this size.
     """
-    scaled = _scaled(stage.prior, stage.prior.values(stage.pool))
-    before, after = _covariance(scaled, stage.pool_prior), _covariance(scaled, stage.pool_posterior)
+    pairs = (stage.before, stage.before_weights), (stage.after, stage.after_weights)
+    before, after = (_covariance(_scaled(stage.prior, stage.prior.values(cars)), shares) for cars, shares in pairs)
     deviation = np.sqrt(np.diag(before))
     ratios, vectors = eigh(after / np.outer(deviation, deviation), before / np.outer(deviation, deviation))
     found = []

@@ -61,18 +61,21 @@ class Plausible(BaseModel):
     highest_group: Limit
 
 
+Pilots = tuple[Annotated[int, Field(ge=1, le=12)], Annotated[int, Field(ge=1, le=12)]]
+
+
 class Round(BaseModel):
     """Cars that are drawn for weights.
 
     Attributes:
         cars: how many.
-        halvings: of the search for the window of each, at the slow and at the fast speed.
+        pilots: most runs of the search for the window of each, at the slow and at the fast speed.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     cars: int = Field(ge=4, le=4096)
-    halvings: tuple[Annotated[int, Field(ge=2, le=12)], Annotated[int, Field(ge=2, le=12)]]
+    pilots: Pilots
 
 
 class CarStage(BaseModel):
@@ -80,7 +83,7 @@ class CarStage(BaseModel):
 
     Attributes:
         points: cars of the design.
-        halvings: of the search for the flip of each car of the design, at either speed.
+        pilots: most runs of the search for the flip of each car of the design, at the slow and at the fast speed.
         step: of the plant in the design, s; members have the default step.
         rounds: of cars; the surrogates of a round learn from those before.
     """
@@ -88,7 +91,7 @@ class CarStage(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     points: int = Field(ge=4, le=4096)
-    halvings: int = Field(ge=2, le=12)
+    pilots: Pilots
     step: float = Field(gt=0, le=0.005)
     rounds: tuple[Round, ...] = Field(min_length=1, max_length=8)
 

@@ -56,10 +56,14 @@ class Prior:
         """Columns that decide the metrics of a turn first: sliding tyres give no more than their friction."""
         return (self.keys.index(FRICTION), self.leading)
 
+    @property
+    def group_scale(self) -> float:
+        """Change of the group over that of its coordinate."""
+        return self.plausible.highest_group.value - self.plausible.lowest_group.value
+
     def group(self, coordinate: FloatArray) -> FloatArray:
         """Friction x height of the centre of mass / half track of its coordinate (m)."""
-        low, high = self.plausible.lowest_group.value, self.plausible.highest_group.value
-        return low + np.asarray(coordinate) * (high - low)
+        return self.plausible.lowest_group.value + np.asarray(coordinate) * self.group_scale
 
     def values(self, coordinates: FloatArray) -> FloatArray:
         """Parameters (m, n) in their units of coordinates (m, n) in [0, 1]."""

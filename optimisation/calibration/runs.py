@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from optimisation.sweep.engine import Engine
-from optimisation.sweep.task import RunTask
+from optimisation.sweep.task import RunTask, tipped_before_turn
 from workbench.atomic_write import make_folder
 from workbench.ensemble import Value
 from workbench.errors import UserError
@@ -28,9 +28,6 @@ RUNS = "runs.jsonl"
 
 DEFAULT_LOG_RATE = 500.0
 """Hz; a coarser step than its period logs every step."""
-DRIVING = 0.9
-"""Share of the commanded speed that a car must have reached when its turn begins."""
-
 Said = Callable[[int, int], None]
 """Told how many runs of how many are done."""
 
@@ -153,15 +150,9 @@ def survives(rows: pd.DataFrame) -> NDArray[np.bool_]:
 
 
 def flips_in_the_turn(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    """Which runs flipped in the turn (m): they still drove at their speed when it began.
-
-    A high car with its tail behind may tip over backwards while it gathers speed; that is no flip in the turn. A run
-    without outcome is neither a survival nor a flip.
-    """
-    if "speed_m_per_s" not in rows:
-        return np.zeros(len(rows), bool)
-    driving = rows["speed_m_per_s"].to_numpy(float) > DRIVING * rows["commanded_speed_m_per_s"].to_numpy(float)
-    return np.asarray(rows["outcome"] == "flipped", bool) & driving
+    """Which runs flipped in the turn (m), not before it. A run without outcome is neither a survival nor a flip."""
+    tipped = [tipped_before_turn(row) for row in rows.to_dict("records")]
+    return np.asarray(rows["outcome"] == "flipped", bool) & ~np.array(tipped, bool)
 
 
 def _acts_without_arm(key: str) -> bool:

@@ -5,20 +5,30 @@ decides the bracket is the group friction x height / half track, and the window 
 some hundredths of what the group may be. So a member is drawn in two steps.
 
 1. All but its group, from candidates of the prior, with probability q ~ prior x surrogate likelihood of the metrics.
-2. Its window is searched by bisection at both speeds, with its own runs at the default step, and its group is drawn
-   uniformly within the window.
+2. A few pilot runs say where its window lies (`optimisation.calibration.edge`), and its group is drawn uniformly from
+   an interval that holds the window. It is a member when its own runs at the drawn group meet the bracket.
 
-Its weight is prior density x width of the window x likelihood of the metrics / q, zero where its runs at the drawn
-group miss the bracket: importance sampling, so that an error of the surrogates costs effective samples, not accuracy.
-(One assumption remains: that a car meets the bracket in one window only, the one that the bisection finds.) Members
-come in rounds; the surrogates of a round learn from the runs of those before, and a round counts by its effective size.
+Its weight is prior density x width of the interval x likelihood of the metrics / q: importance sampling, so that an
+error of the surrogates costs effective samples, not accuracy. (One assumption remains: that the interval holds the
+whole window; its ends are 1 % quantiles of what the pilots say.) Members come in rounds; the surrogates of a round
+learn from the runs of those before, and a round counts by its effective size.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from optimisation.calibration.design import Design, Evaluated, FloatArray, Runner, Target, critical_groups, run_cars
+from optimisation.calibration.design import (
+    BELOW,
+    Design,
+    Evaluated,
+    FloatArray,
+    Runner,
+    Target,
+    critical_groups,
+    run_through,
+)
+from optimisation.calibration.edge import Edge
 from optimisation.calibration.plan import CALIBRATED_METRICS, CarStage, Round
 from optimisation.calibration.prior import Prior
 from optimisation.calibration.surrogate import FlipSurrogate, Surrogate, fit
@@ -31,8 +41,12 @@ FLOOR = 0.02
 """Added to surrogate probabilities: what a surrogate excludes is still drawn now and then."""
 LEVELS = (np.arange(16) + 0.5) / 16
 """Places within a window at which it is asked whether a car is plausible."""
-DEVIATIONS = 2.5
-"""Of the surrogate of the flip: how far around its guess the flip is searched."""
+FIRST_GROUP, FIRST_DEVIATION = 1.06, 0.07
+"""Where the first cars are searched: what sliding tyres allow is about 1 (design section 7)."""
+KNOWN = 0.01
+"""Standard deviation of a critical group that a surrogate learns from."""
+NARROWEST = 0.003
+"""Least distance of the critical groups of the two speeds."""
 LEAST_RUNS = 8
 """Runs that a surrogate of the metrics needs."""
 
@@ -48,9 +62,9 @@ class StageResult:
         metrics: surrogates of the metrics at the survived speed.
         members: the cars that were drawn for weights.
         weights: of them (m), summing to 1.
-        drawn: how many cars were drawn; those without a window are no members.
-        pool: candidates (k, n) from the prior within the surrogate's window.
-        pool_prior, pool_posterior: weights (k) of the candidates before and after the targets, by the surrogates.
+        drawn: how many cars were drawn; those that miss the bracket are no members.
+        before, before_weights: cars of the prior (k, n) and their weights (k).
+        after, after_weights: the same after the targets, by the surrogates.
     """
 
     target: Target
@@ -60,9 +74,10 @@ class StageResult:
     members: Evaluated
     weights: FloatArray
     drawn: int
-    pool: FloatArray
-    pool_prior: FloatArray
-    pool_posterior: FloatArray
+    before: FloatArray
+    before_weights: FloatArray
+    after: FloatArray
+    after_weights: FloatArray
 
     @property
     def effective_size(self) -> float:
@@ -83,9 +98,7 @@ def run_stage(target: Target, prior: Prior, size: CarStage, seed: int, runner: R
     Raises:
         UserError: no member meets the target.
     """
-    first, _ = prior.draw(16 * size.points, seed)
-    whole = np.tile([0.0, 1.0], (size.points, 1))
-    design = critical_groups(target, prior, first[: size.points], whole, (size.halvings,) * 2, size.step, runner)
+    design = _first_design(target, prior, size, seed, runner)
     rounds: list[_Round] = []
     for place, wanted in enumerate(size.rounds):
         flip, metrics = _surrogates(design, target, prior)
@@ -98,11 +111,9 @@ def run_stage(target: Target, prior: Prior, size: CarStage, seed: int, runner: R
     weights = _combined([each.log_weights for each in rounds])
     if not np.any(weights):
         raise UserError(f"none of {len(weights)} cars meets its target with tail {target.tail_mode!r}")
-    pool, log_prior = prior.draw(POOL, seed, window=flip.window)
-    posterior = normalised(
-        log_prior + np.log(flip.bracket(pool) + FLOOR) + _surrogate_log_likelihood(pool, metrics, target)
-    )
-    before = normalised(log_prior)
+    before, log_before = prior.draw(POOL, seed)
+    after, log_prior = prior.draw(POOL, seed, window=flip.window)
+    log_after = log_prior + np.log(flip.bracket(after) + FLOOR) + _surrogate_log_likelihood(after, metrics, target)
     return StageResult(
         target,
         prior,
@@ -111,9 +122,10 @@ def run_stage(target: Target, prior: Prior, size: CarStage, seed: int, runner: R
         members,
         weights,
         sum(wanted.cars for wanted in size.rounds),
-        pool,
         before,
-        posterior,
+        normalised(log_before),
+        after,
+        normalised(log_after),
     )
 
 
@@ -136,17 +148,20 @@ def _draw_round(
     runner: Runner,
 ) -> _Round:
     points = prior.points(POOL, seed)
-    low, high = flip.window(points, DEVIATIONS)
-    points[:, prior.leading] = flip.guess(points)
+    low, high = flip.window(points, 1.0)
+    slow, below = flip.edges(points)
+    points[:, prior.leading] = np.clip(slow - 0.5 * below, 0.0, 1.0)
     shares = np.mean([np.exp(_density_at(prior, points, low + level * (high - low))) for level in LEVELS], axis=0)
+    shares *= below
     log_proposal = np.log(shares + FLOOR * np.max(shares)) + _surrogate_log_likelihood(points, metrics, target)
     probability = normalised(log_proposal)
     chosen, counts = np.unique(systematic_sample(probability, wanted.cars, seed), return_counts=True)
-    searched = np.column_stack([low[chosen], high[chosen]])
-    design = critical_groups(target, prior, points[chosen], searched, wanted.halvings, None, runner)
+    before = Edge.around(slow[chosen], np.full(len(chosen), flip.deviation))
+    design = critical_groups(target, prior, points[chosen], (before, below[chosen]), wanted.pilots, None, runner)
     coordinates, log_widths = _drawn_in_windows(prior, design, seed)
-    kept = np.isfinite(log_widths)
-    members = run_cars(coordinates[kept], prior, target, runner)
+    drawn = np.flatnonzero(np.isfinite(log_widths))
+    upright, members = run_through(coordinates[drawn], prior, target, runner)
+    kept = drawn[upright]
     log_weights = (
         prior.log_density(prior.values(members.coordinates))
         + log_widths[kept]
@@ -154,19 +169,29 @@ def _draw_round(
         + np.log(counts[kept] / wanted.cars)
         - np.log(probability[chosen][kept])
     )
-    return _Round(_found(design), members, log_weights)
+    return _Round(_known(design, prior), members, log_weights)
+
+
+def _first_design(target: Target, prior: Prior, size: CarStage, seed: int, runner: Runner) -> Design:
+    """Cars of the prior whose critical groups are searched without any surrogate."""
+    middle = (FIRST_GROUP - prior.plausible.lowest_group.value) / prior.group_scale
+    deviation = FIRST_DEVIATION / prior.group_scale
+    low, high = np.clip([middle - deviation, middle + deviation], 0.0, 1.0)
+    drawn, _ = prior.draw(16 * size.points, seed, window=lambda p: (np.full(len(p), low), np.full(len(p), high)))
+    cars = drawn[: size.points]
+    guess = Edge.around(np.full(len(cars), middle), np.full(len(cars), deviation))
+    below = np.full(len(cars), BELOW / prior.group_scale)
+    return _known(critical_groups(target, prior, cars, (guess, below), size.pilots, size.step, runner), prior)
 
 
 def _drawn_in_windows(prior: Prior, design: Design, seed: int) -> tuple[FloatArray, FloatArray]:
     """Cars with a group drawn in the plausible part of their windows; log width of that part, -inf for none."""
-    edges = design.windows
+    edges = np.clip(design.windows, 0.0, 1.0)
     draws = np.random.default_rng(seed).random(len(edges))
     coordinates = design.coordinates.copy()
     low, width = edges[:, 0], edges[:, 1] - edges[:, 0]
-    inside = np.stack(
-        [np.isfinite(_density_at(prior, coordinates, np.nan_to_num(low + level * width))) for level in LEVELS], axis=1
-    )
-    inside &= np.isfinite(width)[:, None]
+    inside = np.stack([np.isfinite(_density_at(prior, coordinates, low + level * width)) for level in LEVELS], axis=1)
+    inside &= (width > 0.0)[:, None]
     log_widths = np.full(len(edges), -np.inf)
     for place, cells in enumerate(inside):
         if not np.any(cells):
@@ -184,19 +209,9 @@ def _density_at(prior: Prior, points: FloatArray, group: FloatArray) -> FloatArr
     return prior.log_density(prior.values(moved))
 
 
-def _found(design: Design) -> Design:
-    """Only the cars whose flip was found: a surrogate learns nothing of use from the others."""
-    kept = np.flatnonzero(design.found)
-    runs = np.isin(design.cars, kept)
-    return Design(
-        design.coordinates[kept],
-        design.slow[kept],
-        design.fast[kept],
-        design.searched[kept],
-        design.upright[runs],
-        design.rows[runs].reset_index(drop=True),
-        np.searchsorted(kept, design.cars[runs]),
-    )
+def _known(design: Design, prior: Prior) -> Design:
+    """Only the cars whose critical groups are known: a surrogate learns nothing of use from the others."""
+    return design.kept(np.all(design.deviations * prior.group_scale < KNOWN, axis=1))
 
 
 def _combined(log_weights: list[FloatArray]) -> FloatArray:
@@ -213,8 +228,8 @@ def _combined(log_weights: list[FloatArray]) -> FloatArray:
 
 def _surrogates(design: Design, target: Target, prior: Prior) -> tuple[FlipSurrogate, dict[str, Surrogate]]:
     others = np.delete(design.coordinates, prior.leading, axis=1)
-    slow, fast = (fit(others, np.mean(ends, axis=1)) for ends in (design.slow, design.fast))
-    flip = FlipSurrogate(prior.leading, target.speeds, slow, fast, design.resolution)
+    slow, fast = (fit(others, edge) for edge in design.edges.T)
+    flip = FlipSurrogate(prior.leading, target.speeds, slow, fast, NARROWEST / prior.group_scale)
     if target.published is None or len(design.rows) < LEAST_RUNS:
         return flip, {}
     columns = {name: design.rows[name].to_numpy(float) for name in CALIBRATED_METRICS}

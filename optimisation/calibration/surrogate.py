@@ -105,46 +105,41 @@ class FlipSurrogate:
         column: of the coordinate that stands for the group.
         speeds: slow and fast, m/s.
         slow, fast: surrogates of the critical coordinate at these speeds: the car flips above it.
-        resolution: of the searches that found it.
+        narrowest: distance of the two that none is taken to fall below.
     """
 
     column: int
     speeds: tuple[float, float]
     slow: Surrogate
     fast: Surrogate
-    resolution: float
+    narrowest: float
 
     @property
     def deviation(self) -> float:
         """Standard deviation of a predicted critical coordinate."""
-        return float(np.hypot(max(self.slow.error, self.fast.error), self.resolution / np.sqrt(12.0)))
+        return max(self.slow.error, self.fast.error)
 
     def bracket(self, coordinates: FloatArray) -> FloatArray:
         """Probability (m) that the car survives the slow speed and flips at the fast one."""
-        slow, fast = self._standardised(coordinates)
-        return np.maximum(ndtr(slow) - ndtr(fast), 0.0)
+        slow, below = self.edges(coordinates)
+        own = coordinates[:, self.column]
+        return np.maximum(ndtr((slow - own) / self.deviation) - ndtr((slow - below - own) / self.deviation), 0.0)
 
     def window(self, coordinates: FloatArray, deviations: float = 3.0) -> tuple[FloatArray, FloatArray]:
         """Ends (m), (m) of the group's coordinate between which the bracket can be met; the rest decides them."""
+        slow, below = self.edges(coordinates)
+        reach = deviations * self.deviation
+        low = np.clip(slow - below - reach, 0.0, 1.0 - self.narrowest)
+        return low, np.clip(slow + reach, low + self.narrowest, 1.0)
+
+    def edges(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Critical coordinate at the slow speed (m), and how far below it that of the fast one lies (m)."""
         others = np.delete(coordinates, self.column, axis=1)
         slow, fast = self.slow.predict(others), self.fast.predict(others)
-        reach = deviations * self.deviation
-        low = np.clip(np.minimum(slow, fast) - reach, 0.0, 1.0 - self.resolution)
-        return low, np.clip(slow + reach, low + self.resolution, 1.0)
-
-    def guess(self, coordinates: FloatArray) -> FloatArray:
-        """The group's coordinate (m) in the middle of the bracket."""
-        others = np.delete(coordinates, self.column, axis=1)
-        return np.clip(0.5 * (self.slow.predict(others) + self.fast.predict(others)), 0.0, 1.0)
+        return slow, np.maximum(slow - fast, self.narrowest)
 
     def flip_speed(self, coordinates: FloatArray) -> FloatArray:
         """Speed (m) at which the car flips, m/s: linear in the group between and beyond the two speeds."""
-        others = np.delete(coordinates, self.column, axis=1)
-        slow, fast = self.slow.predict(others), self.fast.predict(others)
-        share = (slow - coordinates[:, self.column]) / np.maximum(slow - fast, self.resolution)
+        slow, below = self.edges(coordinates)
+        share = (slow - coordinates[:, self.column]) / below
         return self.speeds[0] + (self.speeds[1] - self.speeds[0]) * share
-
-    def _standardised(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        others, own = np.delete(coordinates, self.column, axis=1), coordinates[:, self.column]
-        slow, fast = self.slow.predict(others), self.fast.predict(others)
-        return (slow - own) / self.deviation, (np.minimum(fast, slow) - own) / self.deviation

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,6 +13,9 @@ from workbench.summary import RunSummary
 
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
+
+DRIVING = 0.9
+"""Share of the commanded speed that a car must have reached when its turn begins."""
 
 CAUSES = ("aerodynamic", "weight", "inertial")
 
@@ -47,6 +51,18 @@ def evaluate(task: RunTask) -> dict[str, Any]:
         return _measured(task, scenario)
     except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
         return failed_row(task, " ".join(str(error).split()) or type(error).__name__, scenario)
+
+
+def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
+    """Whether a run flipped before its turn, so that it says nothing about the turn.
+
+    A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or lies, when the turn
+    begins.
+    """
+    speed, commanded = row.get("speed_m_per_s"), row.get("commanded_speed_m_per_s")
+    if row["outcome"] != "flipped" or speed is None or commanded is None:
+        return False
+    return float(speed) < DRIVING * float(commanded)
 
 
 def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> dict[str, Any]:

@@ -19,10 +19,12 @@ import pandas as pd
 
 from optimisation.sweep.engine import Engine, SerialEngine, SweepError
 from optimisation.sweep.store import make_frame
-from optimisation.sweep.task import RunTask
+from optimisation.sweep.task import RunTask, tipped_before_turn
 from workbench.scenario import load_scenario
 
 SPEED, FRICTION = "manoeuvre.speed", "car.tyre_friction"
+TIPPED = "tipped over before its turn"
+"""Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like one that failed."""
 SECTIONS = 3
 """A bracket is cut into this many parts per round: two runs, one per core of a small computer."""
 
@@ -75,7 +77,7 @@ class Threshold:
         flipped: first value that flipped; None if none did.
         islands: (first, last) value survived of each stretch of the scan beyond the first flip.
         highest_survived: of all values that were run, islands included; None if none survived.
-        outcomes: value -> `survived`, `flipped`, or `failed: ...`, of every run.
+        outcomes: value -> `survived`, `flipped`, `TIPPED`, or `failed: ...`, of every run.
     """
 
     search: Search
@@ -110,6 +112,7 @@ class Threshold:
             "islands": "; ".join(f"{first:g} to {last:g}" for first, last in self.islands),
             "highest_survived": self.highest_survived,
             "runs": len(self.outcomes),
+            "tipped_before_turn": sum(outcome == TIPPED for outcome in self.outcomes.values()),
             "failed_runs": sum(outcome.startswith("failed") for outcome in self.outcomes.values()),
         }
 
@@ -233,11 +236,11 @@ def _run(
         for case, value in ((cases[place], value) for place, value in places)
     ]
     for (place, value), row in zip(places, engine.rows(tasks, one_more), strict=True):
-        outcomes[place][value] = row["outcome"] or f"failed: {row['error']}"
+        outcomes[place][value] = TIPPED if tipped_before_turn(row) else row["outcome"] or f"failed: {row['error']}"
 
 
 def _first_step(outcomes: Mapping[float, str]) -> tuple[float | None, float | None]:
-    """Last value survived before the first flip, and that flip. A run that failed is neither: it is passed over."""
+    """Last value survived before the first flip, and that flip. Runs that failed or tipped over are passed over."""
     survived: float | None = None
     for value in sorted(outcomes):
         if outcomes[value] == "flipped":

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
+from optimisation.sweep.task import tipped_before_turn
 from workbench.ensemble import weighted_quantiles
 
 LEVELS = (0.05, 0.5, 0.95)
@@ -26,6 +27,11 @@ def weights_of(frame: pd.DataFrame) -> np.ndarray:
 def ran(frame: pd.DataFrame) -> pd.DataFrame:
     """The rows of runs that came to an outcome."""
     return frame[frame["outcome"].notna()]
+
+
+def tipped(frame: pd.DataFrame) -> np.ndarray:
+    """Which runs tipped over before their turn: rolled over, but no evidence about the turn; shape (n,)."""
+    return np.array([tipped_before_turn(row) for row in frame.to_dict("records")], bool)
 
 
 def survived_share(frame: pd.DataFrame) -> float:
@@ -81,8 +87,11 @@ class Step:
 
 
 def step_along(frame: pd.DataFrame, factor: str) -> Step:
-    """The step of the rows of one car along a factor; a value counts as survived if most of its weight did."""
-    shares = {value: survived_share(rows) for value, rows in by_value(ran(frame), factor)}
+    """The step of the rows of one car along a factor; a value counts as survived if most of its weight did.
+
+    Runs that tipped over before their turn are passed over.
+    """
+    shares = {value: survived_share(rows) for value, rows in by_value(ran(frame[~tipped(frame)]), factor)}
     survived: float | None = None
     for value in sorted(shares):
         if shares[value] < 0.5:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from optimisation.sweep.engine import Engine, SweepError
 from optimisation.sweep.run_study import Say, run_study
 from optimisation.sweep.store import CSV, TABLE, make_frame
-from optimisation.sweep.studies.reading import table_cells
+from optimisation.sweep.studies.reading import table_cells, tipped
 from optimisation.sweep.study import Study
 from workbench.atomic_write import write_atomically
 from workbench.plots.style import png
@@ -98,6 +98,8 @@ def _write(path: Path, write: Callable[[Path], Any]) -> None:
 def _page(study: Study, frame: pd.DataFrame, found: Findings, result: pd.DataFrame) -> str:
     failed = frame[frame["error"].fillna("") != ""]
     lead = f"{len(frame)} runs, {len(failed)} of which failed." if len(failed) else f"{len(frame)} runs, none failed."
+    if over := int(tipped(frame).sum()):
+        lead += f" {over} tipped over before their turn: they count as rolled over, but no threshold rests on them."
     if "member" in frame.columns:
         lead += f" Every case was run for {frame['member'].nunique()} members of the ensemble {study.ensemble!r}."
     pictures = [html.picture(f"{p.name}.png", p.caption, p.alternative) for p in found.pictures]

@@ -1,5 +1,6 @@
 """An engine whose cars follow a formula, so that the truth of a calibration is known and a run costs nothing."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -40,6 +41,7 @@ class MadeUpEngine:
             area = value["tail.sail_length"] * value["tail.sail_width"]
             limit = TAILLESS_GROUP + self.tail_limit * (area - 0.05) - 0.3 * (speed - 4.58)
         flipped = group > limit
+        margin = abs(group - limit)
         yaw, acceleration = 1.5 + 1.8 * (friction - 0.6), 9.81 * friction
         metrics = {
             "speed_m_per_s": speed,
@@ -51,11 +53,15 @@ class MadeUpEngine:
             "average_kohut_deg_m_per_s2": 57.3 * speed * yaw,
             "roll_integral_rad": 0.1 + value["car.mass"] * 0.02,
         }
+        peak_roll = max(0.02, 0.6 - 5.5 * margin**0.5)
+        flip_time = 2.5 - (3.0 + math.log(max(margin, 1e-4))) / 3.5
         return {
             "run": task.name,
             "outcome": "flipped" if flipped else "survived",
             "commanded_speed_m_per_s": speed,
             "error": "",
+            "peak_roll_rad": 1.6 if flipped else peak_roll,
+            "stopped_at_flip_s": max(2.65, flip_time) if flipped else None,
             **metrics,
             **{f"filtered_{name}": figure for name, figure in metrics.items()},
         }

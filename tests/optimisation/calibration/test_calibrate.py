@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from optimisation.calibration.calibrate import BASE_SCENARIO, ENOUGH, Calibration, calibrate
-from optimisation.calibration.design import Runner, critical_groups
+from optimisation.calibration.design import Design, Runner, critical_groups, run_through
+from optimisation.calibration.edge import Edge
 from optimisation.calibration.output import ensemble_text, write_calibration
 from optimisation.calibration.plan import CalibrationPlan, load_plan
 from optimisation.calibration.runs import RunStore, car_values
@@ -25,8 +26,8 @@ def quiet(line: str) -> None:
 
 
 def small_plan(**changes: object) -> CalibrationPlan:
-    rounds = [{"cars": 16, "halvings": [6, 4]}, {"cars": 56, "halvings": [6, 4]}]
-    size = {"points": 12, "halvings": 4, "step": 0.004, "rounds": rounds}
+    rounds = [{"cars": 16, "pilots": [4, 2]}, {"cars": 72, "pilots": [3, 2]}]
+    size = {"points": 12, "pilots": [6, 3], "step": 0.004, "rounds": rounds}
     plan = load_plan("car").model_dump(by_alias=True) | {"car_stage": size, "tail_stage": {"tails": 4}} | changes
     return CalibrationPlan.model_validate(plan)
 
@@ -83,29 +84,44 @@ def test_the_weights_are_those_of_the_posterior_that_a_million_runs_would_find(r
         assert abs(ours - mean) < 3.0 * error, key
 
 
-def test_windows_end_where_the_made_up_car_flips(result: Calibration, tmp_path: Path) -> None:
+def searched(result: Calibration, folder: Path, engine: MadeUpEngine, pilots: tuple[int, int]) -> Design:
     prior = result.car.prior
-    cars = result.car.members.coordinates[:3]
-    runner = Runner(store_in(tmp_path), MadeUpEngine(), quiet)
-    whole = np.tile([0.0, 1.0], (3, 1))
-    design = critical_groups(result.car.target, prior, cars, whole, (9, 9), None, runner)
-    low, high = prior.group(design.windows).T
-    assert np.all((low < LOW) & (low > LOW - 0.003))
-    assert np.all((high > HIGH) & (high < HIGH + 0.003))
-    assert np.all(design.found)
+    cars = result.car.members.coordinates[:4]
+    guess = Edge.around(prior.coordinates(prior.values(cars))[:, prior.leading] + 0.05, np.full(4, 0.1))
+    runner = Runner(store_in(folder), engine, quiet)
+    return critical_groups(result.car.target, prior, cars, (guess, np.full(4, 0.02)), pilots, None, runner)
 
 
-def test_a_car_that_never_flips_at_the_fast_speed_has_no_window(result: Calibration, tmp_path: Path) -> None:
+def test_windows_hold_the_bracket_of_the_made_up_car_and_little_more(result: Calibration, tmp_path: Path) -> None:
+    engine = MadeUpEngine()
+    design = searched(result, tmp_path, engine, (5, 3))
+    low, high = result.car.prior.group(design.windows).T
+    assert np.all((low < LOW) & (low > LOW - 0.015))
+    assert np.all((high > HIGH) & (high < HIGH + 0.015))
+    assert engine.runs <= 4 * 8
+
+
+def test_what_pilots_say_of_the_critical_group_is_right_within_what_they_claim(
+    result: Calibration, tmp_path: Path
+) -> None:
+    rough = searched(result, tmp_path / "rough", MadeUpEngine(), (1, 1))
+    sharp = searched(result, tmp_path / "sharp", MadeUpEngine(), (5, 3))
+    truth = (np.array([HIGH, LOW]) - result.car.prior.group(np.zeros(1))) / result.car.prior.group_scale
+    for design in (rough, sharp):
+        assert np.all(np.abs(design.edges - truth) < 3.5 * design.deviations)
+    assert np.all(sharp.deviations < rough.deviations)
+
+
+def test_a_car_that_flips_only_when_slow_is_no_member(result: Calibration, tmp_path: Path) -> None:
     class FlipsOnlyWhenSlow(MadeUpEngine):
         def row(self, task: RunTask) -> dict:
             row = super().row(task)
             return row | {"outcome": "survived"} if row["commanded_speed_m_per_s"] > 3.5 else row
 
     runner = Runner(store_in(tmp_path), FlipsOnlyWhenSlow(), quiet)
-    cars = result.car.members.coordinates[:2]
-    whole = np.tile([0.0, 1.0], (2, 1))
-    design = critical_groups(result.car.target, result.car.prior, cars, whole, (5, 5), None, runner)
-    assert np.all(np.isnan(design.windows))
+    upright, found = run_through(result.car.members.coordinates[:2], result.car.prior, result.car.target, runner)
+    assert np.all(upright)
+    assert not np.any(found.meet)
 
 
 def test_a_larger_sail_saves_the_made_up_car_so_the_members_have_the_right_one(result: Calibration) -> None:
@@ -173,7 +189,7 @@ def test_an_interrupted_calibration_goes_on_runs_nothing_twice_and_ends_alike(
 
 def test_too_few_cars_are_refused_with_what_to_do(tmp_path: Path) -> None:
     few = small_plan().model_dump(by_alias=True)
-    few["car_stage"]["rounds"] = [{"cars": 8, "halvings": [6, 4]}]
+    few["car_stage"]["rounds"] = [{"cars": 8, "pilots": [4, 2]}]
     with pytest.raises(UserError, match=r"needed are 32: more cars in the rounds of the plan"):
         carried_out(tmp_path, MadeUpEngine(), CalibrationPlan.model_validate(few))
 

@@ -5,7 +5,16 @@ import math
 import pytest
 
 from optimisation.sweep.engine import SerialEngine, SweepError
-from optimisation.sweep.threshold import FRICTION, SPEED, Case, Search, critical_friction, find_thresholds, survival_map
+from optimisation.sweep.threshold import (
+    FRICTION,
+    SPEED,
+    TIPPED,
+    Case,
+    Search,
+    critical_friction,
+    find_thresholds,
+    survival_map,
+)
 from workbench.errors import UserError
 
 
@@ -22,7 +31,10 @@ class MadeUp(SerialEngine):
             self.runs.append(value)
             outcome = self.survives(value)
             kind = outcome if isinstance(outcome, str) else "survived" if outcome else "flipped"
-            rows.append({"outcome": None if kind == "error" else kind, "error": "broken" if kind == "error" else ""})
+            speeds = {"speed_m_per_s": 0.5 if kind == "tipped" else 3.3, "commanded_speed_m_per_s": 3.33}
+            kind = "flipped" if kind == "tipped" else kind
+            row = {"outcome": None if kind == "error" else kind, "error": "broken" if kind == "error" else ""}
+            rows.append(row | speeds)
             if done is not None:
                 done(place, rows[-1])
         return rows
@@ -64,6 +76,13 @@ def test_failed_runs_are_counted_and_passed_over():
     found, _ = search(lambda friction: "error" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
     assert found.survived < 0.72 <= found.flipped
     assert found.as_row()["failed_runs"] == 1
+
+
+def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
+    found, _ = search(lambda friction: "tipped" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
+    assert found.survived < 0.72 <= found.flipped
+    assert found.outcomes[0.5] == TIPPED
+    assert (found.as_row()["tipped_before_turn"], found.as_row()["failed_runs"]) == (1, 0)
 
 
 def test_cases_are_searched_together_and_give_what_each_gives_alone():
