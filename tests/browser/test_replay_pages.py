@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from tests.browser.contrast import too_faint
 from workbench.logs.schema import RunLog
 from workbench.replay import write_replay_html
 from workbench.report.comparison_page import comparison_page
@@ -73,6 +74,30 @@ def test_slider_and_its_keys_move_the_replay(page: Any, replay_file: Path) -> No
     assert page.evaluate("viewer.animator.time") == pytest.approx(0.4)
     slider.press("ArrowRight")
     assert page.evaluate("replay.time") == pytest.approx(0.41)
+
+
+def test_replay_is_worked_by_keyboard_alone_and_its_text_can_be_read(page: Any, replay_file: Path) -> None:
+    open_offline(page, replay_file)
+    page.wait_for_function(READY)
+    assert too_faint(page) == []
+    in_bar = (
+        "() => document.getElementById('replay-bar').contains(document.activeElement) && document.activeElement.tagName"
+    )
+    reached: list[str] = []
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        if tag := page.evaluate(in_bar):
+            reached.append(tag)
+        if reached[-1:] == ["BUTTON"]:
+            page.keyboard.press("Space")
+            assert page.get_by_role("button", name="Play").is_visible()
+        if reached[-1:] == ["SELECT"]:
+            break
+    assert reached == ["BUTTON", "INPUT", "SELECT"]
+    page.keyboard.press("Shift+Tab")
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate("replay.time") == pytest.approx(0.01)
 
 
 def test_slow_motion_is_slower(page: Any, replay_file: Path) -> None:

@@ -183,6 +183,11 @@ function showView() {
   const box = get("show-view"), place = get("frame-place");
   place.replaceChildren();
   if (!box.checked || !box.dataset.url) return;
+  if (!document.createElement("canvas").getContext("webgl2")) {
+    const text = "This browser shows no 3D pictures (WebGL is off). Everything else on this page works without them.";
+    place.append(Object.assign(document.createElement("p"), {className: "note", textContent: text}));
+    return;
+  }
   place.append(Object.assign(document.createElement("iframe"), {src: box.dataset.url, title: "The car in Meshcat", tabIndex: -1}));
 }
 
@@ -216,6 +221,13 @@ get("step-go").addEventListener("click", () =>
   sliders.startStep(stepChannel(), Number(get("step-size").value) || 0, Number(get("step-time").value) || 0, seconds()));
 for (const input of document.querySelectorAll("input[name=step-channel]"))
   input.addEventListener("change", () => setText("step-unit", stepChannel() === "throttle" ? "%" : "°"));
+get("modes").addEventListener("keydown", (event) => {  // an arrow only moves on, Space chooses: the next mode may be AUTO
+  const step = {ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1}[event.key];
+  if (!step) return;
+  event.preventDefault();
+  const free = [...document.querySelectorAll("input[name=mode]:enabled")];
+  free[(free.indexOf(document.activeElement) + step + free.length) % free.length]?.focus();
+});
 for (const input of document.querySelectorAll("input[name=mode]"))
   input.addEventListener("change", () => { problem = ""; setMode(input.value); });
 

@@ -28,13 +28,13 @@ ARMED = CarReport(True, False, RadioMode.IDLE, operator_age=0.02)
 class Served:
     """A console on a free port with a radio in memory."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, listener=None, car=None):
         self.link, self.said = FakeLink(), []
         self.record = folder / "record.jsonl"
-        self.listener = open_socket(0)
+        self.listener = listener or open_socket(0)
         self.port = self.listener.getsockname()[1]
         self.access = Access(self.port)
-        console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0))
+        console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car)
         config = uvicorn.Config(
             make_app(console, self.access, self.said.append),
             log_level="error",

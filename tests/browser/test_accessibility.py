@@ -1,0 +1,170 @@
+"""Console, report and replay for those who use a keyboard, or see little contrast or colour."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("starlette", reason="the extra `console` is not installed")
+
+from hardware.protocol.car_report import CarReport
+from hardware.protocol.radio import EmergencyStop, OperatorCommand, RadioMode
+from optimisation.pipeline import Estimate, FitResult
+from optimisation.report import write_report
+from tests.browser.contrast import contrasts, too_faint
+from tests.hardware.console.test_server import Served, eventually
+from workbench.plots.style import new_figure
+from workbench.report.page import Section, bullets, figure, finding, folded, link, page, paragraph, preformatted, table
+
+pytestmark = pytest.mark.realtime
+
+_FOCUSED = """() => {
+  const at = document.activeElement;
+  if (!at || at === document.body) return null;
+  const marked = at.type === "radio" && at.parentElement.parentElement.id === "modes" ? at.nextElementSibling : at;
+  const style = getComputedStyle(marked), box = marked.getBoundingClientRect();
+  return {
+    name: at.id || at.value || at.tagName, outlined: style.outlineStyle !== "none" && parseFloat(style.outlineWidth) >= 2,
+    seen: box.width > 0 && box.bottom > 0 && box.top < innerHeight,
+  };
+}"""  # noqa: E501
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    served = Served(tmp_path)
+    yield served
+    served.close()
+
+
+@pytest.fixture
+def console(page: Any, served: Served) -> Any:
+    page.set_viewport_size({"width": 1280, "height": 900})
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate("state !== null && state.controls"))
+    return page
+
+
+def tell(served: Served, console: Any, report: CarReport, condition: str) -> None:
+    """The car reports until the page shows it."""
+    end = time.monotonic() + 10.0
+    while not console.evaluate(f"Boolean({condition})"):
+        assert time.monotonic() < end, condition
+        served.link.report(report, time.monotonic())
+        time.sleep(0.05)
+
+
+ARMED = CarReport(True, False, RadioMode.IDLE, faults=(0, 0, 0, 0, 6, 0), operator_age=0.02, text="no fix")
+STOPPED = CarReport(False, True, RadioMode.IDLE, operator_age=0.02)
+
+
+def test_every_text_of_the_console_can_be_read_in_every_state(console: Any, served: Served) -> None:
+    assert too_faint(console) == []
+    tell(served, console, ARMED, "state.radio.armed")
+    assert too_faint(console) == []
+    console.keyboard.press("Escape")
+    tell(served, console, STOPPED, "state.radio.confirmed")
+    assert too_faint(console) == []
+    assert "EMERGENCY STOP" in console.inner_text("#banner")
+    assert len(contrasts(console)) > 40
+
+
+def test_states_of_the_console_differ_by_words_and_not_by_colour_alone(console: Any, served: Served) -> None:
+    shown = [console.inner_text("#car")]
+    tell(served, console, ARMED, "state.radio.armed")
+    shown.append(console.inner_text("#car"))
+    assert console.inner_text("#faults") == "no fix\nspeed: no fix"
+    console.keyboard.press("Escape")
+    tell(served, console, STOPPED, "state.radio.confirmed")
+    shown.append(console.inner_text("#car"))
+    assert shown == ["not heard", "ARMED", "STOPPED"]
+    marked = console.evaluate(
+        "getComputedStyle(document.querySelector('#modes input:checked + span'), '::before').content"
+    )
+    assert "●" in marked
+
+
+def test_focus_goes_through_the_console_in_the_order_of_the_page_and_is_seen(console: Any, served: Served) -> None:
+    tell(served, console, ARMED, "state.radio.armed")
+    order = []
+    for _ in range(40):
+        served.link.report(ARMED, time.monotonic())
+        console.keyboard.press("Tab")
+        focused = console.evaluate(_FOCUSED)
+        if focused is None or focused["name"] in order:
+            break
+        assert focused["outlined"], focused
+        assert focused["seen"], focused
+        order.append(focused["name"])
+    assert order == ["stop", "rest", "steering", "step-size", "step-time", "centre", "record"]
+
+
+def test_the_console_is_worked_by_keyboard_alone(console: Any, served: Served) -> None:
+    def armed(condition: str) -> None:
+        tell(served, console, ARMED, condition)
+
+    armed("state.radio.armed")
+    console.keyboard.press("Tab")
+    console.keyboard.press("Tab")
+    console.keyboard.press("ArrowRight")
+    armed("document.activeElement.value === 'manual'")
+    assert console.evaluate("mode") == "rest", "an arrow key chooses nothing: the next one would be AUTO"
+    console.keyboard.press("Space")
+    armed("mode === 'manual'")
+    console.keyboard.press("Tab")
+    for _ in range(3):
+        console.keyboard.press("ArrowRight")
+    armed("Math.abs(sliders.values(seconds()).throttle - 0.03) < 1e-6")
+    sent = served.sent(OperatorCommand)
+    eventually(lambda: served.sent(OperatorCommand)[len(sent) :])
+    assert served.sent(OperatorCommand)[-1].throttle == pytest.approx(0.03)
+    console.keyboard.press("Escape")
+    eventually(lambda: served.sent(EmergencyStop))
+    tell(served, console, STOPPED, "state.radio.confirmed")
+    assert console.evaluate("mode") == "rest"
+
+
+def report_page() -> str:
+    drawing, axes = new_figure(4.0, 3.0)
+    axes[0, 0].plot([0, 1], [0, 1])
+    parts = (
+        finding(paragraph("What it comes to.")),
+        paragraph("See ", link("other.html", "the other page"), "."),
+        bullets(["a point"]),
+        table(["run", "peak roll [deg]"], [["a", "1.0"], ["b", "2.0"]], numbers=(1,), marked=(1,)),
+        figure(drawing, "A caption.", "A line"),
+        folded("More", preformatted("{}")),
+    )
+    return page("A report", "What it is about.", [Section("one", "One", parts), Section("two", "Two", parts)])
+
+
+def fit_page(folder: Path) -> str:
+    estimate = Estimate("cd", "1", 1.2, 0.1, 1.0, 1.4, bound="upper")
+    result = FitResult(
+        "log.parquet", (estimate,), ((0.01,),), 1.0, {"fx": 0.1}, True, "solved", (), warnings=("a warning",)
+    )
+    write_report(folder, "Fits", [result], failed={"other.parquet": "no such log"})
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("kind", ["report", "fits"])
+def test_reports_can_be_read_and_their_links_reached_by_keyboard(kind: str, page: Any, tmp_path: Path) -> None:
+    text = report_page() if kind == "report" else fit_page(tmp_path / "fits")
+    path = tmp_path / "page.html"
+    path.write_text(text, encoding="utf-8")
+    page.goto(path.as_uri())
+    assert too_faint(page) == []
+    assert page.get_attribute("html", "lang") == "en"
+    assert page.locator("img:not([alt])").count() == 0
+    if kind == "report":
+        reached = []
+        for _ in range(6):
+            page.keyboard.press("Tab")
+            focused = page.evaluate(_FOCUSED)
+            assert focused["outlined"], focused
+            reached.append(focused["name"])
+        assert reached == ["A", "A", "A", "SUMMARY", "A", "SUMMARY"]

@@ -1,0 +1,113 @@
+"""The operator's page in a real browser with a radio in memory: what is refused, and what a browser may lack."""
+
+from __future__ import annotations
+
+import contextlib
+import http.server
+import threading
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("starlette", reason="the extra `console` is not installed")
+
+from hardware.console.server import open_socket
+from hardware.protocol.radio import Heartbeat
+from tests.hardware.console.test_server import Served, eventually
+
+pytestmark = pytest.mark.realtime
+
+IN_CONTROL = "state !== null && state.controls"
+KNOCK = """(port) => new Promise((resolve) => {
+  const socket = new WebSocket(`ws://127.0.0.1:${port}/socket`);
+  socket.onopen = () => resolve("open");
+  socket.onerror = () => resolve("refused");
+})"""
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """Files of a folder, without a line per request."""
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    with contextlib.closing(Served(tmp_path)) as served:
+        yield served
+
+
+def shown(page: Any) -> str:
+    return page.inner_text("body")
+
+
+def test_a_wrong_and_a_used_token_are_refused_in_words(page: Any, served: Served) -> None:
+    page.goto(served.access.url.partition("?")[0] + "?token=wrong")
+    assert "used or is wrong" in shown(page)
+    used = served.access.url
+    page.goto(used)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    assert "token" not in page.url
+    page.context.clear_cookies()
+    page.goto(used)
+    assert "used or is wrong" in shown(page)
+    page.goto(used.partition("?")[0])
+    assert "works once" in shown(page)
+
+
+def test_a_page_of_another_origin_gets_no_connection_though_the_browser_is_known(
+    page: Any, served: Served, tmp_path: Path
+) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "index.html").write_text("<p>another page", encoding="utf-8")
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "other")) as other:
+        threading.Thread(target=other.serve_forever, daemon=True).start()
+        page.goto(served.access.url)
+        eventually(lambda: page.evaluate(IN_CONTROL))
+        assert page.evaluate(KNOCK, served.port) == "open"
+        page.goto(f"http://127.0.0.1:{other.server_port}/")
+        assert page.evaluate(KNOCK, served.port) == "refused"
+        other.shutdown()
+
+
+def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(page: Any, tmp_path: Path) -> None:
+    (tmp_path / "second").mkdir()
+    first = Served(tmp_path)
+    page.goto(first.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    first.close()
+    eventually(lambda: "connection to the console is lost" in shown(page) or "does not answer" in shown(page))
+    with contextlib.closing(Served(tmp_path / "second", open_socket(first.port))) as second:
+        eventually(lambda: "was started again" in shown(page))
+        assert page.is_disabled("#arm")
+        assert second.sent(Heartbeat) == []
+
+
+def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: Path) -> None:
+    class Viewed:
+        view, driving, said = "http://127.0.0.1:9/", False, ""
+
+    page.add_init_script(
+        "const real = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext ="
+        " function (kind) { return kind === '2d' ? real.call(this, kind) : null; }"
+    )
+    with contextlib.closing(Served(tmp_path, car=Viewed())) as served:
+        page.goto(served.access.url)
+        eventually(lambda: page.evaluate(IN_CONTROL))
+        assert "WebGL is off" in page.inner_text("#view")
+        assert page.locator("iframe").count() == 0
+        eventually(lambda: served.sent(Heartbeat))
+
+
+def test_without_the_gamepad_interface_the_page_works(page: Any, served: Served) -> None:
+    page.add_init_script("Object.defineProperty(navigator, 'getGamepads', {value: undefined})")
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    assert page.is_disabled("#use-gamepad")
+    assert "no gamepad" in page.inner_text("#gamepad")
+    eventually(lambda: served.sent(Heartbeat))
