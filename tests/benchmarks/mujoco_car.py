@@ -1,0 +1,155 @@
+"""The tailless car as MJCF and its turn in MuJoCo, for the benchmark: the same masses, springs, tyres and commands.
+
+What differs is the contact: MuJoCo's soft constraint instead of point contact with Hunt-Crossley damping. Its stiffness
+and damping are set so that a tyre carries its load at the same deflection and is damped alike there. Cage and board are
+left out: a run ends when the car has passed 75 degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from workbench.actuators.drive import shaft_gain
+from workbench.actuators.servo import ackermann
+from workbench.tail_impulses import FLIP_TILT
+from workbench.plants.car_model import axle_statics, chassis_inertial, gearbox_height, unsprung_mass
+from workbench.scenario import Scenario
+
+IMPEDANCE = 0.1
+"""Of a tyre contact: the smaller, the more its force is that of a spring and damper and nothing else."""
+FRICTION_RATIO = 0.1
+"""Impedance of friction over that of the normal force. From 1 on the normal force of a tyre that slides grows with its
+slip (MuJoCo projects on its friction cone in a metric that this ratio sets), and with a fine step no car rolls over."""
+
+
+def mjcf(scenario: Scenario, step: float) -> str:
+    """The car of a scenario as MJCF text; it stands at the origin and heads along x."""
+    car, tail, drive, servo = scenario.car, scenario.tail, scenario.drive, scenario.servo
+    gravity = scenario.environment.gravity
+    chassis = chassis_inertial(car, tail, gravity)
+    m = car.gearbox_mass / 12
+    w, length, h = car.gearbox_width**2, car.gearbox_length**2, car.gearbox_height**2
+    parts, knuckles = [], []
+    for axle in ("front", "rear"):
+        for side, sign in (("left", 1), ("right", -1)):
+            parts.append(_corner(scenario, axle, side, sign))
+            if axle == "front":
+                knuckles.append(
+                    f'<position name="{side}" joint="front_{side}_steering" kp="{servo.stiffness}" '
+                    f'kv="{servo.damping}" forcerange="{-servo.torque_limit} {servo.torque_limit}"/>'
+                )
+    return f"""<mujoco>
+  <compiler angle="radian" inertiafromgeom="false"/>
+  <option timestep="{step}" gravity="0 0 {-gravity}" integrator="implicitfast" cone="elliptic"
+          impratio="{FRICTION_RATIO}"/>
+  <worldbody>
+    <geom name="ground" type="plane" size="0 0 1" friction="{car.tyre_friction} 0 0" contype="1" conaffinity="0"/>
+    <body name="chassis">
+      <freejoint/>
+      {_inertial(chassis.mass, chassis.com, chassis.moments)}
+      <body pos="{tail.mount_x} 0 {gearbox_height(car, tail)}">
+        {_inertial(car.gearbox_mass, (0, 0, 0), (m * (w + h), m * (length + h), m * (length + w)))}
+      </body>
+      {"".join(parts)}
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="shaft" armature="{drive.rotor_inertia}">
+      <joint joint="rear_left_spin" coef="0.5"/><joint joint="rear_right_spin" coef="0.5"/>
+    </fixed>
+  </tendon>
+  <actuator>
+    {"".join(knuckles)}
+    <velocity name="drive" tendon="shaft" kv="{shaft_gain(drive, car)}"
+              forcerange="{-drive.torque_limit} {drive.torque_limit}"/>
+  </actuator>
+</mujoco>"""
+
+
+def _corner(scenario: Scenario, axle: str, side: str, sign: int) -> str:
+    car = scenario.car
+    statics = axle_statics(car, scenario.environment.gravity, axle)
+    front = axle == "front"
+    name = f"{axle}_{side}"
+    spring = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
+    damper = car.suspension_damping_front if front else car.suspension_damping_rear
+    tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
+    moving = unsprung_mass(car, axle)
+    stiffness = (1.0 - IMPEDANCE) * tyre / moving
+    damping = statics.wheel_load * car.tyre_dissipation / moving
+    radius, half = car.tyre_radius, 0.5 * car.tyre_width
+    diametral = car.wheel_mass * (3 * radius**2 + car.tyre_width**2) / 12
+    upright, knuckle = 0.4 * car.upright_mass * 0.03**2, 0.4 * car.knuckle_mass * 0.02**2
+    wheel = f"""<body name="{name}_wheel">
+        <joint name="{name}_spin" type="hinge" axis="0 1 0"/>
+        {_inertial(car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral))}
+        <geom type="ellipsoid" size="{radius} {half} {radius}" friction="{car.tyre_friction} 0 0" contype="0"
+              conaffinity="1" solref="{-stiffness} {-damping}" solimp="{IMPEDANCE} {IMPEDANCE} 0.001" priority="1"/>
+      </body>"""
+    if front:
+        wheel = f"""<body name="{name}_knuckle">
+        <joint name="{name}_steering" type="hinge" axis="0 0 1"/>
+        {_inertial(car.knuckle_mass, (0, 0, 0), (knuckle,) * 3)}
+        {wheel}
+      </body>"""
+    x, y = car.wheelbase if front else 0.0, sign * car.track / 2
+    travel = car.suspension_travel
+    return f"""<body name="{name}_upright" pos="{x} {y} {statics.wheel_height}">
+      <joint name="{name}_suspension" type="slide" axis="0 0 1" stiffness="{spring}" damping="{damper}"
+             springref="{statics.spring_reference}" limited="true" range="{-travel} {travel}"/>
+      {_inertial(car.upright_mass, (0, 0, 0), (upright,) * 3)}
+      {wheel}
+    </body>"""
+
+
+def _inertial(mass: float, centre: tuple[float, ...], moments: tuple[float, ...]) -> str:
+    numbers = [" ".join(f"{value:.9g}" for value in values) for values in (centre, moments)]
+    return f'<inertial mass="{mass:.9g}" pos="{numbers[0]}" diaginertia="{numbers[1]}"/>'
+
+
+def load_model(scenario: Scenario, step: float) -> Any:
+    """The car of a scenario as an `MjModel`."""
+    import mujoco  # type: ignore[import-not-found, unused-ignore]  # of the extra `bench`
+
+    return mujoco.MjModel.from_xml_string(mjcf(scenario, step))
+
+
+class MujocoTurn:
+    """The published turn: ramp, steering step through the Ackermann linkage, straight again."""
+
+    def __init__(self, scenario: Scenario, step: float) -> None:
+        self._scenario = scenario
+        self._model = load_model(scenario, step)
+
+    def flips(self) -> bool:
+        """Whether the tilt passes 75 degrees within the run."""
+        return self.largest_tilt() > FLIP_TILT
+
+    def largest_tilt(self) -> float:
+        """Of the run, rad; it stops beyond 75 degrees."""
+        import mujoco  # type: ignore[import-not-found, unused-ignore]
+
+        scenario, model = self._scenario, self._model
+        manoeuvre, car = scenario.manoeuvre, scenario.car
+        radius = axle_statics(car, scenario.environment.gravity, "rear").wheel_height
+        data = mujoco.MjData(model)
+        lowest, cosine = 1.0, math.cos(FLIP_TILT)
+        steps = round(manoeuvre.duration / model.opt.timestep)
+        angle = 0.0
+        for _ in range(steps):
+            time = data.time
+            turning = manoeuvre.turn_start <= time + 1e-9 < manoeuvre.turn_start + manoeuvre.turn_hold
+            target = manoeuvre.steer_angle if turning else 0.0
+            travel = scenario.servo.rate * model.opt.timestep
+            angle += min(max(target - angle, -travel), travel)
+            data.ctrl[:2] = ackermann(angle, car.wheelbase, car.track)
+            data.ctrl[2] = manoeuvre.speed * min(1.0, time / manoeuvre.speed_ramp) / radius
+            mujoco.mj_step(model, data)
+            x, y = data.qpos[4], data.qpos[5]
+            lowest = min(lowest, 1.0 - 2.0 * (x * x + y * y))
+            if lowest < cosine:
+                break
+        return float(np.arccos(np.clip(lowest, -1.0, 1.0)))
