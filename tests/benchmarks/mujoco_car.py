@@ -14,9 +14,9 @@ import numpy as np
 
 from workbench.actuators.drive import shaft_gain
 from workbench.actuators.servo import ackermann
-from workbench.tail_impulses import FLIP_TILT
 from workbench.plants.car_model import axle_statics, chassis_inertial, gearbox_height, unsprung_mass
 from workbench.scenario import Scenario
+from workbench.tail_impulses import FLIP_TILT
 
 IMPEDANCE = 0.1
 """Of a tyre contact: the smaller, the more its force is that of a spring and damper and nothing else."""
