@@ -1,4 +1,4 @@
-"""The log of a drive: the rows go to a thread, so that a slow or full disk never holds up the loop."""
+"""The log of a real-time run: the rows go to a thread, so that a slow or full disk never holds up the loop."""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource
 
+from hardware.drive.run_journal import RunJournal
 from hardware.protocol.ak70 import MitCommand
 from workbench.logs.columns import sensor_columns
-from workbench.logs.journal import JournalWriter
 from workbench.logs.recorder import RunRecorder, recorded_columns
 from workbench.logs.schema import run_metadata
 from workbench.ports import STATION_INPUTS
@@ -71,7 +71,7 @@ class EmulatedCar:
         )
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
-        self._journal = JournalWriter(log, recorded_columns(signals), metadata)
+        self._journal = RunJournal(log, recorded_columns(signals), metadata)  # a disk that is asked to sync may wait
         RunRecorder.add_to_builder(builder, self._journal, signals, log_rate)
         self._simulator = Simulator(builder.Build())
         self._context: Any = self._simulator.get_mutable_context()

@@ -27,9 +27,10 @@ pytestmark = [pytest.mark.emulated, pytest.mark.slow]
 SETTINGS = [
     "manoeuvre.straight_time=3",
     "manoeuvre.log_end=6",
-    # Shortly above the yaw rate of one tick and far below that of the next: on the real car the trigger comes at the
-    # next tick if the yaw rate is known a millisecond later, and a tick is 0.027 rad of RMS.
+    # Both events of the swing come well after a tick of the simulation's controller, so that readings that are some
+    # milliseconds older show them at the same tick or at the next one: a tick more or less is 0.08 rad of the swing.
     "controller.trigger_yaw_rate=0.36",
+    "controller.travel=2.225",
     "servo.frame_rate=250",  # frames of 100 Hz begin at any time within a tick of the drive
     "simulation.step=0.004",  # half the load of a step of 2 ms for a machine that runs car and drive
     "simulation.log_rate=250",

@@ -19,7 +19,7 @@ from hardware.watchdog.settings import load_watchdog_timing
 from hardware.watchdog.trial import run_watchdog_test
 from hardware.wiring.base import WIRINGS
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
-from tests.hardware.emulator.fault_runs import SCENARIO
+from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS
 from tests.hardware.fake_can import wait_until
 from workbench.errors import HardwareError
 from workbench.scenario import load_scenario
@@ -30,7 +30,7 @@ MARGIN = 0.2
 """s; for processes that share a busy computer."""
 
 
-SETTINGS = load_scenario(SCENARIO)
+CAR = load_scenario(SCENARIO, list(SETTINGS))
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def driving(emulator, folder):
     """A drive process that drives, after a watchdog test of its wiring on this emulator."""
     state = {"XDG_STATE_HOME": str(folder / "state")}
     records = folder / "state" / "aerodima" / "watchdog_tests"
-    run_watchdog_test(SETTINGS, emulator.ports, emulator.wiring, lambda _: True, "emulator", records)
+    run_watchdog_test(CAR, emulator.ports, emulator.wiring, lambda _: True, "emulator", records)
     entered = len(emulator.named("entered"))
     ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
     command = ["drive", SCENARIO, "--ports", ports, "--wiring", emulator.wiring, "--log", log, "--no-drake", "--arm"]
@@ -75,7 +75,7 @@ def after(emulator, since):
 
 
 def stop_and_look(folder, wiring, number):
-    with EmulatorProcess(folder, SETTINGS, wiring) as emulator, driving(emulator, folder) as process:
+    with EmulatorProcess(folder, CAR, wiring) as emulator, driving(emulator, folder) as process:
         sent = time.monotonic()
         os.kill(process.pid, number)
         wait_until(lambda: not any(math.isnan(value) for value in after(emulator, sent)), 2.0)
@@ -105,7 +105,7 @@ def test_a_drive_process_that_dies_or_hangs_leaves_a_safe_car(tmp_path, wiring, 
 
 @pytest.fixture(params=WIRINGS)
 def emulator(request, tmp_path):
-    with EmulatorProcess(tmp_path, SETTINGS, request.param) as running:
+    with EmulatorProcess(tmp_path, CAR, request.param) as running:
         yield running
 
 
@@ -118,7 +118,7 @@ def test_a_watchdog_test_on_the_emulator_is_recorded_and_worth_nothing_for_real_
         seen.append(question)
         return True
 
-    record, path = run_watchdog_test(SETTINGS, emulator.ports, wiring, confirm, "emulator", tmp_path / "records")
+    record, path = run_watchdog_test(CAR, emulator.ports, wiring, confirm, "emulator", tmp_path / "records")
     assert path == record_path(wiring, tmp_path / "records")
     assert len(seen) == 1
     assert record.emulated
@@ -134,5 +134,5 @@ def test_a_watchdog_test_on_the_emulator_is_recorded_and_worth_nothing_for_real_
 
 def test_motors_that_were_not_seen_off_are_not_recorded(emulator, tmp_path):
     with pytest.raises(HardwareError, match="were not seen off; nothing is recorded"):
-        run_watchdog_test(SETTINGS, emulator.ports, emulator.wiring, lambda _: False, folder=tmp_path / "records")
+        run_watchdog_test(CAR, emulator.ports, emulator.wiring, lambda _: False, folder=tmp_path / "records")
     assert not (tmp_path / "records").exists()

@@ -1,0 +1,179 @@
+"""The faults of the table in hardware/README.md, for both wirings, and what must follow of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hardware.wiring.base import CarCommand
+from hardware.wiring.drive_safety import load_drive_safety
+from tests.hardware.emulator.breakers import Breaker, ClockJumps, ControllerRaises, DiskFull, ReceiverDies
+
+PITCH = np.array([0.0, 0.0, 17.0, 5.0, 0.0])
+ROLL = np.array([-math.pi / 2, 0.0, 17.0, 5.0, 0.0])
+AT = 1.0
+"""When the fault comes: s after the throttle was first opened, which is when the car drives."""
+ASKED = {"time": 0.0, "mode": "auto_when_asked"}
+_SOFT = load_drive_safety().tail_hold
+_BOTH = ("direct_can", "teensy_bridge")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault of the table, and what must follow.
+
+    Attributes:
+        name: as the table calls it.
+        fault: entry of the script without its time; None: `broken_command`, `breaker` or the operator.
+        stops: whether the car must stop. within: s from the fault to the motors off, as long as the cause allows.
+        throttle_within: s to the neutral pulse, where that takes longer; 0: as `within`.
+        reason: part of the reason that the drive gives. acts: who switches the car off, for the table.
+        breaker: what breaks in the computer itself. broken_command: what the controller commands from then on.
+    """
+
+    name: str
+    wiring: str
+    fault: dict | None = None
+    stops: bool = True
+    within: float = 0.3
+    throttle_within: float = 0.0
+    reason: str = ""
+    acts: str = "drive"
+    operator: tuple[dict, ...] = (ASKED,)
+    breaker: Callable[[], Breaker] = Breaker
+    broken_command: CarCommand | None = None
+
+    @property
+    def of_the_computer(self) -> bool:
+        """Whether nothing of the emulated car breaks."""
+        return self.broken_command is not None or self.breaker is not Breaker
+
+
+def _motor(name: str, fault: str, reason: str, on_the_bridge: str | None = None, **keys) -> tuple[Case, ...]:
+    """A fault of the roll motor on both wirings; `on_the_bridge`: the reason there, where it is another."""
+    extra = {key: keys.pop(key) for key in ("duration", "count") if key in keys}
+    entry = {"fault": fault, "part": "tail_roll", **extra}
+    reasons = (reason, reason if on_the_bridge is None else on_the_bridge)
+    return tuple(Case(name, wiring, entry, reason=why, **keys) for wiring, why in zip(_BOTH, reasons, strict=True))
+
+
+def _device(name: str, wiring: str, device: str, fault: str, duration: float | None = None, **keys) -> Case:
+    entry = {"fault": fault, "part": device} | ({} if duration is None else {"duration": duration})
+    return Case(name, wiring, entry, **keys)
+
+
+def _on_both(name: str, **keys) -> tuple[Case, ...]:
+    return tuple(Case(name, wiring, **keys) for wiring in _BOTH)
+
+
+_SILENT = "no reply"
+_STOP = (ASKED, {"time": AT, "stop": True})
+_BROKEN = CarCommand(0.1, math.nan, PITCH, math.nan * ROLL)
+
+CASES: tuple[Case, ...] = (
+    *_motor("reply lost once", "reply_lost", "", stops=False, count=1, acts="nothing: the run goes on to its end"),
+    *_motor("reply lost for 100 ms", "reply_lost", _SILENT, duration=0.1, acts="drive: no reply for 5 cycles"),
+    *_motor("reply lost for ever", "reply_lost", _SILENT),
+    *_motor("reply corrupted", "reply_corrupted", _SILENT, acts="drive: refused by the decoder"),
+    *_motor("reply short, 5 bytes", "reply_short", _SILENT),
+    *_motor("reply long, 7 bytes", "reply_long", _SILENT),
+    *_motor("reply under a foreign id", "foreign_id", _SILENT),
+    *_motor("two motors with one id", "double_id", "", acts="drive: position jumped"),
+    *_motor("V3 frame", "v3_frame", "V3 firmware", _SILENT, acts="drive (`direct_can`: named as V3 firmware)"),
+    *_motor("over-temperature", "over_temperature", "95"),
+    *_motor("motor fault code", "motor_fault", "over-current"),
+    *_motor("encoder jump", "encoder_jump", "jumped"),
+    *_motor(
+        "position beyond range",
+        "out_of_range",
+        "allowed is",
+        within=1.3,
+        acts="drive, once a drift of 3 rad/s has left the range (1.1 s)",
+    ),
+    Case(
+        "bus-off",
+        "direct_can",
+        {"fault": "bus_off"},
+        reason=_SILENT,
+        within=0.5,
+        acts="watchdog process: opens the channel anew",
+    ),
+    Case(
+        "bus-off for 0.4 s",
+        "teensy_bridge",
+        {"fault": "bus_off", "duration": 0.4},
+        reason=_SILENT,
+        within=0.7,
+        acts="drive; no frame can leave while the controller is off the bus",
+    ),
+    _device(
+        "adapter unplugged for 0.5 s",
+        "direct_can",
+        "can",
+        "unplugged",
+        0.5,
+        within=0.9,
+        acts="watchdog process; no FD can arrive before the plug is back",
+    ),
+    _device("adapter silent", "direct_can", "can", "silent", reason=_SILENT),
+    _device("noise on the adapter's line", "direct_can", "can", "serial_noise"),
+    _device("Teensy unplugged", "direct_can", "teensy", "unplugged", acts="drive; firmware for the throttle"),
+    _device("Teensy unplugged", "teensy_bridge", "teensy", "unplugged", acts="firmware"),
+    _device("Teensy silent (its strings are lost)", "direct_can", "teensy", "silent"),
+    _device("Teensy silent (its strings are lost)", "teensy_bridge", "teensy", "silent"),
+    _device("noise on the Teensy's line", "direct_can", "teensy", "serial_noise"),
+    _device("noise on the Teensy's line", "teensy_bridge", "teensy", "serial_noise"),
+    # Nobody but the Teensy's own processor can move the throttle then; it restarts after 0.5 s.
+    Case(
+        "Teensy hangs",
+        "direct_can",
+        {"fault": "teensy_hung"},
+        throttle_within=0.9,
+        acts="drive; the processor's own watchdog for the throttle",
+    ),
+    Case(
+        "Teensy hangs",
+        "teensy_bridge",
+        {"fault": "teensy_hung"},
+        within=0.9,
+        acts="the processor's own watchdog restarts the firmware after 0.5 s",
+    ),
+    *_on_both(
+        "IMU silent", fault={"fault": "silent", "part": "imu"}, reason="IMU", within=0.3 + _SOFT, acts="drive, soft"
+    ),
+    *_on_both(
+        "GPS silent",
+        fault={"fault": "silent", "part": "gps"},
+        reason="GPS",
+        within=1.3 + _SOFT,
+        acts="drive, soft, after 1 s",
+    ),
+    *_on_both(
+        "radio silent",
+        fault={"fault": "silent", "part": "radio"},
+        reason="radio",
+        within=0.5 + _SOFT,
+        acts="drive, soft, after 0.25 s",
+    ),
+    *_on_both("operator's emergency stop", operator=_STOP, reason="emergency"),
+    *_on_both("commanded NaN", broken_command=_BROKEN, reason="NaN"),
+    *_on_both("exception in the controller", breaker=ControllerRaises, reason="ZeroDivisionError"),
+    *_on_both(
+        "clock jumps ahead by an hour",
+        breaker=lambda: ClockJumps(3600.0),
+        reason="between two cycles",
+        acts="drive: the loop stood still",
+    ),
+    *_on_both("clock jumps back by an hour", breaker=lambda: ClockJumps(-3600.0), reason="between two cycles"),
+    *_on_both(
+        "log disk full",
+        breaker=DiskFull,
+        reason="cannot be written",
+        within=1.5 + _SOFT,
+        acts="drive, soft, when the next rows are written (once a second)",
+    ),
+    *_on_both("receive thread dies", breaker=ReceiverDies),
+)
