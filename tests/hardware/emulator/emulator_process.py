@@ -27,6 +27,8 @@ DISTURBED = 0.02
 """A pause of that length, s, is not of our making: the loops of drive and emulator take 2 ms of their 10."""
 _READY_TIME = 60.0
 _ATTEMPTS = 3
+_IDLE = 3
+"""Place of the idle time in the first line of /proc/stat."""
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["hardware.emulator.emulator", "workbench.run", "workbench.scenario"])
 
@@ -118,7 +120,7 @@ def undisturbed(run: Callable[[Path], T], folder: Path) -> T:
     """What `run` returns for a new folder; again, at most twice, when it failed while the computer stood still.
 
     That it stood still is witnessed by the emulator, which notes its delays, and by a thread of this process. A failure
-    without such a witness stands.
+    without such a witness stands. Before the next attempt it waits for an idle computer, for ten seconds at most.
     """
     for attempt in range(_ATTEMPTS):
         made = folder / f"attempt_{attempt}"
@@ -131,7 +133,24 @@ def undisturbed(run: Callable[[Path], T], folder: Path) -> T:
                 print(f"attempt {attempt}: longest pause {pause * 1000:.0f} ms: {error}")
                 if pause < DISTURBED or attempt == _ATTEMPTS - 1:
                     raise
+        _wait_for_idle_computer(10.0)
     raise AssertionError("unreachable")
+
+
+def _wait_for_idle_computer(timeout: float) -> None:
+    """Until the processors did nothing for three quarters of half a second."""
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        before = _processor_times()
+        time.sleep(0.5)
+        spent = [after - start for after, start in zip(_processor_times(), before, strict=True)]
+        if spent[_IDLE] > 0.75 * sum(spent):
+            return
+
+
+def _processor_times() -> list[int]:
+    with open("/proc/stat", encoding="ascii") as file:
+        return [int(word) for word in file.readline().split()[1:9]]
 
 
 def _longest_delay(folder: Path) -> float:
