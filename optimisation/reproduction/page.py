@@ -13,7 +13,7 @@ from optimisation.reproduction.rows import CLOSE, LEVELS, SURE, WIDEST, Basis, R
 from workbench.ensemble import Ensemble, weighted_quantiles
 from workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from workbench.published import flip_bracket, published_figures
-from workbench.report.page import Cell, Markup, Section, bullets, figure, finding, link, page, paragraph, table
+from workbench.report.page import Cell, Markup, Section, bullets, figure, finding, link, noted, page, paragraph, table
 from workbench.report.words import metric_name, metric_unit
 
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "direction only", "not reproduced", "not computable")
@@ -81,18 +81,26 @@ def _verdicts(rows: Sequence[Row]) -> Section:
 
 
 def _table(rows: Sequence[Row]) -> Markup:
-    header = ("place", "claim", "unit", "published", "ours", "band", "verdict", "basis", "evidence, or what is missing")
+    header = (
+        "place",
+        "claim, with evidence or what is missing",
+        "unit",
+        "published",
+        "ours",
+        "band",
+        "verdict",
+        "basis",
+    )
     cells: list[Sequence[Cell]] = [
         (
             row.place,
-            row.claim,
+            noted(row.claim, row.evidence),
             row.unit,
             _number(row.published),
             _number(row.ours),
             "" if row.low is None else f"{_number(row.low)} to {_number(row.high)}",
             row.verdict,
             row.basis,
-            row.evidence,
         )
         for row in rows
     ]

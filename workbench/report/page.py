@@ -23,13 +23,17 @@ figcaption { font-size: 14px; color: #4a5565; max-width: 900px; margin-top: 4px;
 table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
 th, td { padding: 4px 10px; border-bottom: 1px solid #d8d8d8; text-align: left; vertical-align: top; }
 td.number, th.number { text-align: right; white-space: nowrap; } thead th { border-bottom: 2px solid #1c2430; }
-tr.marked td { background: #fbf3dc; }
+tr.marked td { background: #fbf3dc; } td small { display: block; color: #4a5565; font-size: 13px; }
 .finding { border-left: 4px solid #1c2430; background: #f4f2ec; padding: 8px 16px; margin: 16px 0; }
 .finding p { margin: 6px 0; }
 details { margin: 14px 0; } summary { cursor: pointer; font-weight: 600; }
 pre { font-size: 13px; line-height: 1.4; background: #f6f6f6; padding: 12px; overflow-x: auto; }
 @media print { nav { display: none; } h2 { break-before: auto; } figure, tr { break-inside: avoid; } }
 """
+
+
+_PIXELS_PER_INCH = 95
+"""Of figures on the page, so that their letters are equally large; one of 11 inches fills it."""
 
 
 @dataclass(frozen=True)
@@ -129,15 +133,22 @@ def figure(drawing: Figure, caption: Cell, alternative: str) -> Markup:
         alternative: what it shows, for those who cannot see it.
     """
     data = base64.b64encode(png(drawing)).decode("ascii")
-    return picture(f"data:image/png;base64,{data}", caption, alternative)
+    width = round(_PIXELS_PER_INCH * drawing.get_figwidth())
+    return picture(f"data:image/png;base64,{data}", caption, alternative, width)
 
 
-def picture(source: str, caption: Cell, alternative: str) -> Markup:
-    """An image by its address relative to the page."""
+def picture(source: str, caption: Cell, alternative: str, width: int | None = None) -> Markup:
+    """An image by its address relative to the page; `width` in pixels of the page, None for its own."""
+    shown = "" if width is None else f' width="{width}"'
     return Markup(
-        f'<figure><img src="{html.escape(source, quote=True)}" alt="{html.escape(alternative, quote=True)}">'
+        f'<figure><img src="{html.escape(source, quote=True)}" alt="{html.escape(alternative, quote=True)}"{shown}>'
         f"<figcaption>{escaped(caption)}</figcaption></figure>"
     )
+
+
+def noted(text: str, note: str) -> Markup:
+    """A cell with a smaller note below its text."""
+    return Markup(f"{html.escape(text)}<small>{html.escape(note)}</small>" if note else html.escape(text))
 
 
 def folded(summary: str, *parts: Markup) -> Markup:
