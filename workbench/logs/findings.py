@@ -49,7 +49,7 @@ _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_"
 
 @dataclass(frozen=True)
 class Finding:
-    """Something odd: column, time (s; None when it concerns the whole log), and what it is."""
+    """Something odd: column ("" when it concerns the file), time (s; None when it is not at a time), and what it is."""
 
     column: str
     time: float | None
@@ -57,7 +57,9 @@ class Finding:
 
     def __str__(self) -> str:
         """One line for a person."""
-        return f"column {self.column!r}" + ("" if self.time is None else f" at {self.time:g} s") + f": {self.text}"
+        where = f"column {self.column!r}" if self.column else ""
+        where += "" if self.time is None else f" at {self.time:g} s"
+        return f"{where}: {self.text}" if where else self.text
 
 
 def gap_findings(time: FloatArray, column: str = TIME) -> list[Finding]:

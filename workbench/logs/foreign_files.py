@@ -4,6 +4,7 @@ CSV, Parquet, MAT (v5 and v7.3) and MCAP. Nothing is converted here; `workbench.
 """
 
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -133,17 +134,24 @@ def _read_csv(path: Path, form: CsvFormat) -> ForeignLog:
     first = form.skip_lines + 1
     skipped = [*range(form.skip_lines), *range(first, first + form.skip_after_names)]
     try:
-        table = pd.read_csv(
-            path,
-            sep=form.delimiter,
-            decimal=form.decimal,
-            skiprows=skipped,
-            comment=form.comment,
-            encoding=form.encoding,
-            skipinitialspace=True,
-            index_col=False,
-            low_memory=False,
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # values would be dropped
+            table = pd.read_csv(
+                path,
+                sep=form.delimiter,
+                decimal=form.decimal,
+                skiprows=skipped,
+                comment=form.comment,
+                encoding=form.encoding,
+                skipinitialspace=True,
+                index_col=False,
+                low_memory=False,
+            )
+    except pd.errors.ParserWarning as cause:
+        raise LogError(
+            f"{path}: its rows hold more values than its first line has names; are `csv.delimiter` {form.delimiter!r} "
+            f"and `csv.decimal` {form.decimal!r} right?"
+        ) from cause
     except (ValueError, LookupError, pd.errors.ParserError) as cause:
         raise LogError(f"{path}: not a table that can be read: {' '.join(str(cause).split())}") from cause
     if table.shape[1] < 2:

@@ -171,7 +171,7 @@ def _unused(foreign: ForeignLog, mapping: Mapping) -> list[Finding]:
     unused = [name for name in foreign.columns if name not in used and not name.endswith("@publish_time")]
     found = [Finding(name, None, f"not read: {reason}") for name, reason in foreign.unreadable.items()]
     if unused:
-        found.append(Finding(TIME, None, f"columns of the file that are not in the mapping: {', '.join(unused)}"))
+        found.append(Finding("", None, f"columns of the file that are not in the mapping: {', '.join(unused)}"))
     return found
 
 

@@ -269,6 +269,15 @@ def test_a_missing_force_axis_is_said_and_the_rest_kept(tmp_path: Path) -> None:
     assert_is_the_swing(imported.run_log.table)
 
 
+def test_rows_with_more_values_than_names_are_refused_and_not_cut(tmp_path: Path) -> None:
+    """Decimal commas beside commas as delimiters; what is not in the mapping is told of the file, not of a column."""
+    (tmp_path / "log.csv").write_text("t,theta,Fy\n" + "".join(f"0,{i},1,5,2\n" for i in range(9)), encoding="utf-8")
+    with pytest.raises(LogError, match=r"more values than its first line has names; are `csv.delimiter` ','"):
+        import_log(tmp_path / "log.csv", swing_mapping())
+    found = import_log(write_csv(tmp_path, foreign(extra=np.arange(len(TIMES)))), swing_mapping()).findings
+    assert [str(finding) for finding in found] == ["columns of the file that are not in the mapping: extra"]
+
+
 def test_a_missing_angle_or_time_is_an_error(tmp_path: Path) -> None:
     path = write_csv(tmp_path, foreign())
     with pytest.raises(LogError, match=r"no column 'beta', which angle_rad comes from"):
