@@ -20,6 +20,8 @@ from workbench.summary import KM_PER_H, RunSummary, summarise, write_summary
 DEMO_SCHEMA = "aerodima/demo/1"
 REPORT, SUMMARY, MARK = "index.html", "summary.csv", "demo.json"
 """`MARK` says that a folder is a demo's, and whether it is finished."""
+OPTIMISED_SWING = "roll_4_5"
+"""Of `models/swings`; the row `optimised` plays it."""
 
 Say = Callable[[str], None]
 
@@ -30,16 +32,17 @@ class DemoPlan:
 
     Args:
         speeds: commanded, m/s.
-        tail_modes: of `none`, `held`, `swing`.
+        tail_modes: of `none`, `held`, `swing`, `optimised`.
         shown: (tail mode, speed) of the runs with replay, strip and plots over time; the first gives the provenance.
         seed: of every run.
         settings: overrides of every scenario, such as `manoeuvre.duration=3.0`.
     """
 
     speeds: tuple[float, ...] = tuple(whole / KM_PER_H for whole in range(12, 19))
-    tail_modes: tuple[str, ...] = ("none", "held", "swing")
+    tail_modes: tuple[str, ...] = ("none", "held", "swing", "optimised")
     shown: tuple[tuple[str, float], ...] = tuple(
-        (mode, whole / KM_PER_H) for mode, whole in (("none", 12), ("none", 13), ("held", 16), ("swing", 16))
+        (mode, whole / KM_PER_H)
+        for mode, whole in (("none", 12), ("none", 13), ("held", 16), ("swing", 16), ("optimised", 16))
     )
     seed: int = 1
     settings: tuple[str, ...] = ()
@@ -79,7 +82,7 @@ def make_demo(
 
     Args:
         out: folder; made when it is not there.
-        plan: what to run; the 21 runs of the thesis' speeds by default.
+        plan: what to run; the 28 runs at the thesis' speeds by default.
         workers: processes.
         force: make a finished demo again, or write among other files.
         say: told lines of progress.
@@ -111,12 +114,14 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
     for mode in plan.tail_modes:
         for speed in plan.speeds:
             settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}", *plan.settings]
+            if mode == "optimised":
+                settings.append(f"controller.swing_file={OPTIMISED_SWING}")
             name = f"{mode}_{speed:.2f}"
             shown = (mode, speed) in plan.shown
             runs.append(
                 DemoRun(
                     name=name,
-                    scenario=load_scenario(f"turn_{mode}", settings).resolved(),
+                    scenario=load_scenario(f"turn_{'swing' if mode == 'optimised' else mode}", settings).resolved(),
                     log=out / "logs" / f"turn_{name}.parquet",
                     replay=out / f"replay_{name}.html" if shown else None,
                     strip=out / f"strip_{name}.png" if shown else None,

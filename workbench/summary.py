@@ -5,7 +5,7 @@ Everything comes from the run log. `RunSummary` is small and pickles, so a worke
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from workbench.atomic_write import write_atomically
+from workbench.controllers.law_of_scenario import NO_SWING
 from workbench.controllers.swing_law import SwingState
 from workbench.errors import UserError
 from workbench.logs.schema import RunLog
@@ -39,7 +40,7 @@ class RunSummary:
 
     Attributes:
         name: of the log, without its ending.
-        tail_mode: `none`, `held` or `swing`.
+        tail_mode: see `tail_mode_of`.
         commanded_speed: m/s.
         metrics: outcome and metrics.
         window: start and end of the turn, s.
@@ -72,6 +73,13 @@ class RunSummary:
         return bool(self.metrics.outcome.clean)
 
 
+def tail_mode_of(scenario: Mapping[str, Any]) -> str:
+    """What the tail does in a resolved scenario: `none`, `held`, `swing`, or `optimised` for a swing from a file."""
+    mode = str(scenario["tail"]["mode"])
+    plays = scenario.get("controller", {}).get("swing_file", NO_SWING) != NO_SWING
+    return "optimised" if mode == "swing" and plays else mode
+
+
 def summarise(run_log: RunLog, name: str) -> RunSummary:
     """Measures a run of a turn; LogError as for `metrics_of`."""
     impulses = tail_impulses(run_log) if "tail_com_x_truth_m" in run_log.table.columns else None
@@ -82,7 +90,7 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
     ended = swinging.size > 0 and swinging[-1] < run_log.time[-1]
     return RunSummary(
         name=name,
-        tail_mode=str(run_log.scenario["tail"]["mode"]),
+        tail_mode=tail_mode_of(run_log.scenario),
         commanded_speed=float(run_log.scenario["manoeuvre"]["speed"]),
         metrics=metrics_of(run_log),
         window=window,

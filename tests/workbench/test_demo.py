@@ -247,12 +247,14 @@ def test_wrong_input_is_one_line_and_changes_nothing(
 
 
 def test_the_plan_of_the_command_is_the_published_range() -> None:
-    # Whole km/h from 12 to 18 (ERRATA E37), three tail modes.
+    # Whole km/h from 12 to 18 (ERRATA E37), four tail modes.
     runs = demo_runs(Path("out"), DemoPlan())
     speeds = sorted({round(3.6 * run.scenario["manoeuvre"]["speed"], 9) for run in runs})
     assert speeds == [12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0]
-    assert len(runs) == 21
+    assert len(runs) == 28
+    played = {run.name for run in runs if run.scenario["controller"]["swing_file"] != "none"}
+    assert played == {run.name for run in runs if run.name.startswith("optimised_")}
     shown = {run.name for run in runs if run.replay is not None}
-    assert shown == {"none_3.33", "none_3.61", "held_4.44", "swing_4.44"}
+    assert shown == {"none_3.33", "none_3.61", "held_4.44", "swing_4.44", "optimised_4.44"}
     assert all(run.scenario["manoeuvre"]["duration"] == 4.0 for run in runs)
     assert all(run.scenario["controller"]["swing_speed"] == 8.0 for run in runs)

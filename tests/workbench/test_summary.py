@@ -8,7 +8,7 @@ import pytest
 from tests.workbench.made_up_runs import made_up_run, times
 from tests.workbench.made_up_summaries import made_up_summary
 from workbench.errors import UserError
-from workbench.summary import published_for, summarise, summary_row, write_summary
+from workbench.summary import published_for, summarise, summary_row, tail_mode_of, write_summary
 
 
 def test_swing_times_come_from_the_state_of_the_controller() -> None:
@@ -46,6 +46,14 @@ def test_only_the_runs_of_the_thesis_have_published_figures() -> None:
     assert not any(sources.values())
     assert published_for(made_up_summary("none", 3.33))  # as the thesis rounds it
     assert not published_for(made_up_summary("none", 3.40))
+
+
+def test_a_swing_from_a_file_is_a_mode_of_its_own_and_has_no_published_figures() -> None:
+    played = {"swing_file": "roll_4_5"}
+    assert tail_mode_of({"tail": {"mode": "swing"}, "controller": played}) == "optimised"
+    assert tail_mode_of({"tail": {"mode": "held"}, "controller": played}) == "held"
+    assert tail_mode_of({"tail": {"mode": "swing"}, "controller": {"swing_file": "none"}}) == "swing"
+    assert not published_for(made_up_summary("optimised", 16 / 3.6))
 
 
 def test_a_difference_is_the_raw_metric_less_the_published_figure() -> None:

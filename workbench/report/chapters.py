@@ -230,6 +230,7 @@ def _moment_figures(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog
     chosen = [s for s in shown if s.tail_mode == "held"][-1:]
     swings = [s for s in shown if s.tail_mode == "swing"]
     chosen += [swings[0], swings[-1]] if len(swings) > 1 else swings
+    chosen += [s for s in shown if s.tail_mode == "optimised"][-1:]
     if not chosen:
         return []
     titles = [f"{MODE_STYLES[s.tail_mode].words.capitalize()}, {s.commanded_speed:.2f} m/s" for s in chosen]

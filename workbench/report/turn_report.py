@@ -31,7 +31,7 @@ from workbench.report.page import (
 )
 from workbench.report.words import degrees
 from workbench.scenario import SECTIONS, load_parameter_entries
-from workbench.summary import RunSummary
+from workbench.summary import RunSummary, tail_mode_of
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def turn_report(
     )
     lead = (
         f"{len(summaries)} simulated turns of a 1:10 car with a light aerodynamic tail: without tail, with the tail "
-        "held on the inside of the turn, and with the tail swung over the top to the outside."
+        "held on the inside of the turn, with the tail swung over the top to the outside, and with an optimised swing."
     )
     return page("The car turns, with and without its tail", lead, sections)
 
@@ -117,7 +117,7 @@ def _in_short(summaries: Sequence[RunSummary]) -> Markup:
     if reference is not None:
         said += [
             findings.faster_claim(summaries, mode, reference)
-            for mode in ("held", "swing")
+            for mode in ("held", "swing", "optimised")
             if any(s.tail_mode == mode for s in summaries)
         ]
     return finding(paragraph("In short:"), bullets(said))
@@ -132,6 +132,7 @@ def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) 
             f"then driven over the top at {controller['swing_speed']:g} rad/s, and held on the outside after "
             f"{degrees(controller['travel'])} of travel."
         ),
+        "optimised": "Optimised swing: a motion found by `aerodima optimise swing` and played from its file.",
     }
     return [words for mode, words in said.items() if any(s.tail_mode == mode for s in summaries)]
 
@@ -149,7 +150,7 @@ def _signals(run_logs: Mapping[str, RunLog], standard: Sequence[str], files: Rep
     parts = []
     for name in standard:
         log = run_logs[name]
-        mode, speed = MODE_STYLES[log.scenario["tail"]["mode"]].words, log.scenario["manoeuvre"]["speed"]
+        mode, speed = MODE_STYLES[tail_mode_of(log.scenario)].words, log.scenario["manoeuvre"]["speed"]
         title = f"{mode.capitalize()}, {speed:.2f} m/s"
         links = [
             link(at[name], words).text for at, words in ((files.logs, "log"), (files.replays, "replay")) if name in at
