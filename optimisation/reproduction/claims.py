@@ -57,7 +57,7 @@ def all_rows(evidence: Evidence, calibrated: frozenset[str], tailed: Basis) -> l
         *_tables_of_chapter_4_and_6(),
         *_brackets(evidence, tailed),
         *(row for published_row in published_figures() for row in _metrics(evidence, published_row, calibrated)),
-        *_changes(evidence),
+        *_changes(evidence, calibrated),
         *_gains(),
         *_kohut(evidence, calibrated),
         _no_flick(evidence),
@@ -175,8 +175,8 @@ def _yaw_rate_of(metric: str) -> str:
     return metric.replace("kohut_deg_m_per_s2", "yaw_rate_rad_per_s")
 
 
-def _changes(evidence: Evidence) -> list[Row]:
-    """Tailed against tailless, best runs of each platform (ERRATA E34)."""
+def _changes(evidence: Evidence, calibrated: frozenset[str]) -> list[Row]:
+    """Tailed against tailless, best runs of each platform (ERRATA E34); each follows from two rows of `_metrics`."""
     rows = []
     for platform in ("simulated", "physical"):
         none, swing = (
@@ -188,14 +188,22 @@ def _changes(evidence: Evidence) -> list[Row]:
                 continue
             before, after = getattr(none.metrics, field.name), getattr(swing.metrics, field.name)
             ours = _ratio(evidence, none, field.name, swing)
+            note = (
+                f"{_said(evidence)}; two runs at two speeds, so most of a change is the speed's; follows from the rows"
+            )
+            note += f" of {none.source} and {swing.source}"
+            if platform == "simulated" and _yaw_rate_of(field.name) in calibrated:
+                note += ", the first of which was calibrated to"
+            if field.name != _yaw_rate_of(field.name):
+                note += "; the yaw rate times the commanded speed, no figure of its own"
             rows.append(
                 change_row(
                     f"{none.source} to {swing.source[-3:]}",
-                    f"tail changes {metric_name(field.name)} ({platform})",
+                    f"{metric_name(field.name)}, best run with tail over best without ({platform})",
                     100.0 * (after / before - 1.0),
                     ours,
                     evidence.weights,
-                    f"{_said(evidence)}; at the two different speeds of the tables, so most of a change is the speed's",
+                    note,
                 )
             )
     return rows
@@ -256,7 +264,8 @@ def _kohut(evidence: Evidence, calibrated: frozenset[str]) -> list[Row]:
                 "Table 3.1",
                 f"larger Kohut, no tail, than {robot['robot']} ({robot['kohut_deg_m_per_s2']:g})",
                 share,
-                f"{_said(evidence)} at {none:g} m/s; other robots as printed, not simulated",
+                f"{_said(evidence)} at {none:g} m/s; other robots as printed, not simulated; speed times yaw rate, so "
+                "a faster robot has more of it without turning better",
                 "calibrated to" if _yaw_rate_of("max_kohut_deg_m_per_s2") in calibrated else "prediction",
             )
         )
