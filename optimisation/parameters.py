@@ -142,13 +142,12 @@ class Parameters:
         vectors += [rng.uniform(low, high) for _ in range(random)]
         return vectors
 
+    def sides(self, x: np.ndarray) -> np.ndarray:
+        """Which unknowns sit on a bound (p): -1 on the lower one, 1 on the upper one, else 0."""
+        margin = 1e-6 * self.scales
+        return np.where(x <= self.lower + margin, -1, np.where(x >= self.upper - margin, 1, 0))
+
     def active(self, x: np.ndarray) -> dict[str, str]:
         """Unknowns that sit on a bound, with `lower` or `upper`."""
-        margin = 1e-6 * self.scales
-        found = {}
-        for name, value, low, high, eps in zip(self.names, x, self.lower, self.upper, margin, strict=True):
-            if value <= low + eps:
-                found[name] = "lower"
-            elif value >= high - eps:
-                found[name] = "upper"
-        return found
+        words = {-1: "lower", 1: "upper"}
+        return {name: words[side] for name, side in zip(self.names, self.sides(x).tolist(), strict=True) if side}

@@ -21,7 +21,8 @@ class Estimate:
     Attributes:
         name, unit: of the parameter.
         value: in `unit`.
-        standard_deviation, lower, upper: with the 95 % interval; infinite when not identifiable, zero when frozen.
+        standard_deviation, lower, upper: with the 95 % interval, which holds the value; infinite when not identifiable,
+            zero when frozen, one-sided at a bound (see `uncertainty`).
         identifiable: whether the data determine it.
         bound: `lower` or `upper` when the fit stopped there.
         frozen: kept its seed.
@@ -106,6 +107,22 @@ class FitResult:
         row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
         row |= {"cost": self.cost, "effective_samples": self.effective_samples, "success": self.success}
         return row | {"status": self.status, "warnings": "; ".join(self.warnings)}
+
+
+def parameter_names(results: Sequence[FitResult]) -> list[str]:
+    """Names of all parameters of some fits in order; those that end in a number (`cn_at_10`) in the order of it."""
+    names = list(dict.fromkeys(e.name for result in results for e in result.estimates))
+    families: dict[str, int] = {}
+
+    def place(name: str) -> tuple[int, float]:
+        family, _, number = name.rpartition("_")
+        try:
+            value = float(number)
+        except ValueError:
+            family, value = name, 0.0
+        return families.setdefault(family, len(families)), value
+
+    return sorted(names, key=place)
 
 
 _SUFFIXES = {"/": "_per_", " ": "_", "^": "", "2": "2"}
@@ -220,9 +237,15 @@ def _warnings(estimates: Sequence[Estimate], sure: Uncertainty, solution: Soluti
     found = []
     for direction in sure.unseen:
         found.append(f"the data do not determine {direction}")
-    for e in estimates:
-        if e.bound:
-            found.append(f"{e.name} stopped at its {e.bound} bound {e.value:.6g} {e.unit}")
+    at_bounds = [e for e in estimates if e.bound]
+    beyond = dict(zip(solution.problem.parameters.names, sure.beyond.tolist(), strict=True))
+    for e in at_bounds:
+        bound = f"{e.bound} bound {e.value:.6g}{'' if e.unit == '1' else ' ' + e.unit}"
+        found.append(
+            f"{e.name} stopped at its {bound}, {beyond[e.name]:.2g} standard deviations from what the data ask for"
+        )
+    if at_bounds and len(at_bounds) < sum(e.identifiable and not e.frozen for e in estimates):
+        found.append(f"the intervals of the others take {', '.join(e.name for e in at_bounds)} to lie within bounds")
     if not solution.best.success:
         found.append(f"the solver did not finish: {solution.best.status}")
     return found

@@ -7,32 +7,21 @@ import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import yaml
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from optimisation.errors import FitError
-from optimisation.pipeline import Estimate, FitResult
+from optimisation.fit_figures import figures_of
+from optimisation.pipeline import Estimate, FitResult, parameter_names
 from workbench.atomic_write import make_folder
 from workbench.logs.schema import software_versions
-from workbench.plots.overlay import RUN_STYLES
 
 SCHEMA = "aerodima/fit-report/1"
-_MOST_CURVES = 12
-"""Panels of the figure in which logs with one curve each are drawn together."""
-_MOST_FIGURES = 8
-"""Logs with several curves have a figure of their own; that many are drawn."""
-_MOST_NAMED = 16
-_EXACT = 1e-9
-"""Residuals below this are rounding."""
-_MODEL_STYLES = (RUN_STYLES[2], *RUN_STYLES[1:2], RUN_STYLES[0], *RUN_STYLES[3:])
-"""Blue dots first, vermilion dashes over them: told apart without colour."""
+_MOST_DECIMALS = 9
 _LONG = 40
 """Cells of more characters than this may wrap."""
 _STYLE = (
@@ -40,7 +29,7 @@ _STYLE = (
     "table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:1rem 0}"
     "th,td{border-bottom:1px solid #d0d7de;padding:.25rem .7rem;text-align:right}"
     "td{white-space:nowrap}th:first-child,td:first-child,td.words{text-align:left}"
-    "td.words{white-space:normal;min-width:20rem}"
+    "td.words{white-space:normal;min-width:32rem}"
     ".table{overflow-x:auto}table{border:0}img{max-width:100%}.warn{color:#9a3412}"
 )
 
@@ -72,7 +61,7 @@ def write_report(
     for name, table in tables.items():
         paths.append(folder / f"{name}.csv")
         table.to_csv(paths[-1], index=False)
-    figures = _figures(results)
+    figures = figures_of(results)
     for name, figure in figures.items():
         paths.append(folder / f"{name}.png")
         figure.savefig(paths[-1], dpi=110)
@@ -122,105 +111,6 @@ def _numbers(value: Any) -> Any:
     return value
 
 
-def _figures(results: Sequence[FitResult]) -> dict[str, Figure]:
-    figures = {}
-    if results:
-        figures["estimates"] = plot_estimates(results)
-        figures["residuals"] = _residuals_figure(results)
-    single = [result for result in results if len(result.curves) == 1]
-    if single:
-        figures["curves"] = _curves_figure([(r, name, curve) for r in single for name, curve in r.curves.items()])
-    several = [result for result in results if len(result.curves) > 1]
-    for number, result in enumerate(several[:_MOST_FIGURES], start=1):
-        figures[f"curves_{number}_{Path(result.name).stem}"] = plot_curves(result)
-    return figures
-
-
-def plot_curves(result: FitResult) -> Figure:
-    """Measured and model of one fit: a panel per curve that the fit kept, such as the angle and each reaction."""
-    return _curves_figure([(None, name, curve) for name, curve in result.curves.items()], Path(result.name).name)
-
-
-def plot_estimates(results: Sequence[FitResult]) -> Figure:
-    """Every free parameter over the fits, with its interval; what is not determined is left out."""
-    names = list(dict.fromkeys(e.name for result in results for e in result.free if not e.name.startswith("start_")))
-    units = {e.name: e.unit for result in results for e in result.free}
-    figure = Figure(figsize=(10.0, 1.9 * len(names) + 1.2), layout="constrained")
-    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, name in zip(axes, names, strict=True):
-        found = [(i, e) for i, result in enumerate(results) for e in result.free if e.name == name and e.identifiable]
-        if found:
-            x = [i for i, _ in found]
-            values = np.array([e.value for _, e in found])
-            low = np.maximum(values - [e.lower for _, e in found], 0.0)
-            high = np.maximum([e.upper for _, e in found] - values, 0.0)
-            ax.errorbar(x, values, yerr=[low, high], fmt="o", ms=3.5, capsize=2, color="#0f5c8a", ecolor="#7fb3d3")
-            ax.ticklabel_format(axis="y", useOffset=False)
-        else:
-            ax.text(0.5, 0.5, "not determined in any fit", transform=ax.transAxes, ha="center", color="#9a3412")
-            ax.set_yticks([])
-        ax.set_ylabel(name if units[name] == "1" else f"{name} [{units[name]}]", fontsize=8)
-        ax.grid(alpha=0.3)
-    _name_fits(axes[-1], results)
-    figure.suptitle("estimates with their 95 % intervals", fontsize=10)
-    return figure
-
-
-def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
-    """The fits along the x axis: by name while there is room, else by their place in the table."""
-    ax.set_xlim(-0.5, len(results) - 0.5)
-    if len(results) > _MOST_NAMED:
-        ax.set_xlabel("fit, in the order of the table (from 0)")
-        return
-    ax.set_xticks(range(len(results)), [Path(result.name).stem for result in results], rotation=20, ha="right")
-    ax.tick_params(axis="x", labelsize=8)
-
-
-def _residuals_figure(results: Sequence[FitResult]) -> Figure:
-    """Root mean square per channel and fit; a channel that a fit meets exactly has no mark."""
-    channels = list(dict.fromkeys(name for result in results for name in result.residual_rms))
-    figure = Figure(figsize=(10.0, 3.6), layout="constrained")
-    ax = figure.subplots()
-    for channel in channels:
-        rms = [result.residual_rms.get(channel, math.nan) for result in results]
-        y = [value if value > _EXACT else math.nan for value in rms]
-        ax.plot(range(len(results)), y, "o" if len(results) < 100 else ".", ms=4, label=channel)
-    ax.set_yscale("log")
-    _name_fits(ax, results)
-    ax.set_ylabel("rms residual, SI unit of the channel")
-    ax.grid(alpha=0.3)
-    if channels:
-        ax.legend(ncols=len(channels), fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return figure
-
-
-def _curves_figure(curves: Sequence[tuple[FitResult | None, str, Mapping[str, Any]]], title: str = "") -> Figure:
-    """Measured and model, one panel per curve; `measured` may be missing. The panel is named after the log, if told."""
-    more, curves = len(curves) - _MOST_CURVES, curves[:_MOST_CURVES]
-    columns = min(3, len(curves))
-    rows = math.ceil(len(curves) / columns)
-    figure = Figure(figsize=(5.0 * columns, 3.6 * rows), layout="constrained")
-    places = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for ax in places[len(curves) :]:
-        ax.set_axis_off()
-    for ax, (result, name, curve) in zip(places, curves, strict=False):
-        x = np.asarray(curve["x"])
-        if "measured" in curve:
-            ax.plot(x, curve["measured"], "." if len(x) <= 200 else "-", color="#9a9a9a", lw=2.4, label="measured")
-        models = [label for label in curve if label not in ("x", "measured", "labels")]
-        for label, (colour, line) in zip(models, cycle(_MODEL_STYLES)):
-            ax.plot(x, curve[label], lw=1.3, color=colour, linestyle=line, label=label)
-        ax.set_title(name if result is None else f"{Path(result.name).name}: {name}", fontsize=9)
-        labels = curve.get("labels", ("x", name))
-        ax.set_xlabel(labels[0])
-        ax.set_ylabel(labels[1])
-        ax.grid(alpha=0.3)
-        ax.legend(fontsize=8)
-    if title or more > 0:
-        figure.suptitle(title or f"the first {_MOST_CURVES} of {_MOST_CURVES + more} logs")
-    return figure
-
-
 def _page(
     title: str,
     results: Sequence[FitResult],
@@ -252,15 +142,17 @@ def _page(
         ]
     for name, data in pictures.items():
         code = base64.b64encode(data).decode()
-        parts.append(f'<h2>{name}</h2><img alt="{name}" src="data:image/png;base64,{code}">')
+        words = html.escape(name.replace("_", " "))
+        parts.append(f'<h2>{words}</h2><img alt="{words}" src="data:image/png;base64,{code}">')
     return "\n".join(parts) + "</html>\n"
 
 
 def _results_table(results: Sequence[FitResult]) -> str:
-    names = list(dict.fromkeys(e.name for result in results for e in result.estimates))
+    names = parameter_names(results)
     units = {e.name: e.unit for result in results for e in result.estimates}
     facts = list(dict.fromkeys(key for result in results for key in result.facts))
-    heads = ["fit", *(f"{name} [{units[name]}]" for name in names), *facts, "status"]
+    told = [name if units[name] == "1" else f"{name} [{units[name]}]" for name in names]
+    heads = ["fit", *told, *facts, "status"]
     rows = []
     for result in results:
         by_name = {e.name: e for e in result.estimates}
@@ -292,5 +184,15 @@ def in_words(estimate: Estimate, unit: bool = False) -> str:
     behind = f" {estimate.unit}" if unit and estimate.unit != "1" else ""
     if estimate.frozen:
         return f"{estimate.value:.5g}{behind} (frozen)"
-    text = f"{estimate.value:.5g} ({estimate.lower:.4g} .. {estimate.upper:.4g}){behind}"
+    digits = _digits(estimate.upper - estimate.lower)
+    value, low, high = (f"{number:{digits}}" for number in (estimate.value, estimate.lower, estimate.upper))
+    text = f"{value} ({low} .. {high}){behind}"
     return f"{text}, one-sided: at its {estimate.bound} bound" if estimate.bound else text
+
+
+def _digits(width: float) -> str:
+    """Format of numbers whose interval is that wide: it keeps two digits."""
+    if not (0.0 < width < math.inf):
+        return ".6g"
+    decimals = 1 - math.floor(math.log10(width))
+    return f".{max(decimals, 0)}f" if decimals <= _MOST_DECIMALS else ".6g"

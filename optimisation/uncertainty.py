@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm as normal
 from scipy.stats import t as student
 
+from optimisation.active_bounds import held_at_bounds
 from optimisation.least_squares import Solution
 
 CONFIDENCE = 0.95
@@ -29,6 +30,10 @@ _EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
 """Share of a standard deviation that evenly spread errors have: below the first the sum is as good as normal."""
 _SHARE = 0.05
 """A parameter whose squared share in an unseen direction exceeds the square of this is not determined."""
+
+
+_EXCESS = 0.2
+"""A residual whose variance exceeds that of its rounding by this part is not explained by it."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +59,13 @@ class Uncertainty:
     """Of the unknowns of one solution.
 
     Attributes:
-        covariance: (p x p), in the units of the unknowns; infinite on the diagonal where not determined.
-        standard_deviation: (p); infinite where not determined.
-        lower, upper: ends of the 95 % intervals (p).
+        covariance: (p x p), in the units of the unknowns, with what stopped at a bound kept there; infinite on the
+            diagonal where not determined.
+        standard_deviation: (p); infinite where not determined. At a bound: its one-sided interval over the width that
+            a two-sided one has to either side.
+        lower, upper: ends of the 95 % intervals (p); one-sided at a bound.
+        beyond: (p) by how many standard deviations the data ask for more than the bound allows at which an unknown
+            stopped; NaN for one that is not at a bound.
         identifiable: (p) flags.
         unseen: the directions that the data do not determine, in words; empty when there are none.
         condition: of the scaled Jacobian.
@@ -67,6 +76,7 @@ class Uncertainty:
     standard_deviation: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    beyond: np.ndarray
     identifiable: np.ndarray
     unseen: tuple[str, ...]
     condition: float
@@ -76,29 +86,40 @@ class Uncertainty:
 def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     """Covariance and intervals at the solution.
 
-    Intervals stand around the least-squares value that there would be without bounds and are cut at the bounds: they
-    hold the truth as often as they say also when a bound is active. Not determined by the data is a parameter in an
-    unseen direction, one whose interval is wider than its bounds, and one whose interval would be another half as wide,
-    or narrower, elsewhere within the intervals of the parameters: there the linear theory does not hold.
+    Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a bound is one-sided,
+    and those of the others take that into account (`optimisation.active_bounds`). Not determined by the data is a
+    parameter in an unseen direction, one whose interval is wider than its bounds, and one whose interval would be
+    another half as wide, or narrower, elsewhere within the intervals of the parameters: there the linear theory does
+    not hold.
     """
     parameters = solution.problem.parameters
-    scales, names = parameters.scales, parameters.names
+    scales, names, x = parameters.scales, parameters.names, solution.x
     inverse, hidden, condition = _pseudo_inverse(solution.jacobian, scales)
-    covariance = _covariance(inverse, noise, scales)
     seen = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
+    alone = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
+    freedom = max(noise.degrees_of_freedom, 1.0)
+    # What the data do not see stays where it started, which may be a bound.
+    sides = np.where(seen, parameters.sides(x), 0)
+    given = held_at_bounds(
+        solution.jacobian * scales, solution.residual, noise.covariance, sides, freedom, _RANK_TOLERANCE
+    )
+    inverse = given.inverse if np.any(sides) else inverse
+    covariance = _covariance(inverse, noise, scales)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    factor = np.full(len(scales), _factor(max(noise.degrees_of_freedom, 1.0)))
+    factor = np.full(len(scales), _factor(freedom))
     if noise.rounding is not None:
         shares = np.abs(inverse @ noise.rounding) * scales / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
         factor *= [_rounded_factor(round(share, 2)) / _factor(np.inf) for share in shares.tolist()]
-    width = parameters.upper - parameters.lower
-    loose = seen & (2.0 * factor * deviation > width)
-    curved = seen & ~loose & _curved(solution, noise, deviation, factor)
+    reach, shift = given.reach * scales, given.shift * scales[:, None]
+    down = np.where(sides < 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.minimum(shift, 0.0), axis=1)))
+    up = np.where(sides > 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.maximum(shift, 0.0), axis=1)))
+    down, up = np.where(sides > 0, reach, down), np.where(sides < 0, reach, up)
+    deviation = np.where(sides != 0, reach / factor, deviation)
+    loose = seen & (down + up > parameters.upper - parameters.lower)
+    curved = seen & ~loose & _curved(solution, noise, alone, factor)
     determined = seen & ~loose & ~curved
     deviation[~determined] = np.inf
-    covariance[np.diag_indices_from(covariance)] = np.where(determined, np.diag(covariance), np.inf)
-    # At an active bound the residual still asks for a step; without one this is zero.
-    centre = solution.x - scales * (inverse @ solution.residual)
+    covariance[np.diag_indices_from(covariance)] = np.where(determined, np.square(deviation), np.inf)
     unseen = [_in_words(direction, names) for direction in hidden]
     unseen += [f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag]
     unseen += [
@@ -107,8 +128,9 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     return Uncertainty(
         covariance=covariance,
         standard_deviation=deviation,
-        lower=np.where(determined, np.clip(centre - factor * deviation, parameters.lower, parameters.upper), -np.inf),
-        upper=np.where(determined, np.clip(centre + factor * deviation, parameters.lower, parameters.upper), np.inf),
+        lower=np.where(determined, np.maximum(x - down, parameters.lower), -np.inf),
+        upper=np.where(determined, np.minimum(x + up, parameters.upper), np.inf),
+        beyond=np.where(determined, given.beyond, np.nan),
         identifiable=determined,
         unseen=tuple(unseen),
         condition=condition,
@@ -225,21 +247,27 @@ def correlation_time(residual: np.ndarray) -> float:
     return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
 
 
-def serial_noise(residual: np.ndarray, channels: list[slice], unknowns: int) -> Noise:
+def serial_noise(residual: np.ndarray, channels: list[slice], unknowns: int, rounding: float = 0.0) -> Noise:
     """Noise of time series, one per channel, from the residual itself: its variance, times its correlation time.
 
     Args:
         residual: weighted, of all channels (m).
         channels: where each time series stands in it.
         unknowns: number of the free parameters; they are paid for out of the effective samples.
+        rounding: step of the readings, in units of the residual. Where a reading moves through many steps, rounding
+            errors are evenly spread and average out at least as fast as white noise, also when they look like a saw: a
+            residual whose variance they explain (a twelfth of the step's square) counts for single samples, one that
+            exceeds it by a fifth counts by its correlation, and in between by both in part.
     """
     variance = np.empty(len(residual))
     effective = 0.0
     for channel in channels:
         part = residual[channel]
-        time = correlation_time(part)
-        effective += len(part) / time
-        variance[channel] = time * float(np.mean(np.square(part)))
+        power = float(np.mean(np.square(part)))
+        explained = rounding**2 / 12.0
+        slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0) if explained > 0.0 else 1.0
+        variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
+        effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
     freedom = max(effective - unknowns, 1.0)
     return Noise(variance * effective / freedom, freedom, effective)
 

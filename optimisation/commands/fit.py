@@ -56,7 +56,10 @@ def static(
     Example: aerodima fit static logs/*.parquet --out fits
     """
     from optimisation.identify.log_fits import fit_static_log
+    from optimisation.identify.static import UNITS
 
+    for name in freeze or []:
+        report.choice("--freeze", name, tuple(UNITS))
     chosen: Any = report.choice("--bounds", bounds, ("wide", "printed"))
     settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
     work = partial(fit_static_log, bounds=chosen, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest)
@@ -77,8 +80,10 @@ def friction(
     Example: aerodima fit friction bar_*.parquet --out fits
     """
     from optimisation.identify.log_fits import fit_friction_log
+    from optimisation.identify.swing_fit import friction_names
 
     options, chosen = _options(loss, bound)
+    options.require_known(friction_names(stribeck))
     work = partial(fit_friction_log, stribeck=stribeck, options=options)
     settings = {"fit": "friction", "stribeck": stribeck, **chosen}
     report.fit_batch("Friction", work, logs, out, settings, workers, force, report.averages)
@@ -112,6 +117,7 @@ def added_mass(
         require_seed(name)
     limits: Any = report.choice("--bounds", bounds, BOUNDS)
     options, chosen = _options(loss, bound)
+    options.require_known(["added_mass"])
     work = partial(fit_added_mass_log, seeds=seeds, bounds=limits, options=options)
     settings = {"fit": "added-mass", "seeds": list(seeds), "bounds": bounds, **chosen}
     title = "Added mass: QSS against QSS-AM"
@@ -185,7 +191,9 @@ def throttle(
         points += found
     report.warn(failed)
     result = fit_throttle(points, loss=options.loss)
-    write_report(out, "Throttle to speed", [result], failed=failed, tables={"steady_points": pd.DataFrame(points)})
+    units = {"speed": "speed_m_per_s", "scatter": "scatter_m_per_s", "start": "start_s", "end": "end_s"}
+    table = pd.DataFrame(points).rename(columns=units)
+    write_report(out, "Throttle to speed", [result], failed=failed, tables={"steady_points": table})
     report.show([result])
     report.finish(out, failed, len(logs))
 
@@ -208,9 +216,12 @@ def published(
 
     Example: aerodima fit published --out fits
     """
+    from optimisation.errors import FitError
     from optimisation.identify.published_check import check_published
     from optimisation.report import write_report
+    from workbench.atomic_write import make_folder
 
+    make_folder(out, FitError)
     found = check_published(seeds)
     tables = {
         "currents_by_cell": found.constants.by_cell,

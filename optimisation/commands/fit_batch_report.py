@@ -100,10 +100,14 @@ def show(results: list[FitResult]) -> None:
     from optimisation.report import in_words
 
     for result in results[:_MOST_SHOWN]:
-        values = ", ".join(f"{e.name} {in_words(e)}" + (f" {e.unit}" if e.unit != "1" else "") for e in result.free)
+        values = ", ".join(f"{e.name} {in_words(e, unit=True)}" for e in result.free)
         typer.echo(f"{Path(result.name).name}: {values}")
+        for warning in result.warnings:
+            typer.echo(f"  warning: {warning}")
     if len(results) > _MOST_SHOWN:
-        typer.echo(f"... and {len(results) - _MOST_SHOWN} more in fits.csv")
+        warned = sum(bool(result.warnings) for result in results[_MOST_SHOWN:])
+        told = f", {warned} of them with warnings" if warned else ""
+        typer.echo(f"... and {len(results) - _MOST_SHOWN} more in fits.csv{told}")
 
 
 def warn(failed: dict[str, str]) -> None:
@@ -116,7 +120,8 @@ def finish(out: Path, failed: dict[str, str], total: int) -> None:
     """Names the report; exit status 2 when a log failed."""
     typer.echo(f"wrote {out / 'report.html'}")
     if failed:
-        typer.echo(f"error: {len(failed)} of {total} could not be fitted; the others are done", err=True)
+        others = "; the others are done" if len(failed) < total else ""
+        typer.echo(f"error: {len(failed)} of {total} could not be fitted{others}", err=True)
         raise typer.Exit(2)
 
 
@@ -140,5 +145,7 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
             low, high = (float(number) for number in numbers.split(","))
         except ValueError:
             raise FitError(f"--bound {text}: write it as name=lowest,highest") from None
+        if not low < high:
+            raise FitError(f"--bound {text}: the lowest must be below the highest")
         found.append((name, low, high))
     return tuple(found)

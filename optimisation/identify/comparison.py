@@ -16,7 +16,7 @@ import pandas as pd
 
 from optimisation.identify.aggregate import aggregate
 from optimisation.identify.static_balance import REACTIONS
-from optimisation.identify.static_log import COLUMNS
+from optimisation.identify.static_log import COLUMNS, largest_reading
 from optimisation.identify.swing_fit import SwingModel
 from optimisation.pipeline import FitResult
 from workbench.aero.laws import SectionLaw
@@ -113,6 +113,10 @@ def _reactions(
             warnings.append(f"{column} is missing or not finite: its reaction is not compared")
             continue
         measured = log.signal(column)[places]
+        if np.max(np.abs(measured)) > largest_reading(channel):
+            reached = f"reaches {np.max(np.abs(measured)):g}, beyond {largest_reading(channel):g}; wrong unit?"
+            warnings.append(f"{column} {reached} Its reaction is not compared")
+            continue
         for name, short in ((QSS, "qss"), (QSS_AM, "qss_am")):
             facts[f"{channel}_rms_{short}"] = float(np.std(measured - modelled[name][:, axis]))
         shift = float(np.mean(measured - modelled[QSS_AM][:, axis]))

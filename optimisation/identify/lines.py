@@ -22,6 +22,7 @@ def fit_line(
     offset: tuple[str, str],
     *,
     name: str,
+    channel: str,
     facts: Mapping[str, Any] | None = None,
     loss: Loss = "squares",
 ) -> FitResult:
@@ -30,6 +31,7 @@ def fit_line(
     Args:
         x, y: points (n).
         slope, offset: name and unit of the two parameters.
+        channel: what y is, for the residual.
         loss: `huber` holds points back that lie far off.
 
     Raises:
@@ -54,7 +56,7 @@ def fit_line(
         problem,
         solve_formula,
         lambda solution: independent_noise(solution.residual, len(parameters.free)),
-        channels={"y": (slice(None), height)},
+        channels={channel: (slice(None), height)},
         facts=facts,
         loss=loss,
     )

@@ -71,6 +71,7 @@ def robot_tail_line() -> FitResult:
         ("slope", "s/m"),
         ("intercept", "1"),
         name="robot tail, Tables 6.3 and 11.4-11.7",
+        channel="cn",
         facts={"points": len(rows)},
     )
     curve = {

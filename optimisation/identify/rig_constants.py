@@ -8,7 +8,6 @@ beyond 2 % they count by the Huber loss, because some published tests are broken
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -109,26 +108,20 @@ def fit_rig_constants(rows: pd.DataFrame | None = None, seeds: int = 2) -> RigCo
     published = rows.current_a.to_numpy(float)
     size = np.maximum(np.abs(published), _LEAST_CURRENT)
 
-    def errors(free: Parameters, x: np.ndarray) -> np.ndarray:
-        values = free.values(x)
+    def errors(x: np.ndarray) -> np.ndarray:
+        values = parameters.values(x)
         trial = {tail: with_constants(rig, tail, values) for tail, rig in rigs.items()}
         return (predicted_currents(trial, rows) - published) / size
 
-    def solved(free: Parameters, starts: list[np.ndarray]) -> FitResult:
-        problem = Problem(free, lambda x: huber(errors(free, x) / _TOLERANCE, 1.0), name="rig constants")
-        return fit(
-            problem,
-            solve_rollout,
-            lambda solution: _cell_noise(solution.residual, rows, len(free.free)),
-            starts=starts,
-            channels={"current": (slice(None), _TOLERANCE)},
-            facts={"rows": len(rows)},
-        )
-
-    first = solved(parameters, parameters.starts(random=seeds))
-    result = _given_bounds(first, parameters, solved)
-    found = {e.name: e.value for e in result.estimates}
-    predicted = published + size * errors(parameters, np.array([found[name] for name in parameters.names]))
+    result = fit(
+        Problem(parameters, lambda x: huber(errors(x) / _TOLERANCE, 1.0), name="rig constants"),
+        solve_rollout,
+        lambda solution: _cell_noise(solution.residual, rows, len(parameters.free)),
+        starts=parameters.starts(random=seeds),
+        channels={"current": (slice(None), _TOLERANCE)},
+        facts={"rows": len(rows)},
+    )
+    predicted = published + size * errors(np.array([e.value for e in result.free]))
     relative = predicted / published - 1.0
     table = rows[["source_table", "tail", "axis", "angle_of_attack_deg", "wind_speed_m_per_s", "test_no"]].copy()
     table["published_a"], table["predicted_a"] = published, predicted
@@ -149,23 +142,6 @@ def fit_rig_constants(rows: pd.DataFrame | None = None, seeds: int = 2) -> RigCo
         table[np.abs(relative) > OUTLIER].reset_index(drop=True),
         cells.reset_index(),
         float(np.median(np.abs(relative))),
-    )
-
-
-def _given_bounds(
-    first: FitResult, parameters: Parameters, solved: Callable[[Parameters, list[np.ndarray]], FitResult]
-) -> FitResult:
-    """The fit with what stopped at a physical bound kept there: the intervals of the others take it as given."""
-    at_bound = {e.name: e.value for e in first.estimates if e.bound}
-    if not at_bound:
-        return first
-    found = {e.name: e.value for e in first.estimates}
-    kept = Parameters.of([replace(p, seed=found[p.name], frozen=p.name in at_bound) for p in parameters.all])
-    second = solved(kept, [kept.seed])
-    words = ", ".join(at_bound)
-    note = f"the intervals of the others take {words} at its bound as given"
-    return replace(
-        second, attempts=(*first.attempts, *second.attempts), warnings=(*first.warnings, note, *second.warnings)
     )
 
 

@@ -9,38 +9,21 @@ import numpy as np
 import pandas as pd
 
 from optimisation.errors import FitError
+from optimisation.identify.csv_columns import read_columns
 from optimisation.identify.lines import fit_line
 from optimisation.pipeline import FitResult
 from optimisation.robust import Loss
 
 DISPLACEMENT, FORCE = "displacement_m", "force_n"
+LARGEST_DISPLACEMENT = 0.5
+"""No tyre or suspension of a model car gives way that far, m: larger numbers are of another unit."""
 CURVED = 0.05
 """A spring whose rate changes by more than this part over the data is reported as curved."""
 
 
 def read_spring_data(path: Path | str) -> pd.DataFrame:
-    """A CSV file with the columns `displacement_m` and `force_n`.
-
-    Raises:
-        FitError: no such file, a column is missing, or a cell is not a finite number.
-    """
-    path = Path(path)
-    try:
-        table = pd.read_csv(path)
-    except (OSError, ValueError) as cause:
-        raise FitError(f"{path}: cannot be read as CSV ({cause})") from cause
-    missing = [name for name in (DISPLACEMENT, FORCE) if name not in table.columns]
-    if missing:
-        raise FitError(f"{path}: no column {', '.join(missing)}; there are {', '.join(map(str, table.columns))}")
-    for name in (DISPLACEMENT, FORCE):
-        values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise FitError(
-                f"{path}: column {name!r}: {table[name].iloc[bad[0]]!r} in row {bad[0]} is not a finite number"
-            )
-        table[name] = values
-    return table
+    """A CSV file with the columns `displacement_m` and `force_n`; FitError, see `read_columns`."""
+    return read_columns(path, (DISPLACEMENT, FORCE))
 
 
 def fit_spring(table: pd.DataFrame, name: str = "spring", loss: Loss = "squares") -> FitResult:
@@ -50,12 +33,19 @@ def fit_spring(table: pd.DataFrame, name: str = "spring", loss: Loss = "squares"
     or softens by more than 5 % over the data is warned about.
 
     Raises:
-        FitError: fewer than three points, a displacement that does not change, or a force that falls with displacement.
+        FitError: fewer than three points, a displacement that does not change or must be of another unit, or a force
+            that falls with displacement.
     """
     x, force = table[DISPLACEMENT].to_numpy(float), table[FORCE].to_numpy(float)
-    if len(x) and np.ptp(x) == 0.0:
+    if len(x) and np.max(np.abs(x)) > LARGEST_DISPLACEMENT:
+        raise FitError(
+            f"{name}: column {DISPLACEMENT!r} reaches {np.max(np.abs(x)):g}, beyond {LARGEST_DISPLACEMENT:g} m; "
+            "is it in mm?"
+        )
+    if len(x) >= 3 and np.ptp(x) == 0.0:
         raise FitError(f"{name}: column {DISPLACEMENT!r} is constant ({x[0]:g} m); a spring rate needs a displacement")
-    result = fit_line(x, force, ("rate", "N/m"), ("preload", "N"), name=name, facts={"points": len(x)}, loss=loss)
+    facts = {"points": len(x)}
+    result = fit_line(x, force, ("rate", "N/m"), ("preload", "N"), name=name, channel="force", facts=facts, loss=loss)
     if result["rate"].value <= 0.0:
         raise FitError(
             f"{name}: the force falls with displacement (rate {result['rate'].value:.4g} N/m); "

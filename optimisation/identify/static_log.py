@@ -38,8 +38,9 @@ _MOST_CORRELATED = 8192
 _LARGEST_ANGLE = math.radians(110.0)
 _LARGEST_WANDER = math.radians(1.0)
 _LARGEST_SPEED = 60.0
+CURRENT_MARGIN = 2.0
+"""Logged currents beyond this many times the motor's limit are of another unit."""
 _LARGEST_FORCE, _LARGEST_TORQUE = 1000.0, 40.0
-"""About twice the range of the Axia80-M20 (N, N m): larger numbers are of another unit."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,11 @@ class StaticData:
     rest: tuple[float, float] | None
     facts: Mapping[str, Any]
     warnings: tuple[str, ...]
+
+
+def largest_reading(channel: str) -> float:
+    """About twice the range of the Axia80-M20 in a reaction, N or N m: larger numbers are of another unit."""
+    return _LARGEST_FORCE if channel.startswith("f") else _LARGEST_TORQUE
 
 
 @cache
@@ -176,6 +182,13 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str) -> St
         )
     wrench, variance, samples = _mean_wrench(time, columns, hold, rest, balance, float(np.mean(angle)), offsets)
     present = np.array([channel in columns for channel in REACTIONS])
+    if rest is not None and balance.exposed_length(float(np.mean(angle))) > 0.0:
+        step = (wrench - balance.hanging(float(np.mean(angle)))[0])[present]
+        if np.all(np.abs(step) < accuracies()[present]):
+            warnings.append(
+                f"the readings do not change after the rest phase {rest[0]:g} to {rest[1]:g} s, although the wind of "
+                f"{speed:g} m/s meets the tail: is the wind off in it?"
+            )
     count = 2.0 * math.pi / (scenario.encoder.pulses * scenario.encoder.quadrature * scenario.maxon.gear_ratio)
     rate, rate_deviation = _mean_rate(log, time, hold, count)
     return StaticData(
@@ -189,7 +202,7 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str) -> St
         speed=rate,
         speed_deviation=rate_deviation,
         angle_deviation=count / math.sqrt(12.0),
-        current=float(np.mean(log.signal(CURRENT)[hold])) if CURRENT in log.table.columns else math.nan,
+        current=_mean_current(log, hold, scenario, warnings),
         effective_samples=samples,
         rest=rest,
         facts={
@@ -246,7 +259,7 @@ def _readings(log: RunLog, time: np.ndarray, name: str) -> tuple[dict[str, np.nd
             continue
         values = log.signal(column)
         check_signals(time, {column: values}, largest_step=np.inf)
-        limit = _LARGEST_FORCE if channel.startswith("f") else _LARGEST_TORQUE
+        limit = largest_reading(channel)
         if np.max(np.abs(values)) > limit:
             raise FitError(
                 f"{name}: column {column!r} reaches {np.max(np.abs(values)):g}, beyond {limit:g}; wrong unit?"
@@ -258,6 +271,17 @@ def _readings(log: RunLog, time: np.ndarray, name: str) -> tuple[dict[str, np.nd
     if not columns:
         raise FitError(f"{name}: no axis of the force sensor is left; there is nothing to fit")
     return columns, warnings
+
+
+def _mean_current(log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]) -> float:
+    """Mean logged current of the hold, NaN without a usable one; it is shown beside the fitted one, not fitted."""
+    if CURRENT not in log.table.columns:
+        return math.nan
+    mean, limit = float(np.mean(log.signal(CURRENT)[hold])), CURRENT_MARGIN * scenario.maxon.current_limit
+    if abs(mean) <= limit:
+        return mean
+    warnings.append(f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared")
+    return math.nan
 
 
 def _mean_rate(log: RunLog, time: np.ndarray, hold: np.ndarray, count: float) -> tuple[float, float]:

@@ -133,13 +133,14 @@ class SwingModel:
         return replace(result, curves={"angle": self.curve(values)})
 
     def noise(self, solution: Solution, parameters: Parameters) -> Noise:
-        """Of a free swing what the residual shows; of a driven one the encoder's rounding and the current's noise.
+        """Of a free swing what the residual shows; of a driven one the rounding of the angle and the current's noise.
 
         Noise of the current pushes the tail off its path for good, so the residual wanders: too few of its wanderings
         fit into a swing to judge them by the residual alone.
         """
         data = self.data
-        seen = serial_noise(solution.residual, [slice(None)], len(solution.x))
+        rounding = data.rounding / speed_accuracy()
+        seen = serial_noise(solution.residual, [slice(None)], len(solution.x), rounding)
         if data.motor_deviation == 0.0:
             return seen
         values = parameters.values(solution.x)
@@ -176,6 +177,11 @@ def friction_parameters(coulomb: float, viscous: float, stribeck: bool = False) 
         found.append(Parameter("breakaway_excess", "N m", 0.01, 0.0, 2.0, scale=0.05))
         found.append(Parameter("stribeck_speed", "rad/s", 0.5, 0.02, 10.0, scale=0.5))
     return found
+
+
+def friction_names(stribeck: bool = False) -> list[str]:
+    """Of the parameters of the friction law."""
+    return [p.name for p in friction_parameters(0.0, 0.0, stribeck)]
 
 
 def friction_of(values: Values, tanh_gain: float) -> Torque:

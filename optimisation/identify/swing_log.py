@@ -12,17 +12,24 @@ from typing import Any
 import numpy as np
 
 from optimisation.errors import FitError
+from optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
 from workbench.errors import LogError
 from workbench.logs.schema import RunLog
 from workbench.rig_scenario import RigScenario, rig_scenario_from_dict
+from workbench.sensors.encoder import MotorReply
+from workbench.sensors.rig_encoder import count_angle
 from workbench.signals import check_signals
 
-ANGLE, CURRENT = "angle_rad", "current_a"
 LARGEST_STEP = 0.004
 """Step of the rollouts, s."""
 LEAST_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
+_DWELL = 0.1
+_WHOLE = 0.01
+"""Readings this near to whole steps are counts: a log may have been through degrees and text."""
+_LONGEST_SAMPLING = 0.05
+"""Samples further apart than this show no swing of about a second, s."""
 _LARGEST_ANGLE = math.radians(110.0)
 _TRUTH = ("aero", "seed", "name", "schema")
 
@@ -38,6 +45,7 @@ class SwingData:
         angle: (n), rad.
         motor: mean torque of the motor during each step (n - 1), N m, from the logged current.
         motor_deviation: standard deviation of its error from the noise of the current, N m; zero for a free swing.
+        rounding: step of the readings of the angle, rad; zero when they are no plain counts (filtered, resampled).
         start_rate: estimate of the rate at the first sample, rad/s.
         release: time of the first sample in the log, s.
         facts: tail, axis, wind_speed_m_per_s.
@@ -50,6 +58,7 @@ class SwingData:
     angle: np.ndarray
     motor: np.ndarray
     motor_deviation: float
+    rounding: float
     start_rate: float
     release: float
     facts: Mapping[str, Any]
@@ -114,14 +123,24 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
     if len(time) < LEAST_SAMPLES:
         raise FitError(f"{len(time)} samples; a swing needs at least {LEAST_SAMPLES}")
     check_signals(time, {ANGLE: angle})
+    sampling = float(np.median(np.diff(time)))
+    if sampling > _LONGEST_SAMPLING:
+        raise FitError(
+            f"the samples stand {sampling:g} s apart, a swing needs at most {_LONGEST_SAMPLING:g} s; is the time in ms?"
+        )
     if np.max(np.abs(angle)) > _LARGEST_ANGLE:
         raise FitError(f"column {ANGLE!r} reaches {np.max(np.abs(angle)):g}, beyond 1.92 rad; is it in degrees?")
     first = _release(time, angle, scenario, log)
-    stride = max(1, round(LARGEST_STEP / float(np.median(np.diff(time)))))
+    stride = max(1, round(LARGEST_STEP / sampling))
     last = int(np.searchsorted(time, time[first] + longest, side="right"))
     picked = np.arange(first, last, stride)
     if len(picked) < LEAST_SAMPLES:
         raise FitError(f"only {len(picked)} samples of the motion; at least {LEAST_SAMPLES} are needed")
+    if np.ptp(angle[picked]) <= _COUNTS_MOVED * reading_step(scenario):
+        raise FitError(f"the angle stays at {angle[first]:.4f} rad after the release; there is no swing in it")
+    rounding = reading_step(scenario) if _is_rounded(angle[picked], reading_step(scenario)) else 0.0
+    if rounding:
+        picked = picked[: _end_of_motion(angle[picked], rounding, stride * sampling)]
     motor, warnings = _motor(log, scenario, picked, stride)
     t = time[picked] - time[picked[0]]
     early = slice(0, 8)
@@ -132,7 +151,17 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
     noise = scenario.maxon.torque_constant * scenario.maxon.current_noise / math.sqrt(stride) if np.any(motor) else 0.0
     grid = np.arange(len(picked)) * float(np.mean(np.diff(t)))
     return SwingData(
-        name, scenario, grid, angle[picked], motor, noise, rate, float(time[picked[0]]), facts, tuple(warnings)
+        name,
+        scenario,
+        grid,
+        angle[picked],
+        motor,
+        noise,
+        rounding,
+        rate,
+        float(time[picked[0]]),
+        facts,
+        tuple(warnings),
     )
 
 
@@ -143,11 +172,34 @@ def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: Ru
         return int(np.searchsorted(time, float(told[1])))
     if "rest" in log.scenario.get("experiment", {}):
         return int(np.searchsorted(time, time[0] + scenario.experiment.rest - 1e-9))
-    count = 2.0 * math.pi / (scenario.encoder.pulses * scenario.encoder.quadrature * scenario.maxon.gear_ratio)
-    moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * count)
+    moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * reading_step(scenario))
     if not moved.size:
         raise FitError(f"the angle stays at {angle[0]:.4f} rad; there is no swing in it")
     return int(moved[0])
+
+
+def reading_step(scenario: RigScenario) -> float:
+    """Of the angle in a log of this rig, rad: a count of the encoder, or of the position in a reply of the AK70-10."""
+    if scenario.is_robot:
+        return 2.0 * scenario.robot_motor.position_range / (2**MotorReply.position_bits - 1)
+    return count_angle(scenario)
+
+
+def _is_rounded(angle: np.ndarray, step: float) -> bool:
+    """Whether the readings differ by whole steps."""
+    steps = (angle - angle[0]) / step
+    return bool(np.all(np.abs(steps - np.round(steps)) < _WHOLE))
+
+
+def _end_of_motion(angle: np.ndarray, step: float, sampling: float) -> int:
+    """Number of samples until the reading changes by fewer than three steps in a tenth of a second.
+
+    At rest a reading repeats one rounding error for as long as the log goes on, and on the way there it dwells on the
+    later side of each step: errors that do not average out, in samples that would count as many.
+    """
+    window = max(round(_DWELL / sampling), 1)
+    moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > 2.5 * step)
+    return max(int(moving[-1]) + window + 1 if moving.size else len(angle), LEAST_SAMPLES)
 
 
 def _motor(log: RunLog, scenario: RigScenario, picked: np.ndarray, stride: int) -> tuple[np.ndarray, list[str]]:
@@ -159,6 +211,9 @@ def _motor(log: RunLog, scenario: RigScenario, picked: np.ndarray, stride: int) 
         return np.zeros(steps), ["no current in the log: taken as a free swing"]
     current = log.signal(CURRENT)
     check_signals(log.time, {CURRENT: current}, largest_step=np.inf)
+    limit = CURRENT_MARGIN * scenario.maxon.current_limit
+    if np.max(np.abs(current)) > limit:
+        raise FitError(f"column {CURRENT!r} reaches {np.max(np.abs(current)):g}, beyond {limit:g} A; is it in mA?")
     moving = current[picked[0] + 1 : picked[-1] + 1].reshape(steps, stride).mean(axis=1)
     if np.sqrt(np.mean(np.square(moving))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
         return np.zeros(steps), []

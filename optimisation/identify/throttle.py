@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from optimisation.errors import FitError
+from optimisation.identify.csv_columns import read_columns
 from optimisation.identify.lines import fit_line
 from optimisation.pipeline import FitResult
 from optimisation.robust import Loss
@@ -55,20 +56,13 @@ def read_drive(path: Path | str) -> pd.DataFrame:
     """Time, throttle and speed of a drive: a run log (Parquet), or a CSV file with those columns.
 
     Raises:
-        FitError, LogError: the file cannot be read, or a column is missing.
+        FitError, LogError: the file cannot be read, a column is missing, or a cell is not a finite number.
     """
     path = Path(path)
     if path.suffix != ".csv":
         log = read_run_log(path)
         return pd.DataFrame({name: log.signal(name) for name in (TIME, THROTTLE, SPEED)})
-    try:
-        table = pd.read_csv(path)
-    except (OSError, ValueError) as cause:
-        raise FitError(f"{path}: cannot be read as CSV ({cause})") from cause
-    missing = [name for name in (TIME, THROTTLE, SPEED) if name not in table.columns]
-    if missing:
-        raise FitError(f"{path}: no column {', '.join(missing)}; there are {', '.join(map(str, table.columns))}")
-    return table[[TIME, THROTTLE, SPEED]].astype(float)
+    return read_columns(path, (TIME, THROTTLE, SPEED))
 
 
 def steady_points(drive: pd.DataFrame, rule: SteadyRule | None = None, log: str = "drive") -> list[SteadyPoint]:
@@ -76,10 +70,15 @@ def steady_points(drive: pd.DataFrame, rule: SteadyRule | None = None, log: str 
 
     Raises:
         LogError: unsorted time, gap or NaN.
+        FitError: a throttle beyond -1 to 1.
     """
     rule = rule or SteadyRule()
     time, throttle, speed = (drive[name].to_numpy(float) for name in (TIME, THROTTLE, SPEED))
     check_signals(time, {THROTTLE: throttle, SPEED: speed})
+    if np.max(np.abs(throttle)) > 1.0:
+        raise FitError(
+            f"{log}: column {THROTTLE!r} reaches {np.max(np.abs(throttle)):g}; allowed: -1 to 1. Is it in per cent?"
+        )
     edges = np.flatnonzero(np.abs(np.diff(throttle)) > rule.same_throttle) + 1
     points = []
     for part in np.split(np.arange(len(time)), edges):
@@ -110,9 +109,9 @@ def fit_throttle(points: Sequence[SteadyPoint], name: str = "throttle", loss: Lo
     throttle = np.array([point.throttle for point in points])
     speed = np.array([point.speed for point in points])
     if len(points) < 3 or np.ptp(throttle) < 0.02:
-        spread = f"between {throttle.min():g} and {throttle.max():g}" if len(points) else "at all"
+        found = f"at a throttle of {throttle.min():g} to {throttle.max():g}" if len(points) else "in any drive"
         raise FitError(
-            f"{name}: {len(points)} steady part(s), throttle {spread}; a line needs at least 3 at different throttle. "
+            f"{name}: {len(points)} steady part(s) {found}; a line needs at least 3 at different throttle. "
             "Hold each throttle until the speed settles"
         )
     result = fit_line(
@@ -121,6 +120,7 @@ def fit_throttle(points: Sequence[SteadyPoint], name: str = "throttle", loss: Lo
         ("throttle_gain", "m/s"),
         ("throttle_offset", "m/s"),
         name=name,
+        channel="speed",
         facts={"points": len(points)},
         loss=loss,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -133,3 +134,52 @@ def test_unknown_bounds_are_refused(tmp_path: Path) -> None:
     done = run("static", tmp_path / "x.parquet", "--out", tmp_path, "--bounds", "tight")
     assert done.exit_code == 2
     assert "--bounds tight: allowed: wide, printed" in done.stderr
+
+
+def test_drives_that_cannot_be_read_are_one_line_each(tmp_path: Path) -> None:
+    head = "time_s,throttle_command,speed_m_per_s\n"
+    rows = "".join(f"{0.1 * i:.1f},{20 + 10 * (i // 40)},2\n" for i in range(120))
+    files = {"word": head + "0,0.1,fast\n1,0.1,2\n", "percent": head + rows, "short": "time_s,speed_m_per_s\n0,1\n"}
+    for name, text in files.items():
+        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
+    paths = [tmp_path / f"{name}.csv" for name in (*files, "missing")]
+    done = run("throttle", *paths, "--out", tmp_path / "fits")
+    assert done.exit_code == 2
+    told = [line.removeprefix(f"error: {tmp_path}/") for line in done.stderr.splitlines()]
+    assert told[:4] == [
+        "word.csv: column 'speed_m_per_s': 'fast' in row 0 is not a finite number",
+        "percent.csv: column 'throttle_command' reaches 40; allowed: -1 to 1. Is it in per cent?",
+        "short.csv: no column throttle_command; there are time_s, speed_m_per_s",
+        "missing.csv: no such file",
+    ]
+    assert "0 steady part(s) in any drive; a line needs at least 3" in told[4]
+
+
+def test_wrong_options_are_told_once_and_leave_nothing(springs: list[Path], tmp_path: Path) -> None:
+    wrong = {
+        ("friction", "--bound", "coulomb=1,0.5"): "--bound coulomb=1,0.5: the lowest must be below the highest",
+        ("friction", "--bound", "mass=0,1"): "bound on 'mass': the free parameters are coulomb, viscous",
+        ("added-mass", "--bound", "cd=0,1"): "bound on 'cd': the free parameters are added_mass",
+        ("static", "--freeze", "mass"): "--freeze mass: allowed: cd, cl, psi3, current",
+    }
+    for (kind, *options), message in wrong.items():
+        done = run(kind, *springs, *options, "--out", tmp_path / "none")
+        assert done.exit_code == 2
+        assert done.stderr.splitlines() == [f"error: {message}"]
+    assert not (tmp_path / "none").exists()
+
+
+def test_what_a_fit_warns_about_is_shown(tmp_path: Path) -> None:
+    """A force axis that is missing, a logged current in mA, and a rest phase with the wind on."""
+    scenario = load_rig_scenario("static", ["experiment.duration=2", "experiment.wind_speed=20"])
+    log = simulate_static_log(scenario)
+    table = log.table.drop(columns="force_y_n")
+    table["current_a"] *= 1000.0
+    write_run_log(replace(log, table=table, extra={**log.extra, "rest_s": [0.0, 0.9]}), tmp_path / "hold.parquet")
+    done = run("static", tmp_path / "hold.parquet", "--out", tmp_path / "fits", "--workers", 1)
+    assert done.exit_code == 0
+    warnings = [line.removeprefix("  warning: ") for line in done.stdout.splitlines() if line.startswith("  warning: ")]
+    assert "force_y_n is missing: fitted without it" in warnings
+    assert any("beyond 60 A (is it in mA?): not compared" in warning for warning in warnings)
+    assert any("is the wind off in it?" in warning for warning in warnings)
+    assert "logged_current_a" not in pd.read_csv(tmp_path / "fits" / "fits.csv").columns

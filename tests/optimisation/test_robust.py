@@ -14,7 +14,7 @@ SLOPE, OFFSET = ("slope", "1"), ("offset", "1")
 
 
 def line(y: np.ndarray, x: np.ndarray, loss):
-    return fit_line(x, y, SLOPE, OFFSET, name="line", loss=loss)
+    return fit_line(x, y, SLOPE, OFFSET, name="line", channel="y", loss=loss)
 
 
 def test_huber_residual_is_quadratic_within_and_linear_beyond_its_limit() -> None:

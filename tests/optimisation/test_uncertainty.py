@@ -72,6 +72,18 @@ def test_first_order_noise_has_its_known_correlation_time() -> None:
     assert correlation_time(x) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.1)
 
 
+def test_rounding_counts_as_white_and_only_what_is_left_by_its_correlation() -> None:
+    t = np.arange(2000) * 0.001
+    saw = np.round(20.0 * t) - 20.0 * t  # a slow passage through 40 steps: evenly spread, a period of 50 samples
+    assert correlation_time(saw) > 5.0
+    rounded = serial_noise(saw, [slice(None)], 2, rounding=1.0)
+    assert rounded.effective_samples == pytest.approx(2000, rel=0.05)
+    assert rounded.covariance[0] == pytest.approx(1.0 / 12.0, rel=0.05)
+    slow = saw + np.sin(4.0 * t)  # the model's error
+    noise = serial_noise(slow, [slice(None)], 2, rounding=1.0)
+    assert noise.covariance[0] == pytest.approx(serial_noise(slow, [slice(None)], 2).covariance[0], rel=0.2)
+
+
 def test_intervals_of_filtered_data_hold_the_truth_in_95_percent() -> None:
     rng, t = np.random.default_rng(3), np.arange(4000) * 0.001
     sos = butter(6, 10.0, output="sos", fs=1000.0)

@@ -28,6 +28,7 @@ def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None
     bounds = {p.name: (p.lower, p.upper) for p in constants_parameters().all}
     assert all(bounds[e.name][0] <= e.value <= bounds[e.name][1] for e in found.fit.estimates)
     assert found.fit.success
+    assert all(e.lower <= e.value <= e.upper for e in found.fit.estimates)
     # The tests without wind (ERRATA E4) are listed by table and row.
     listed = set(
         zip(found.outliers.source_table, found.outliers.wind_speed_m_per_s, found.outliers.test_no, strict=True)

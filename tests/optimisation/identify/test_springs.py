@@ -33,8 +33,9 @@ def test_a_stiffening_spring_is_told() -> None:
     ("table", "message"),
     [
         (data(np.zeros(5), np.arange(5.0)), "is constant"),
-        (data(np.arange(2.0), np.arange(2.0)), "too few"),
-        (data(np.arange(5.0), -np.arange(5.0)), "falls with displacement"),
+        (data(0.01 * np.arange(2.0), np.arange(2.0)), "too few"),
+        (data(0.01 * np.arange(5.0), -np.arange(5.0)), "falls with displacement"),
+        (data(np.arange(5.0), np.arange(5.0)), r"reaches 4, beyond 0\.5 m; is it in mm"),
     ],
 )
 def test_data_that_make_no_spring_are_refused(table: pd.DataFrame, message: str) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from optimisation.errors import FitError
-from optimisation.identify.added_mass import SEEDS, added_mass_parameter, fit_added_mass, seed_value
-from optimisation.identify.comparison import by_wind_speed, section_coefficients
+from optimisation.identify.added_mass import SEEDS, added_mass_model, added_mass_parameter, fit_added_mass, seed_value
+from optimisation.identify.comparison import by_wind_speed, compare, section_coefficients
 from optimisation.identify.friction import fit_friction
+from optimisation.identify.static_log import COLUMNS
 from optimisation.identify.swing_fit import FitOptions
 from optimisation.identify.swing_log import swing_data
 from optimisation.identify.swing_model import Pendulum
@@ -72,10 +73,28 @@ def test_bounds_leave_some_inertia_and_the_printed_ones_can_be_chosen(short) -> 
         fit_added_mass(short, seeds=("zero",), options=FitOptions(bounds=(("added_mass", 0.05, 0.1),)))
 
 
+def test_a_reaction_that_is_missing_or_in_another_unit_is_not_compared(short) -> None:
+    log = truth.flick_log(0.02, seed=1, duration=0.5)
+    readings = {column: 0.0 for channel, column in COLUMNS.items() if channel != "fx"}
+    log = replace(log, table=log.table.assign(**{**readings, "force_y_n": 5000.0}))
+    model = added_mass_model(short)
+    fitted = model.fit([replace(added_mass_parameter(short), frozen=True)])
+    facts, curves, warnings = compare(model, log, fitted, fitted, 1e-3)
+    assert {"fz_rms_qss", "tx_rms_qss_am"} <= set(facts)
+    assert not {"fx_rms_qss", "fy_rms_qss"} & set(facts)
+    assert {"fz", "tx", "ty", "tz"} <= set(curves)
+    assert warnings == [
+        "force_x_n is missing or not finite: its reaction is not compared",
+        "force_y_n reaches 5000, beyond 1000; wrong unit? Its reaction is not compared",
+    ]
+
+
 def test_a_fit_that_stops_at_a_bound_says_so_and_bounds_need_a_parameter() -> None:
     data = swing_data(truth.bar_log(0.04, 0.036, 1.4, 2.0), "bar_swing")
     result = fit_friction(data, options=FitOptions(bounds=(("coulomb", 0.0, 0.0399),)))
     assert result["coulomb"].bound == "upper"
+    assert result["coulomb"].lower < result["coulomb"].value == result["coulomb"].upper
+    assert all(e.lower <= e.value <= e.upper for e in result.estimates)
     assert any("coulomb stopped at its upper bound 0.0399 N m" in warning for warning in result.warnings)
     with pytest.raises(FitError, match=r"bound on 'cd': the free parameters are coulomb, viscous"):
         fit_friction(data, options=FitOptions(bounds=(("cd", 0.0, 1.0),)))

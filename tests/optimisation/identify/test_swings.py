@@ -146,6 +146,26 @@ def test_intervals_of_the_robot_tail_hold_the_truth() -> None:
     assert np.mean(np.abs(scores) < 1.96) >= 0.8
 
 
+def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower() -> None:
+    """At rest the reading repeats one rounding error; the saw of a slow approach is no slow error of the model."""
+    short, long = (swing_data(truth.robot_log(2.0, 0.9, 7.5, 10.0, duration), "robot_swing") for duration in (1.5, 4.0))
+    assert long.time[-1] < 2.0
+    count = 25.0 / (2**16 - 1)  # 16 bits over +-12.5 rad
+    assert long.rounding == pytest.approx(count)
+    found = fit_robot_tail(long)
+    assert found.residual_rms["angle"] == pytest.approx(count / math.sqrt(12.0), rel=0.1)
+    assert found.effective_samples == pytest.approx(len(long.time), rel=0.2)
+    deviation = fit_robot_tail(short)["cn"].standard_deviation
+    assert found["cn"].standard_deviation == pytest.approx(deviation, rel=0.2)
+    assert found["cn"].holds(2.0)
+
+
+def test_a_filtered_angle_is_no_count() -> None:
+    log = truth.robot_log(2.0, 0.9, 7.5, 10.0, 1.5)
+    angle = log.table.angle_rad.rolling(5, min_periods=1).mean()
+    assert swing_data(replace(log, table=log.table.assign(angle_rad=angle)), "robot_swing").rounding == 0.0
+
+
 def test_response_to_a_push_is_that_of_two_rollouts() -> None:
     scenario = load_rig_scenario("flick")
     pendulum, air = Pendulum.of(scenario), air_torque(scenario)
@@ -198,6 +218,12 @@ def test_jacobian_of_a_rollout_is_smooth_enough_for_differences() -> None:
             ),
             "no swing in it",
         ),
+        (
+            lambda log: replace(log, table=log.table.assign(angle_rad=1.0), extra={**log.extra, "rest_s": [0.0, 0.5]}),
+            r"the angle stays at 1\.0000 rad after the release",
+        ),
+        (lambda log: replace(log, table=log.table.assign(time_s=1e3 * log.table.time_s)), "is the time in ms"),
+        (lambda log: replace(log, table=log.table.assign(current_a=900.0)), "beyond 60 A; is it in mA"),
     ],
 )
 def test_a_bad_swing_log_is_refused_with_its_reason(damage, message: str) -> None:

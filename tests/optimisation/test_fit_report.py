@@ -1,0 +1,63 @@
+"""What a reader of a fit's report sees: digits, order of the parameters, axes of the figures."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optimisation.fit_figures import figures_of
+from optimisation.pipeline import Estimate, FitResult, parameter_names
+from optimisation.report import in_words, write_report
+
+
+def result(name: str, *names: str, rms: float = 0.1, curves: dict | None = None) -> FitResult:
+    estimates = tuple(Estimate(n, "1", 2.0, 0.1, 1.8, 2.2) for n in names)
+    return FitResult(name, estimates, ((0.01,),), 1.0, {"angle": rms}, True, "done", (), curves=curves or {})
+
+
+@pytest.mark.parametrize(
+    ("value", "lower", "upper", "words"),
+    [
+        (0.0475021, 0.0474671, 0.0475371, "0.047502 (0.047467 .. 0.047537) kg"),
+        (1.5407912, 1.5406, 1.54098, "1.54079 (1.54060 .. 1.54098) kg"),
+        (9893.6, 9851.8, 9935.5, "9894 (9852 .. 9936) kg"),
+        (1.25e-13, 1.1e-13, 1.4e-13, "1.25e-13 (1.1e-13 .. 1.4e-13) kg"),
+    ],
+)
+def test_an_interval_keeps_two_digits_of_its_width(value: float, lower: float, upper: float, words: str) -> None:
+    assert in_words(Estimate("mass", "kg", value, 1.0, lower, upper), unit=True) == words
+
+
+def test_what_is_not_determined_or_frozen_has_no_interval() -> None:
+    unseen = Estimate("mass", "kg", 1.0, math.inf, -math.inf, math.inf, identifiable=False)
+    assert in_words(unseen, unit=True) == "not determined"
+    assert in_words(Estimate("mass", "kg", 1.5, 0.0, 1.5, 1.5, frozen=True), unit=True) == "1.5 kg (frozen)"
+
+
+def test_nodes_of_a_table_stand_in_the_order_of_their_speed() -> None:
+    fits = [result("a", "cn_at_8", "cn_at_10", "start_angle"), result("b", "cn_at_4", "cn_at_12", "cn_at_8", "psi3")]
+    assert parameter_names(fits) == ["cn_at_4", "cn_at_8", "cn_at_10", "cn_at_12", "start_angle", "psi3"]
+
+
+def test_curves_have_their_residual_below_and_rms_at_least_a_decade() -> None:
+    x = np.linspace(0.0, 1.0, 9)
+    curve = {"x": x, "measured": x + 0.25, "quasi-steady": x - 1.0, "with added mass": x, "labels": ["t, s", "q, rad"]}
+    sections = {"x": x, "section 1": x, "labels": ["t, s", "C_D"]}
+    figures = figures_of([result("a", "cn", rms=0.1, curves={"q": curve, "C_D": sections}), result("b", "cn", rms=0.2)])
+    low, high = figures["residuals"].axes[0].get_ylim()
+    assert high / low > 9.0
+    above, below, alone = figures["curves_1_a"].axes
+    assert [line.get_label() for line in above.lines] == ["measured", "quasi-steady", "with added mass"]
+    assert below.lines[0].get_ydata() == pytest.approx(np.full(9, 0.25))  # of the last model
+    assert below.get_ylabel() == "residual, rad"
+    assert alone.get_ylabel() == "C_D"
+
+
+def test_the_page_names_no_unit_of_a_pure_number(tmp_path: Path) -> None:
+    write_report(tmp_path, "Robot tail", [result("a", "cn")])
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<th>cn</th>" in page
+    assert "2.00 (1.80 .. 2.20)" in page
