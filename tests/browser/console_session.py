@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,10 @@ class ConsoleSession:
             self._lines.append(line.strip())
 
 
+class DriveEndedError(AssertionError):
+    """The drive ended by itself meanwhile, as it must on a machine that answers late; it showed nothing."""
+
+
 class OperatorPage:
     """A page that controls the car. Conditions are asked for again and again: the page's policy forbids `eval`."""
 
@@ -80,6 +85,23 @@ class OperatorPage:
 
     def until(self, condition: str, seconds: float = 20.0) -> None:
         wait_for(lambda: self.holds(condition), seconds, condition)
+
+    def reach(self, condition: str, seconds: float = 20.0) -> None:
+        """Waits for a condition while the car drives; `DriveEndedError` with the drive's last words otherwise."""
+        self.until(f"({condition}) || !state.car.driving", seconds)
+        if not self.holds(condition):
+            raise DriveEndedError(f"{condition}: {self.page.evaluate('state.car.said')}")
+
+    def drive(self, act: Callable[[], None], mode: str = "manual") -> None:
+        """Arms, chooses a mode and does something; again, when the drive ended by itself meanwhile."""
+        for left in reversed(range(_TRIES)):
+            self.arm(mode)
+            try:
+                act()
+                return
+            except DriveEndedError:
+                if left == 0:
+                    raise
 
     def arm(self, mode: str | None = "manual") -> None:
         """Arms and chooses a mode; again, when a busy machine made the drive stop for a late reply."""

@@ -64,16 +64,21 @@ def test_stop_reaches_the_emulated_bus_and_stays(operator: OperatorPage, session
 
 
 def test_slider_moves_the_emulated_tail(operator: OperatorPage) -> None:
-    operator.arm()
-    start = operator.page.evaluate("state.radio.report.tail_roll")
-    assert abs(operator.page.evaluate("sliders.values(seconds()).roll") - start) < 0.05  # the tail stays where it is
-    operator.page.fill("#slider-roll", "-60")
-    operator.until("Math.abs(state.radio.report.tail_roll - (-Math.PI / 3)) < 0.1")
-    operator.page.focus("#slider-roll")
-    for _ in range(20):
-        operator.page.keyboard.press("ArrowRight")
-    operator.until("Math.abs(state.radio.report.tail_roll - (-2 * Math.PI / 9)) < 0.1")
-    operator.page.locator("input[value=rest]").evaluate("box => box.click()")
+    page = operator.page
+
+    def move() -> None:
+        start = page.evaluate("state.radio.report.tail_roll")
+        asked = page.evaluate("sliders.values(seconds()).roll")
+        assert abs(asked - start) < 0.05  # the tail stays where it is
+        page.fill("#slider-roll", "-60")
+        operator.reach("Math.abs(state.radio.report.tail_roll - (-Math.PI / 3)) < 0.1")
+        page.focus("#slider-roll")
+        for _ in range(20):
+            page.keyboard.press("ArrowRight")
+        operator.reach("Math.abs(state.radio.report.tail_roll - (-2 * Math.PI / 9)) < 0.1")
+
+    operator.drive(move)
+    page.locator("input[value=rest]").evaluate("box => box.click()")
     operator.until("!state.car.driving")
 
 
@@ -81,10 +86,13 @@ def test_an_unplugged_gamepad_means_rest_and_two_may_not_drive(operator: Operato
     page = operator.page
     page.evaluate("() => { fakePads = [makePad('one')]; }")
     operator.until("!document.getElementById('use-gamepad').disabled")
-    operator.arm()
-    page.check("#use-gamepad")
-    page.evaluate("() => { fakePads[0].axes[0] = -1; }")
-    operator.until("sliders.values(seconds()).steering > 0.3")
+
+    def steer() -> None:
+        page.set_checked("#use-gamepad", True)
+        page.evaluate("() => { fakePads[0].axes[0] = -1; }")
+        operator.reach("sliders.values(seconds()).steering > 0.3")
+
+    operator.drive(steer)
     page.evaluate("() => { fakePads = []; }")
     operator.until("mode === 'rest' && !document.getElementById('use-gamepad').checked")
     assert "unplugged" in page.inner_text("#banner")

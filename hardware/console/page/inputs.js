@@ -82,8 +82,8 @@ class Sliders {
     for (const {channel, input, output} of Object.values(this.rows)) {
       const number = Number(input.value);
       const side = number ? ` ${channel.ends[number < 0 ? 0 : 1]}` : "";
-      output.textContent = `${Math.abs(number)} ${channel.unit}`;
-      input.setAttribute("aria-valuetext", `${Math.abs(number)} ${channel.unit}${side}`);
+      output.textContent = `${Math.abs(number)} ${channel.unit}${side}`;
+      input.setAttribute("aria-valuetext", output.textContent);
     }
   }
 }
