@@ -46,7 +46,7 @@ def test_identification_uses_no_other_optimiser() -> None:
     [
         robot_tail_line,
         lambda: huber_location(np.array([1.0, 2.0, 2.5, 9.0])),
-        lambda: fit_spring(pd.DataFrame({"displacement_m": np.arange(9.0), "force_n": np.arange(9.0) ** 1.1})),
+        lambda: fit_spring(pd.DataFrame({"displacement_m": 0.01 * np.arange(9.0), "force_n": np.arange(9.0) ** 1.1})),
         lambda: fit_throttle([SteadyPoint(x, 9.0 * x + 0.1 * x**2, 0.0, 0.0, 1.0) for x in (0.2, 0.4, 0.5, 0.7)]),
     ],
     ids=["line", "huber", "spring", "throttle"],
