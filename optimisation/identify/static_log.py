@@ -40,6 +40,8 @@ _LARGEST_WANDER = math.radians(1.0)
 _LARGEST_SPEED = 60.0
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
+_NO_CHANGE = 4.0
+"""Standard deviations within which the readings of hold and rest are the same."""
 _LARGEST_FORCE, _LARGEST_TORQUE = 1000.0, 40.0
 
 
@@ -184,7 +186,7 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str) -> St
     present = np.array([channel in columns for channel in REACTIONS])
     if rest is not None and balance.exposed_length(float(np.mean(angle))) > 0.0:
         step = (wrench - balance.hanging(float(np.mean(angle)))[0])[present]
-        if np.all(np.abs(step) < accuracies()[present]):
+        if np.all(np.abs(step) < _NO_CHANGE * np.sqrt(variance[present])):
             warnings.append(
                 f"the readings do not change after the rest phase {rest[0]:g} to {rest[1]:g} s, although the wind of "
                 f"{speed:g} m/s meets the tail: is the wind off in it?"
