@@ -6,7 +6,9 @@ A start of `aerodima emulate` costs three seconds of processor time, nearly all 
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.connection
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -45,7 +47,7 @@ class EmulatorProcess:
 
     def __init__(self, folder: Path, scenario: Scenario, wiring: Any, script: dict | None = None) -> None:
         self.folder, self.wiring = folder / "emulated", wiring
-        arguments = (scenario, wiring, self.folder, Script.model_validate(script or {}))
+        arguments = (scenario, wiring, self.folder, script or {})
         self.process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
 
     def __enter__(self) -> EmulatorProcess:
@@ -85,8 +87,17 @@ class EmulatorProcess:
         return list(can.BLFReader(self.folder / TRAFFIC_FILE))
 
 
-def _run(*settings: Any) -> None:
-    run_emulator(EmulatorSettings(*settings))
+def _run(scenario: Scenario, wiring: Any, folder: Path, script: dict) -> None:
+    threading.Thread(target=_end_with_tests, name="end-with-tests", daemon=True).start()
+    run_emulator(EmulatorSettings(scenario, wiring, folder, Script.model_validate(script)))
+
+
+def _end_with_tests() -> None:
+    """Its own parent, which forks emulators, lives as long as they do."""
+    tests = multiprocessing.parent_process()
+    if tests is not None:
+        multiprocessing.connection.wait([tests.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 class PauseWitness:
