@@ -35,18 +35,29 @@ def swing(
     rounds: Annotated[int, typer.Option(help="Most rounds of profile, solution, full car.", min=1, max=20)] = 4,
     bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
     solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
-    wall_time: Annotated[float, typer.Option(help="Limit of the whole search, s.", min=1.0)] = 600.0,
+    members: Annotated[int, typer.Option(help="Likeliest cars of the ensemble to serve as well.", min=0)] = 0,
+    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
+    polish: Annotated[
+        int, typer.Option(help="Candidates to drive in a polish on the full car; 0: none.", min=0, max=100_000)
+    ] = 0,
+    feedback: Annotated[bool, typer.Option(help="Store gains for the tracker with the swing.")] = True,
+    workers: Annotated[int, typer.Option(help="Worker processes of the polish.", min=1)] = 2,
+    wall_time: Annotated[float, typer.Option(help="Limit of the collocation, s.", min=1.0)] = 600.0,
     warm_start: Annotated[Path | None, typer.Option(help="Swing file to begin with.")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the swing file.")] = False,
 ) -> None:
     """The swing with which the car survives most friction or speed, rolls least, or asks least of its motors.
 
+    With --polish the full car has the last word: most friction, turning at least 95 % as far as the published swing.
     An interrupted search goes on when the same command is given again.
 
     Example: aerodima optimise swing turn_swing --set manoeuvre.speed=4.5 --threshold 0.5 --out swing.yaml
     """
+    from contextlib import nullcontext
+
     from optimisation.errors import SwingError
+    from optimisation.sweep.engine import SerialEngine, open_engine
     from optimisation.swing.optimise import Options, optimise_swing
     from optimisation.swing.transcription import OBJECTIVES
     from workbench.atomic_write import make_folder, refuse_existing
@@ -66,13 +77,16 @@ def swing(
     make_folder(out.parent, SwingError)
     options = Options(
         dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
-        torque=torque, rounds=rounds, bound=bound, solver=solver_name, wall_time=wall_time,
+        torque=torque, rounds=rounds, bound=bound, solver=solver_name, ensemble=ensemble, members=members,
+        polish=polish, feedback=feedback, wall_time=wall_time,
     )  # fmt: skip
-    found = optimise_swing(
-        load_scenario(scenario, list(settings or [])), options, name=out.stem, scenario_name=scenario,
-        settings=tuple(settings or ()), warm_start=None if warm_start is None else read_swing(warm_start),
-        checkpoint=out.with_suffix(".search.json"), told=lambda line: typer.echo(line, err=True),
-    )  # fmt: skip
+    turn = load_scenario(scenario, list(settings or []))
+    with nullcontext(SerialEngine()) if workers == 1 or not polish else open_engine(workers) as engine:
+        found = optimise_swing(
+            turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
+            warm_start=None if warm_start is None else read_swing(warm_start),
+            checkpoint=out.with_suffix(".search.json"), engine=engine, told=lambda line: typer.echo(line, err=True),
+        )  # fmt: skip
     write_swing(found, out, force=force)
     facts = found.provenance.found
     typer.echo(f"swing: {out}")
@@ -80,6 +94,11 @@ def swing(
         typer.echo(
             f"full car: clean at {facts['survived_speed_m_per_s']:.2f} m/s, friction {facts['survived_friction']:.3f}, "
             f"peak roll {facts['peak_roll_rad']:.3f} rad"
+        )
+    if "heading_ratio" in facts:
+        typer.echo(
+            f"heading: {facts['heading_ratio']:.1%} of the published swing's at friction "
+            f"{facts['reference_friction']:.3f}, the highest that both survive"
         )
     typer.echo(
         f"collocation error {facts.get('collocation_error_rad', float('nan')):.4f} rad on {facts.get('knots')} knots"

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from optimisation.leaderboard.contestants import THESIS
 from optimisation.leaderboard.measure import Leaderboard
+from optimisation.swing.full_car import LEAST_HEADING
 from workbench.atomic_write import write_atomically
 from workbench.ensemble import weighted_quantiles
 from workbench.errors import UserError
@@ -150,7 +151,7 @@ def plot_frictions(frictions: pd.DataFrame) -> Figure:
                 )
                 axes.plot(
                     x, median, marker, color=colour, markersize=9,
-                    markerfacecolor=colour if turned >= 0.95 else "white", label=name if place == 0 else None,
+                    markerfacecolor=colour if turned >= LEAST_HEADING else "white", label=name if place == 0 else None,
                 )  # fmt: skip
         axes.set_xticks(range(len(speeds)), [f"{speed:g} m/s" for speed in speeds])
         axes.set_ylabel("critical friction [1]")

@@ -15,6 +15,8 @@ from workbench.trial import Trial, run_trial
 
 FRICTION_STEP = 0.0125
 """Resolution of critical frictions."""
+LEAST_HEADING = 0.95
+"""Share of the reference's heading change that a turn must have to count (design section 10)."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,18 @@ def outcome(trial: Trial) -> Outcome:
     )
 
 
+def drive_all(scenarios: Sequence[Scenario], swing: SwingFile | None, friction: float) -> Outcome:
+    """The worst of several cars at one friction; `released` is that of the first."""
+    found = [outcome(drive(scenario, swing, friction)) for scenario in scenarios]
+    return Outcome(
+        clean=all(one.clean for one in found),
+        survived=all(one.survived for one in found),
+        peak_roll=max(one.peak_roll for one in found),
+        heading=min(one.heading for one in found),
+        released=found[0].released,
+    )
+
+
 def profile_of(trial: Trial, scenario: Scenario, friction: float, fallback_release: float) -> TurnProfile:
     """Profile of a run with all signals, from the release of its swing on; without one from `fallback_release` (s)."""
     released = trial.summary.trigger_time
@@ -123,8 +137,3 @@ def critical_friction(
         held, lost = (middle, lost) if clean(middle) else (held, middle)
     rows = tuple((low + index * step, runs[index]) for index in sorted(runs))
     return CriticalFriction(low + held * step if held >= 0 else 0.0, rows)
-
-
-def headings(scenario: Scenario, swings: Sequence[SwingFile | None], friction: float) -> list[float]:
-    """Heading change of each at one friction, rad."""
-    return [outcome(drive(scenario, swing, friction)).heading for swing in swings]

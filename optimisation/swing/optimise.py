@@ -3,97 +3,41 @@
 Each round takes the profile of the turn from a run of the full car that survived with the present swing, solves the
 programme within a trust region of friction (or speed) around that run, and drives the full car with the new swing. The
 round is kept if the full car then survives more than before; the search ends when a round gains less than one step.
+On demand a polish on the full car follows (`polish`), and gains of a tracker (`feedback`).
 """
 
 from __future__ import annotations
 
-import json
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from optimisation.errors import SwingError
+from optimisation.sweep.engine import Engine
 from optimisation.swing import planar, spatial
-from optimisation.swing.full_car import Outcome, drive, outcome, profile_of, varied
+from optimisation.swing.feedback import with_feedback
+from optimisation.swing.full_car import drive, profile_of, varied
 from optimisation.swing.mesh import refine
-from optimisation.swing.planar import lift_roll
+from optimisation.swing.options import Options, Told
+from optimisation.swing.polish import polished
 from optimisation.swing.reduced_car import ReducedCar
 from optimisation.swing.result import swing_file
-from optimisation.swing.solve import Solution, SolverName, best_of, multi_start
-from optimisation.swing.transcription import Member, Objective, Problem, SwingLimits, uniform_knots
-from workbench.atomic_write import write_atomically
+from optimisation.swing.search import Search, begin, keep, resumed, run
+from optimisation.swing.solve import Solution, best_of, multi_start
+from optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
+from workbench.ensemble import load_ensemble
+from workbench.range_of_motion import make_range_of_motion
 from workbench.scenario import Scenario
-from workbench.swing_file import SwingFile, read_swing, write_swing
+from workbench.swing_file import SwingFile
 
-Told = Callable[[str], None]
+__all__ = ["Options", "optimise_swing"]
+
 _MODELS: dict[int, Any] = {1: planar, 2: spatial}
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of a search; stored with the swing, so that it can be repeated.
-
-    Attributes:
-        dof: 1 roll, 2 roll and pitch.
-        objective: see `transcription.Problem`.
-        seed, starts: of the random starts of the first round.
-        knots: of the first mesh; `length` of the swing from its release, s.
-        threshold: yaw rate that releases the swing, rad/s; None keeps the scenario's.
-        wait: the tail rests this long after the release, s; 0 leaves it free.
-        torque: limit of each motor, N m; None is the motor's.
-        rounds: at most this many.
-        trust: how far friction or speed may go beyond those of the profile's run in one round, as a share.
-        bound: largest collocation error, rad.
-        solver: snopt or ipopt.
-        iterations: of the solver; with the seed they make the search repeatable.
-        wall_time: s, of the whole search.
-    """
-
-    dof: int = 1
-    objective: Objective = "friction"
-    seed: int = 1
-    starts: int = 4
-    knots: int = 41
-    length: float = 1.0
-    threshold: float | None = None
-    wait: float = 0.0
-    torque: float | None = None
-    rounds: int = 4
-    trust: float = 0.08
-    bound: float = 5e-3
-    solver: SolverName = "snopt"
-    iterations: int = 300
-    wall_time: float = 600.0
-
-    def stored(self) -> dict[str, float | int | str]:
-        """For the provenance of a swing: everything but the wall time, which decides nothing unless it is over."""
-        return {key: value for key, value in self.__dict__.items() if value is not None and key != "wall_time"}
-
-
-@dataclass
-class Search:
-    """State of a search between its rounds.
-
-    Attributes:
-        friction, speed: at which the profile's run survived.
-        swing: of that run; None is the scenario's own controller.
-        rounds: done; `stalled` of them, the last ones, gained nothing.
-        found: figures for the provenance.
-        finished: nothing more was gained.
-    """
-
-    friction: float
-    speed: float
-    swing: SwingFile | None = None
-    rounds: int = 0
-    found: dict[str, float] = field(default_factory=dict)
-    stalled: int = 0
-    finished: bool = False
+MAP_NODES = 25
+"""Nodes of the range-of-motion map along each joint."""
 
 
 def optimise_swing(
@@ -105,6 +49,7 @@ def optimise_swing(
     settings: tuple[str, ...] = (),
     warm_start: SwingFile | None = None,
     checkpoint: Path | None = None,
+    engine: Engine | None = None,
     told: Told = lambda _line: None,
 ) -> SwingFile:
     """The best swing of a search.
@@ -115,83 +60,74 @@ def optimise_swing(
         name: of the swing.
         scenario_name, settings: for the provenance.
         warm_start: a swing to begin with instead of the scenario's controller.
-        checkpoint: file that keeps the search between rounds; a search found there goes on.
+        checkpoint: file that keeps the search between rounds; a search found there goes on. The candidates of a polish
+            are kept beside it.
+        engine: where a polish drives its cars.
         told: progress, line by line.
 
     Raises:
         SwingError: the turn needs no tail, nothing survives it, the swing is released after the turn, the limits leave
             no swing (names the violated constraints), the solver is missing, a warm start for another car.
+        EnsembleError: the ensemble of `options.members` cannot be read.
     """
     deadline = time.perf_counter() + options.wall_time
     if options.dof not in _MODELS:
         raise SwingError(f"--dof: {options.dof}; allowed: {', '.join(map(str, _MODELS))}")
     if scenario.manoeuvre.kind not in ("turn", "auto_turn"):
         raise SwingError(f"manoeuvre.kind: {scenario.manoeuvre.kind!r}; allowed: turn, auto_turn")
+    turn = scenario
     if options.threshold is not None:
         scenario = varied(scenario, controller={"trigger_yaw_rate": options.threshold})
-    scenario = varied(scenario, tail={"mode": "swing"})
-    car = ReducedCar.of(scenario)
-    limits = SwingLimits.of(car, options.dof, options.torque)
-    search = _resumed(checkpoint, scenario, options) or _first(scenario, options, car, warm_start, told)
+    cars = _cars(varied(scenario, tail={"mode": "swing"}), options)
+    limits = SwingLimits.of(ReducedCar.of(cars[0]), options.dof, options.torque)
+    search = resumed(checkpoint, cars[0], options) or begin(cars, options, warm_start, told)
     while not search.finished and search.rounds < options.rounds and time.perf_counter() < deadline:
-        _round(search, scenario, options, car, limits, name, scenario_name, settings, deadline, told)
-        _keep(checkpoint, search, scenario, options)
+        _round(search, cars, options, limits, name, scenario_name, settings, deadline, told)
+        keep(checkpoint, search, cars[0], options)
     if search.swing is None:
         raise SwingError(f"no swing found within {options.wall_time:g} s; allowed: a longer wall time")
+    swing = search.swing
+    if options.polish:
+        here = varied(turn, manoeuvre={"speed": search.speed})
+        swing = polished(swing, here, options, engine=engine, checkpoint=checkpoint, told=told)
+    if options.feedback:
+        swing = _with_gains(swing, cars[0], told)
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
-    return search.swing
+    return swing
 
 
-def _first(scenario: Scenario, options: Options, car: ReducedCar, warm: SwingFile | None, told: Told) -> Search:
-    """Where the search begins: the highest friction or speed not above the scenario's that survives."""
-    if warm is not None:
-        _refuse_other_car(warm, scenario)
-    held = outcome(drive(varied(scenario, tail={"mode": "held"})))
-    if options.objective in ("roll", "effort") and held.survived and held.peak_roll < lift_roll(car):
-        raise SwingError(
-            f"this turn needs no swing: with the tail held the car rolls {held.peak_roll:.3f} rad, its inner wheels "
-            f"lift at {lift_roll(car):.3f} rad"
-        )
-    friction, speed = scenario.car.tyre_friction, scenario.manoeuvre.speed
-    for _ in range(8):
-        trial = _run(scenario, warm, friction, speed)
-        if trial.survived:
-            if trial.released is None:
-                raise SwingError(
-                    f"trigger: the yaw rate never passes {scenario.controller.trigger_yaw_rate:g} rad/s at "
-                    f"{speed:g} m/s, friction {friction:g}, so nothing releases the swing; allowed: a lower --threshold"
-                )
-            end = scenario.manoeuvre.turn_start + scenario.manoeuvre.turn_hold
-            if scenario.manoeuvre.kind == "turn" and trial.released + options.wait > end:
-                raise SwingError(
-                    f"trigger: the swing begins at {trial.released + options.wait:.3f} s, after the turn, which ends "
-                    f"at {end:g} s; allowed: a lower --threshold or a shorter --wait"
-                )
-            told(f"begin at {speed:.2f} m/s, friction {friction:.3f}: peak roll {trial.peak_roll:.3f} rad")
-            return Search(friction, speed, warm)
-        if options.objective == "speed":
-            speed *= 0.92
-        elif options.objective == "friction":
-            friction *= 0.92
-        else:
-            break
-    lowest = f"{speed:.2f} m/s" if options.objective == "speed" else f"friction {friction:.3f}"
-    raise SwingError(
-        f"nothing survives this turn at {scenario.manoeuvre.speed:g} m/s, looked down to {lowest}; "
-        "allowed: a slower turn"
-    )
+def _cars(scenario: Scenario, options: Options) -> tuple[Scenario, ...]:
+    """The scenario with its own car, and with those of the ensemble."""
+    cars = [scenario]
+    if options.members:
+        for member in load_ensemble(options.ensemble).likeliest(options.members):
+            sections: dict[str, dict[str, Any]] = {}
+            for key, value in member.values.items():
+                section, _, entry = key.partition(".")
+                sections.setdefault(section, {})[entry] = value
+            cars.append(varied(scenario, **sections))
+    return tuple(cars)
 
 
-def _run(scenario: Scenario, swing: SwingFile | None, friction: float, speed: float) -> Outcome:
-    return outcome(drive(varied(scenario, manoeuvre={"speed": speed}), swing, friction))
+def _with_gains(swing: SwingFile, scenario: Scenario, told: Told) -> SwingFile:
+    """With feedback for the highest friction that the swing was seen to survive; without it where that fails."""
+    found = swing.provenance.found
+    sections: dict[str, dict[str, Any]] = {}
+    if "survived_friction" in found:
+        sections = {"car": {"tyre_friction": float(found["survived_friction"])}}
+        sections["manoeuvre"] = {"speed": float(found["survived_speed_m_per_s"])}
+    try:
+        return with_feedback(swing, varied(scenario, **sections))
+    except SwingError as error:
+        told(f"no feedback: {error}")
+        return swing
 
 
 def _round(
     search: Search,
-    scenario: Scenario,
+    cars: tuple[Scenario, ...],
     options: Options,
-    car: ReducedCar,
     limits: SwingLimits,
     name: str,
     scenario_name: str,
@@ -199,22 +135,8 @@ def _round(
     deadline: float,
     told: Told,
 ) -> None:
-    here = varied(scenario, manoeuvre={"speed": search.speed})
-    trial = drive(here, search.swing, search.friction, all_signals=True)
-    profile = profile_of(trial, here, search.friction, scenario.manoeuvre.turn_start)
-    ends = {"friction": (1.0 - options.trust, 1.0 + options.trust)}
-    ends["speed"] = ((1.0 - options.trust) * profile.speed, (1.0 + options.trust) * profile.speed)
-    start = (-scenario.controller.hold_angle, scenario.controller.pitch_angle)[: options.dof]
-    problem = Problem(
-        _MODELS[options.dof],
-        (Member(car, profile),),
-        uniform_knots(options.length, options.knots),
-        start,
-        limits,
-        options.objective,
-        ends.get(options.objective, (0.0, 1.0)),
-        options.wait,
-    )
+    scenario = cars[0]
+    problem = _problem(search, cars, options, limits)
     left = deadline - time.perf_counter()
     solutions = multi_start(
         problem, options.seed, options.starts, solver=options.solver, iterations=options.iterations,
@@ -232,7 +154,7 @@ def _round(
         told=lambda n, e: told(f"  {n} knots: collocation error {e:.4f} rad, finer mesh"),
     )  # fmt: skip
     costs = [solution.cost for solution in solutions if solution.success]
-    found = {
+    found: dict[str, float | int | str] = {
         "collocation_error_rad": round(error, 6),
         "knots": len(problem.knots),
         "cost": round(best.cost, 6),
@@ -251,13 +173,42 @@ def _round(
         },
     )  # fmt: skip
     search.rounds += 1
-    _climb(search, scenario, options, swing, found, told)
+    _climb(search, cars, options, swing, found, told)
+
+
+def _problem(search: Search, cars: tuple[Scenario, ...], options: Options, limits: SwingLimits) -> Problem:
+    """The programme around the runs of all cars with the present swing."""
+    members = []
+    for car in cars:
+        here = varied(car, manoeuvre={"speed": search.speed})
+        trial = drive(here, search.swing, search.friction, all_signals=True)
+        profile = profile_of(trial, here, search.friction, here.manoeuvre.turn_start)
+        members.append(Member(ReducedCar.of(here), profile))
+    speed, controller = members[0].profile.speed, cars[0].controller
+    ends = {"friction": (1.0 - options.trust, 1.0 + options.trust)}
+    ends["speed"] = ((1.0 - options.trust) * speed, (1.0 + options.trust) * speed)
+    return Problem(
+        _MODELS[options.dof],
+        tuple(members),
+        uniform_knots(options.length, options.knots),
+        (-controller.hold_angle, controller.pitch_angle)[: options.dof],
+        limits,
+        options.objective,
+        ends.get(options.objective, (0.0, 1.0)),
+        options.wait,
+        free_of=make_range_of_motion(cars[0], MAP_NODES, MAP_NODES) if options.dof == 2 else None,
+    )
 
 
 def _climb(
-    search: Search, scenario: Scenario, options: Options, swing: SwingFile, found: dict[str, Any], told: Told
+    search: Search,
+    cars: tuple[Scenario, ...],
+    options: Options,
+    swing: SwingFile,
+    found: dict[str, float | int | str],
+    told: Told,
 ) -> None:
-    """Drives the full car with the swing at higher and higher friction (or speed) up to the trust region."""
+    """Drives the full cars with the swing at higher and higher friction (or speed) up to the trust region."""
     steps = 1.0 + options.trust * np.array([0.0, 0.25, 0.5, 0.75, 1.0])
     if options.objective not in ("friction", "speed"):
         steps = steps[:1]
@@ -265,14 +216,12 @@ def _climb(
     for step in steps:
         friction = search.friction * (step if options.objective == "friction" else 1.0)
         speed = search.speed * (step if options.objective == "speed" else 1.0)
-        run = _run(scenario, swing, friction, speed)
-        told(
-            f"  full car at {speed:.2f} m/s, friction {friction:.3f}: "
-            f"{'clean' if run.clean else 'survived' if run.survived else 'rolled over'}, peak {run.peak_roll:.3f} rad"
-        )
-        if not run.clean:
+        seen = run(cars, swing, friction, speed)
+        end = "clean" if seen.clean else "survived" if seen.survived else "rolled over"
+        told(f"  full car at {speed:.2f} m/s, friction {friction:.3f}: {end}, peak {seen.peak_roll:.3f} rad")
+        if not seen.clean:
             break
-        reached = (friction, speed, run)
+        reached = (friction, speed, seen)
     if reached is None:
         search.finished = True
         if search.swing is None:
@@ -299,53 +248,3 @@ def _words(solution: Solution, problem: Problem) -> str:
         return "not feasible: " + "; ".join(map(str, solution.violations[:3]))
     end = "" if solution.success else ", stopped early"
     return f"cost {solution.cost:.4f} after {solution.evaluations} evaluations, {solution.wall_time:.1f} s{end}"
-
-
-def _refuse_other_car(warm: SwingFile, scenario: Scenario) -> None:
-    from workbench.swing_file import car_mismatches
-
-    lines = car_mismatches(warm, scenario.resolved())
-    if lines:
-        raise SwingError(f"warm start {warm.name}: for another car: {'; '.join(lines)}")
-
-
-def _key(scenario: Scenario, options: Options) -> str:
-    return json.dumps([scenario.resolved(), options.stored()], sort_keys=True)
-
-
-def _keep(checkpoint: Path | None, search: Search, scenario: Scenario, options: Options) -> None:
-    if checkpoint is None or search.swing is None:
-        return
-    swing_path = checkpoint.with_suffix(".swing.yaml")
-    write_swing(search.swing, swing_path, force=True)
-    data = {
-        "key": _key(scenario, options), "friction": search.friction, "speed": search.speed,
-        "rounds": search.rounds, "stalled": search.stalled, "finished": search.finished,
-        "swing": swing_path.read_text(encoding="utf-8"),
-    }  # fmt: skip
-    swing_path.unlink()
-
-    def write(path: Path) -> None:
-        path.write_text(json.dumps(data), encoding="utf-8")
-
-    write_atomically(checkpoint, write, True, SwingError)
-
-
-def _resumed(checkpoint: Path | None, scenario: Scenario, options: Options) -> Search | None:
-    """The search that was interrupted; None without one. Another search in the file is an error."""
-    if checkpoint is None or not checkpoint.exists():
-        return None
-    try:
-        data = json.loads(checkpoint.read_text(encoding="utf-8"))
-        key = data["key"]
-    except (ValueError, KeyError, TypeError):
-        raise SwingError(f"{checkpoint}: is no interrupted search; allowed: remove it, or another --out") from None
-    if key != _key(scenario, options):
-        raise SwingError(f"{checkpoint}: holds a search with other settings; allowed: remove it, or another --out")
-    path = checkpoint.with_suffix(".swing.yaml")
-    path.write_text(data["swing"], encoding="utf-8")
-    swing = read_swing(path)
-    path.unlink()
-    return Search(
-        data["friction"], data["speed"], swing, data["rounds"], stalled=data["stalled"], finished=data["finished"]
-    )

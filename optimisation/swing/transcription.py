@@ -20,12 +20,15 @@ from numpy.typing import NDArray
 from optimisation.errors import SwingError
 from optimisation.swing.profile import TurnProfile
 from optimisation.swing.reduced_car import ReducedCar
+from workbench.range_of_motion import RangeOfMotion
 
 Objective = Literal["friction", "speed", "roll", "effort"]
 OBJECTIVES: tuple[Objective, ...] = ("friction", "speed", "roll", "effort")
 FloatArray = NDArray[np.float64]
 
 COMPLEX_STEP = 1e-30
+CAR_PARTS = ("cage", "deck", "wheels")
+"""What of the car the tail must not touch."""
 ANGLE, RATE, ACCELERATION, ROLL, ROLL_RATE, TORQUE = 1.0, 8.0, 80.0, 0.1, 0.5, 5.0
 """Scales of the variables: what is one unit for the solver, in rad, rad/s, rad/s2 and N m."""
 
@@ -59,7 +62,7 @@ class SwingLimits:
         torque_rate: change of the torque, N m/s.
         tail_rate: joint rate at which a motor still gives its full torque.
         angles: range of each joint to either side.
-        clearance: of the tail above the ground.
+        clearance: of the tail above the ground; `car_clearance` of it from the car.
         roll: largest roll of the car outwards, and `roll_inwards` inwards.
         end_roll, end_roll_rate: at the last knot.
     """
@@ -69,6 +72,7 @@ class SwingLimits:
     angles: tuple[float, ...]
     torque_rate: float = 1500.0
     clearance: float = 0.05
+    car_clearance: float = 0.01
     roll: float = 0.25
     roll_inwards: float = 0.25
     end_roll: float = 0.06
@@ -106,6 +110,7 @@ class Problem:
         smoothness: weight of the mean square of the scaled accelerations beside the objective.
         margin: weight of the mean square of the scaled car roll: of swings that survive as much, the one that leaves
             more in hand, and a motion that does not balance on two wheels, where every error grows.
+        free_of: range of motion of a tail that also pitches; None does not look at the car.
     """
 
     model: ReducedModel
@@ -118,6 +123,7 @@ class Problem:
     wait: float = 0.0
     smoothness: float = 0.02
     margin: float = 0.05
+    free_of: RangeOfMotion | None = None
 
     @property
     def joints(self) -> int:
@@ -319,6 +325,20 @@ class Collocation:
         jacobian[np.arange(len(z))[:, None], index] = heights.imag.T / COMPLEX_STEP * unit / 0.1
         return heights[0].real / 0.1, jacobian
 
+    def car_clearance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distance of the tail from the car at the knots, in units of 0.1 m, and its Jacobian."""
+        free_of, layout = self.problem.free_of, self.problem.layout
+        assert free_of is not None
+        every = np.arange(layout.size)
+        index = np.column_stack([every[layout.tail(joint, 0)] for joint in (0, 1)])
+        moved = np.tile((x[index] * ANGLE).astype(complex), (2, 1, 1))
+        for joint in range(2):
+            moved[joint, :, joint] += 1j * COMPLEX_STEP
+        distance = free_of.clearance(moved[..., 1], moved[..., 0], CAR_PARTS)
+        jacobian = np.zeros((layout.knots, layout.size))
+        jacobian[np.arange(layout.knots)[:, None], index] = distance.imag.T / COMPLEX_STEP * ANGLE / 0.1
+        return distance[0].real / 0.1, jacobian
+
     def blocks(self) -> list[Block]:
         """The member's nonlinear constraints."""
         problem, layout = self.problem, self.problem.layout
@@ -341,12 +361,19 @@ class Collocation:
         low = np.full(knots, problem.limits.clearance / 0.1)
         # The first knot is the rest position, which no choice of the swing can change.
         low[0] = -np.inf
-        return [
+        blocks = [
             Block(self.dynamics, zero, zero, pattern, labels),
             Block(
                 self.clearance, low, np.full(knots, np.inf), ground, [("height of the tail's tip", "m", 0.1)] * knots
             ),
         ]
+        if problem.free_of is not None and self.number == 0:
+            near = np.full(knots, problem.limits.car_clearance / 0.1)
+            near[0] = -np.inf
+            path = [(k, int(layout.tail(joint, 0).start) + k) for k in range(knots) for joint in (0, 1)]
+            said = [("distance of the tail from the car", "m", 0.1)] * knots
+            blocks.append(Block(self.car_clearance, near, np.full(knots, np.inf), path, said))
+        return blocks
 
 
 def gradient_error(block: Block, x: FloatArray, step: float = 1e-6) -> float:

@@ -11,12 +11,15 @@ import yaml
 from matplotlib.figure import Figure
 
 from optimisation.errors import SwingError
-from optimisation.swing.verify import LEAST_HEADING, Verification
+from optimisation.swing.full_car import LEAST_HEADING
+from optimisation.swing.tip_path import plot_tip_path
+from optimisation.swing.verify import Verification
 from workbench.atomic_write import make_folder, write_atomically
 from workbench.controllers.swing_law import SwingState
 from workbench.logs.schema import RunLog, software_versions
 from workbench.plots.style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
 from workbench.report.page import Markup, Section, bullets, figure, page, paragraph, preformatted, table
+from workbench.scenario import scenario_from_dict
 from workbench.swing_curve import swing_at
 from workbench.swing_file import SwingFile
 from workbench.turn_signals import turn_window
@@ -102,6 +105,12 @@ def _page(swing: SwingFile, found: Verification, verdict: str) -> str:
                     "The turn on the car that the swing was made for, with the swing and with that of the thesis "
                     "(8 rad/s). Shaded: the turn; dotted: the knots, and the limit of the torque.",
                     "Three curves over time: tail roll, car roll, torque of the roll motor",
+                ),
+                figure(
+                    plot_tip_path(swing, scenario_from_dict(found.own.run_log.scenario)),
+                    "Planned path of the tail's tip in the axes of the car, with a mark every 0.1 s; grey: the tail at "
+                    "rest before and after; shaded: track, wheelbase and height of the joints.",
+                    "Path of the tip from behind and from above",
                 ),
             ),
         ),

@@ -69,7 +69,7 @@ class MadeUp:
         return {
             "outcome": "survived" if friction <= critical else "flipped", "clean": friction <= critical - 0.05,
             "error": "", "heading_change_rad": turned, "peak_roll_rad": 0.1, "tail_energy_j": 5.0,
-            "average_yaw_rate_rad_per_s": 2.0, "tail_torque_peak_n_m": 10.0,
+            "average_yaw_rate_rad_per_s": 2.0, "tail_torque_peak_n_m": 10.0, "two_wheel_time_s": 0.2,
         }  # fmt: skip
 
 
@@ -86,6 +86,9 @@ def test_every_table_has_its_known_answer(tmp_path: Path) -> None:
     assert summary.loc[SWING, "share_no_worse_than_8_rad_per_s"] == 1.0
     assert summary.loc["held", "heading_ratio_median"] == pytest.approx(0.9)
     assert summary.loc["held", "share_heading_at_least_95_percent"] == 0.0
+    assert summary.loc["held", "gain_over_8_rad_per_s"] < 0.0
+    assert (summary.loc["held", "share_faster_turn"], summary.loc[SWING, "share_faster_turn"]) == (0.0, 1.0)
+    assert set(board.frictions["two_wheel_time_with_8_rad_per_s_s"].dropna()) == {0.2}
     assert summary.loc["no tail", "rollover_probability_at_4.5_m_per_s"] == pytest.approx(0.25), "the unlikely car"
     assert summary.loc[SWING, "rollover_probability_at_4.5_m_per_s"] == 0.0
     robust = board.robustness.set_index(["controller", "change"])["critical_friction"]

@@ -1,0 +1,323 @@
+"""The last word of the full car: CMA-ES over the release and the shape of a swing, with the criterion that counts.
+
+A swing counts by the highest tyre friction that the full car survives clean, and only if the turn stays the turn: at
+the highest friction that the published swing survives as well, the heading change must be at least 95 % of that
+swing's (design section 10). A reduced model is driven by the yaw motion of a run and cannot know this; so the changes
+of `shape` are searched on the full car itself. Candidates are ranked by feasibility first: leaves its limits, rolls
+over at the common friction, turns too little, rolls over at the target friction (the earlier the worse), touches the
+ground there, and then by the car's peak roll there. The target rises whenever the best candidate is clean at it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimisation.errors import SwingError
+from optimisation.sweep.engine import Engine, SerialEngine
+from optimisation.swing.full_car import FRICTION_STEP, LEAST_HEADING, critical_friction, drive, outcome, varied
+from optimisation.swing.options import Options, Told
+from optimisation.swing.shape import changed, changes
+from workbench.atomic_write import write_atomically
+from workbench.errors import SwingFileError
+from workbench.range_of_motion import RangeOfMotion, make_range_of_motion
+from workbench.scenario import Scenario, default_values, scenario_from_dict
+from workbench.swing_curve import swing_at
+from workbench.swing_file import SwingFile
+
+FloatArray = NDArray[np.float64]
+
+HEADING_MARGIN = 0.005
+"""What a candidate must have on top, so that another step of the plant does not undo it."""
+LOST = 0.6
+"""Roll at which a car that rolls over counts as lost, rad; the later, the better its rank."""
+CLEARANCE = 0.01
+"""Least distance of the tail's planned path from the car, m."""
+LOWEST, HIGHEST = 0.3, 1.2
+"""Frictions between which the reference's highest one is searched."""
+FIRST_SPREAD = 0.6
+"""Of the first generation, in units of the changes."""
+WIDEST = 4.0
+"""Largest change, in its unit."""
+PATIENCE, NARROWER = 2, 0.4
+"""Generations without a better candidate after which the search begins again around the best one, narrower by this."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The published swing in a turn: highest friction that it survives clean, and its heading change there, rad."""
+
+    friction: float
+    heading: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Reference:
+        """Of the turn of a scenario, on a grid of `FRICTION_STEP`.
+
+        Raises:
+            SwingError: the published swing does not survive the turn at the lowest friction.
+        """
+        found = critical_friction(cls.turn(scenario), None, LOWEST, HIGHEST)
+        if found.value == 0.0:
+            raise SwingError(
+                f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction {LOWEST:g}, so "
+                "there is no turn to compare with; allowed: a slower turn"
+            )
+        return cls(found.value, dict(found.runs)[found.value].heading)
+
+    @staticmethod
+    def turn(scenario: Scenario) -> Scenario:
+        """The turn of a scenario with the published swing."""
+        return varied(scenario, tail={"mode": "swing"}, controller=default_values()["controller"])
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a candidate is worth.
+
+    Attributes:
+        cost: rank among the candidates of a generation, lower is better.
+        heading: share of the reference's heading change; NaN when the common friction is not survived.
+        clean: at the target friction.
+        peak_roll: there, rad.
+    """
+
+    cost: float
+    heading: float = math.nan
+    clean: bool = False
+    peak_roll: float = math.nan
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A changed swing (None: it leaves its limits) with the turn it is tried in, small enough to send anywhere.
+
+    `heading` is its share of the reference's heading change if that is known already; else it is driven for.
+    """
+
+    swing: SwingFile | None
+    scenario: dict[str, Any]
+    reference: Reference
+    target: float
+    heading: float | None = None
+
+
+@dataclass(frozen=True)
+class Polished:
+    """What came of a polish.
+
+    Attributes:
+        x: the changes; zeros are the swing that was given.
+        friction: highest target that was survived clean with enough heading; 0 if none was.
+        heading: share of the reference's at the common friction.
+        peak_roll: at `friction`, rad.
+        evaluations: candidates that were driven.
+    """
+
+    x: FloatArray
+    friction: float = 0.0
+    heading: float = math.nan
+    peak_roll: float = math.inf
+    evaluations: int = 0
+
+
+def score(candidate: Candidate) -> Score:
+    """Drives the full car with a candidate, once or twice."""
+    if candidate.swing is None:
+        return Score(6.0)
+    scenario = scenario_from_dict(candidate.scenario)
+    heading = candidate.heading
+    if heading is None:
+        common = outcome(drive(scenario, candidate.swing, candidate.reference.friction))
+        if not common.clean:
+            return Score(5.0 + common.peak_roll / math.pi)
+        heading = common.heading / candidate.reference.heading
+    if heading < LEAST_HEADING + HEADING_MARGIN:
+        return Score(4.0 + LEAST_HEADING + HEADING_MARGIN - heading, heading)
+    trial = drive(scenario, candidate.swing, candidate.target)
+    found = outcome(trial)
+    if found.clean:
+        return Score(found.peak_roll, heading, True, found.peak_roll)
+    if found.survived:
+        return Score(1.0 + found.peak_roll / math.pi, heading, False, found.peak_roll)
+    beyond = trial.run_log.time[np.abs(trial.run_log.signal("roll_truth_rad")) > LOST]
+    upright = (float(beyond[0]) - scenario.manoeuvre.turn_start) if len(beyond) else scenario.manoeuvre.duration
+    return Score(3.0 - min(upright / scenario.manoeuvre.duration, 1.0), heading, False, found.peak_roll)
+
+
+def polish(
+    swing: SwingFile,
+    scenario: Scenario,
+    reference: Reference,
+    *,
+    evaluations: int,
+    seed: int,
+    dof: int = 1,
+    target: float | None = None,
+    begin: FloatArray | None = None,
+    sigma: float = FIRST_SPREAD,
+    engine: Engine | None = None,
+    known: Sequence[Score] = (),
+    keep: Callable[[Sequence[Score]], None] = lambda _scores: None,
+    told: Told = lambda _line: None,
+) -> Polished:
+    """Searches for the changes of a swing with which the car survives most friction and still turns.
+
+    Args:
+        swing: to begin with.
+        scenario: car and turn.
+        reference: see `Reference`.
+        evaluations: how many candidates at most; whole generations are driven.
+        seed: of CMA-ES; the same seed tries the same candidates.
+        dof: 2 moves pitch too, and keeps the tail free of the car.
+        target: first friction aimed at; by default the reference's.
+        begin: changes to begin with; by default none.
+        sigma: of the first generation, in units of the changes.
+        engine: where the cars are driven.
+        known: scores of an earlier search with the same arguments, in order: they are not driven again.
+        keep: told all scores so far, after every generation.
+        told: progress, line by line.
+
+    Raises:
+        SwingError: the package `cma` is not there.
+    """
+    cma = _cma()
+    engine = engine or SerialEngine()
+    generator = np.random.default_rng(seed)
+    first = np.zeros(changes(dof)) if begin is None else np.array(begin, float)
+    # No global state: the random numbers come from `generator` alone.
+    options = {"seed": np.nan, "randn": lambda *shape: generator.standard_normal(shape), "verbose": -9}
+    options |= {"bounds": [-WIDEST, WIDEST]}
+    search = cma.CMAEvolutionStrategy(first, sigma, options)
+    aim = reference.friction if target is None else target
+    free_of = make_range_of_motion(scenario) if dof == 2 else None
+    plain = scenario.resolved()
+    scores: list[Score] = []
+
+    def tried(points: Sequence[FloatArray], heading: float | None = None) -> list[Score]:
+        begun = len(scores)
+        found = list(known[begun : begun + len(points)])
+        missing = [
+            Candidate(_allowed(swing, x, dof, free_of), plain, reference, aim, heading) for x in points[len(found) :]
+        ]
+        found += engine.call(score, missing)
+        scores.extend(found)
+        keep(scores)
+        return found
+
+    best, idle = Polished(first), 0
+    while len(scores) < evaluations and not search.stop():
+        points = search.ask()
+        found = tried(points)
+        search.tell(points, [one.cost for one in found])
+        leader = int(np.argmin([one.cost for one in found]))
+        point, one = np.array(points[leader]), found[leader]
+        idle = 0 if one.clean else idle + 1
+        while one.clean:
+            best = Polished(point, aim, one.heading, one.peak_roll)
+            told(f"  {len(scores)} cars: clean at friction {aim:.4f}, heading {one.heading:.1%} of the reference's")
+            aim += FRICTION_STEP
+            (one,) = tried([point], one.heading)
+        told(f"  {len(scores)} cars: best at friction {aim:.4f} has rank {one.cost:.3f}, heading {one.heading:.1%}")
+        if best.friction and idle >= PATIENCE:
+            sigma, idle = NARROWER * sigma, 0
+            search = cma.CMAEvolutionStrategy(best.x, sigma, options)
+    return replace(best, evaluations=len(scores))
+
+
+def polished(
+    swing: SwingFile,
+    scenario: Scenario,
+    options: Options,
+    *,
+    engine: Engine | None = None,
+    checkpoint: Path | None = None,
+    told: Told = lambda _line: None,
+) -> SwingFile:
+    """A swing after its polish, with what was found in its provenance; the same swing if nothing better was found.
+
+    Args:
+        swing: to begin with.
+        scenario: car and turn, as published but for speed and car.
+        options: of the search; `polish`, `seed` and `dof` are used.
+        engine: where the cars are driven.
+        checkpoint: of the search; candidates are kept beside it until the polish is over.
+        told: progress, line by line.
+    """
+    reference = Reference.of(scenario)
+    told(
+        f"polish: the published swing is clean to friction {reference.friction:.4f}, turns {reference.heading:.3f} rad"
+    )
+    path = None if checkpoint is None else checkpoint.with_suffix(".polish.json")
+    found = polish(
+        swing, scenario, reference, evaluations=options.polish, seed=options.seed, dof=options.dof, engine=engine,
+        known=_known(path), keep=lambda scores: _keep(path, scores), told=told,
+    )  # fmt: skip
+    if path is not None:
+        path.unlink(missing_ok=True)
+    if not found.friction:
+        told("polish: no candidate turns far enough and stays clean: kept the swing as it was")
+        return swing
+    shaped = changed(swing, found.x, options.dof)
+    facts = {
+        "polish_changes": " ".join(f"{value:.9g}" for value in found.x),
+        "polish_cars": found.evaluations,
+        "reference_friction": round(reference.friction, 6),
+        "heading_ratio": round(found.heading, 6),
+        "survived_friction": round(found.friction, 6),
+        "peak_roll_rad": round(found.peak_roll, 6),
+    }
+    provenance = shaped.provenance.model_copy(update={"found": shaped.provenance.found | facts})
+    return shaped.model_copy(update={"provenance": provenance})
+
+
+def _allowed(swing: SwingFile, x: FloatArray, dof: int, free_of: RangeOfMotion | None) -> SwingFile | None:
+    """The changed swing; None when it leaves its limits or its tail comes too close to the car."""
+    try:
+        moved = changed(swing, x, dof)
+    except SwingFileError:
+        return None
+    if free_of is not None:
+        point = swing_at(moved, np.linspace(0.0, moved.knots.time_s[-1], 201))
+        clear = free_of.clearance(point.pitch_position, point.roll_position, ("cage", "deck", "wheels"))
+        if float(np.min(clear)) < CLEARANCE:
+            return None
+    return moved
+
+
+def _known(path: Path | None) -> list[Score]:
+    if path is None or not path.exists():
+        return []
+    try:
+        return [Score(**row) for row in json.loads(path.read_text(encoding="utf-8"))]
+    except (ValueError, TypeError):
+        raise SwingError(f"{path}: is no interrupted polish; allowed: remove it, or another --out") from None
+
+
+def _keep(path: Path | None, scores: Sequence[Score]) -> None:
+    if path is None:
+        return
+    text = json.dumps([asdict(one) for one in scores])
+    write_atomically(path, lambda temporary: _write(temporary, text), True, SwingError)
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _cma() -> Any:
+    try:
+        import cma  # type: ignore[import-untyped, unused-ignore]
+    except ImportError:
+        raise SwingError(
+            "--polish: needs the package cma, which is not installed; allowed: pip install "
+            "'aerodima-workbench[optimise]', or no polish"
+        ) from None
+    return cma

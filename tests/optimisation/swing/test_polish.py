@@ -1,0 +1,178 @@
+"""The polish on made-up cars: what it changes, how it ranks, that it finds, repeats itself and goes on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimisation.errors import SwingError
+from optimisation.swing import polish as polish_module
+from optimisation.swing.full_car import FRICTION_STEP, Outcome
+from optimisation.swing.polish import Candidate, Reference, Score, polish, score
+from optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
+from workbench.errors import SwingFileError
+from workbench.resources import model_path
+from workbench.scenario import load_scenario
+from workbench.swing_curve import swing_at
+from workbench.swing_file import SwingFile, read_swing, swing_from_dict
+
+REFERENCE = Reference(0.675, 0.767)
+
+
+def swing(direction: str = "left") -> SwingFile:
+    left = read_swing(model_path("swings/roll_4_5.yaml"))
+    if direction == "left":
+        return left
+    data = left.model_dump(mode="json", by_alias=True, exclude_none=True) | {"direction": "right"}
+    for name in ("roll_position_rad", "roll_velocity_rad_per_s", "roll_torque_n_m"):
+        data["knots"][name] = [-value for value in data["knots"][name]]
+    return swing_from_dict(data)
+
+
+def unit(place: int, size: float = 1.0, dof: int = 1) -> np.ndarray:
+    return size * np.eye(changes(dof))[place]
+
+
+def test_no_change_keeps_the_motion_and_drops_what_no_longer_fits() -> None:
+    before, after = swing(), changed(swing(), np.zeros(changes(1)))
+    assert after.trigger.threshold_rad_per_s == before.trigger.threshold_rad_per_s
+    assert after.knots.time_s == pytest.approx(before.knots.time_s)
+    time = np.linspace(0.0, 1.0, 300)
+    assert np.allclose(swing_at(after, time).roll_position, swing_at(before, time).roll_position, atol=0.01)
+    assert after.knots.roll_torque_n_m is None
+    assert after.gains.feedback is None
+
+
+def test_changes_do_what_they_say() -> None:
+    plain = changed(swing(), np.zeros(changes(1)))
+    later, slower = changed(swing(), unit(0)), changed(swing(), unit(1))
+    assert later.trigger.threshold_rad_per_s == pytest.approx(0.5 * math.exp(0.15))
+    assert slower.knots.time_s[-1] == pytest.approx(math.exp(0.15))
+    moved = changed(swing(), unit(3))  # roll at the second place
+    difference = np.array(moved.knots.roll_position_rad) - np.array(plain.knots.roll_position_rad)
+    assert difference.max() == pytest.approx(ROLL, abs=0.01)
+    assert abs(difference[0]) == abs(difference[-1]) == 0.0
+
+
+def test_a_right_turn_is_changed_to_the_mirror_image() -> None:
+    x = np.linspace(-0.5, 0.5, changes(1))
+    left, right = changed(swing(), x), changed(swing("right"), x)
+    assert right.knots.roll_position_rad == pytest.approx([-value for value in left.knots.roll_position_rad])
+
+
+def test_pitch_moves_with_two_joints_from_its_start_on() -> None:
+    moved = changed(swing(), unit(2 + len(PLACES), dof=2), dof=2)
+    assert moved.knots.pitch_position_rad[0] == pytest.approx(PITCH)
+    assert moved.knots.pitch_position_rad[-1] == pytest.approx(0.0)
+    assert moved.knots.roll_position_rad == pytest.approx(
+        changed(swing(), np.zeros(changes(1))).knots.roll_position_rad
+    )
+
+
+def test_a_change_beyond_the_limits_is_refused_and_ranks_last() -> None:
+    with pytest.raises(SwingFileError, match="velocity"):
+        changed(swing(), unit(1, -30.0))
+    assert score(Candidate(None, {}, REFERENCE, 0.7)).cost > 5.5
+
+
+def test_a_swing_without_a_yaw_rate_is_refused() -> None:
+    timed = swing().model_copy(update={"trigger": swing().trigger.model_copy(update={"kind": "time"})})
+    timed = timed.model_copy(update={"trigger": timed.trigger.model_copy(update={"threshold_rad_per_s": None})})
+    with pytest.raises(SwingError, match=r"trigger\.kind"):
+        changed(timed, np.zeros(changes(1)))
+
+
+def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], Outcome]) -> Score:
+    """Score of a car whose outcome is a function of the friction; one that rolls over does so 1 s into the turn."""
+
+    def drive(_scenario: Any, _swing: Any, friction: float) -> Any:
+        roll = np.array([0.0, 0.0, 0.0, 1.0])
+        log = SimpleNamespace(time=np.array([0.0, 1.0, 2.0, 3.0]), signal=lambda _name: roll)
+        return SimpleNamespace(found=at(friction), run_log=log)
+
+    monkeypatch.setattr(polish_module, "drive", drive)
+    monkeypatch.setattr(polish_module, "outcome", lambda trial: trial.found)
+    return score(Candidate(swing(), load_scenario("turn_swing").resolved(), REFERENCE, 0.8))
+
+
+def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    clean, lost = Outcome(True, True, 0.3, 0.75, 2.1), Outcome(False, False, 1.5, 0.75, 2.1)
+    touched = Outcome(False, True, 0.5, 0.75, 2.1)
+    short = Outcome(True, True, 0.02, 0.70, 2.1)
+    flat = Outcome(True, True, 0.1, 0.74, 2.1)
+    in_order = [
+        ranks(monkeypatch, lambda _friction: flat),
+        ranks(monkeypatch, lambda _friction: clean),
+        ranks(monkeypatch, lambda friction: clean if friction < 0.7 else touched),
+        ranks(monkeypatch, lambda friction: clean if friction < 0.7 else lost),
+        ranks(monkeypatch, lambda _friction: short),
+        ranks(monkeypatch, lambda _friction: lost),
+    ]
+    costs = [one.cost for one in in_order]
+    assert costs == sorted(costs)
+    assert len(set(costs)) == len(costs)
+    assert [one.clean for one in in_order] == [True, True, False, False, False, False]
+    assert in_order[4].heading == pytest.approx(0.70 / 0.767)
+
+
+class MadeUpCars:
+    """Heading grows with the threshold of the release, the friction survived is highest at a duration of 1.2 s."""
+
+    workers, startup = 1, 0.0
+
+    def __init__(self) -> None:
+        self.driven = 0
+
+    def call(self, _function: Any, items: Sequence[Candidate]) -> list[Score]:
+        self.driven += len(items)
+        return [self._score(item) for item in items]
+
+    @staticmethod
+    def _score(item: Candidate) -> Score:
+        if item.swing is None:
+            return Score(6.0)
+        heading = 0.6 + 0.5 * (item.swing.trigger.threshold_rad_per_s or 0.0)
+        if heading < 0.955:
+            return Score(4.955 - heading, heading)
+        survived = 0.9 - abs(item.swing.knots.time_s[-1] - 1.2)
+        clean = item.target <= survived
+        roll = 0.3 * item.target / survived
+        return Score(roll if clean else 2.0 + roll, heading, clean, roll)
+
+
+def run_polish(cars: Any, **changes_: Any) -> Any:
+    options: dict[str, Any] = {"evaluations": 250, "seed": 4, "engine": cars} | changes_
+    return polish(swing(), load_scenario("turn_swing"), REFERENCE, **options)
+
+
+def test_it_finds_most_friction_that_turns_far_enough() -> None:
+    found = run_polish(MadeUpCars())
+    best = changed(swing(), found.x)
+    assert found.heading >= 0.955
+    assert 0.9 - 2 * FRICTION_STEP <= found.friction <= 0.9
+    assert best.knots.time_s[-1] == pytest.approx(1.2, abs=0.05)
+
+
+def test_it_repeats_itself_and_goes_on_where_it_was_stopped() -> None:
+    kept: list[Score] = []
+    whole = run_polish(MadeUpCars(), evaluations=60, keep=lambda scores: kept.extend(scores[len(kept) :]))
+    cars = MadeUpCars()
+    again = run_polish(cars, evaluations=60, known=kept[:25])
+    assert np.array_equal(whole.x, again.x)
+    assert whole.friction == again.friction
+    assert cars.driven == len(kept) - 25
+
+
+def test_it_is_told_that_nothing_turns_far_enough() -> None:
+    class Straight(MadeUpCars):
+        @staticmethod
+        def _score(item: Candidate) -> Score:
+            return Score(4.5, 0.5)
+
+    found = run_polish(Straight(), evaluations=20)
+    assert found.friction == 0.0
