@@ -21,7 +21,7 @@ _MEASURE = """() => {
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   for (let node = walker.nextNode(); node; node = walker.nextNode()) {
     const element = node.parentElement, text = node.textContent.trim();
-    if (!text || ["SCRIPT", "STYLE", "OPTION"].includes(element.tagName)) continue;
+    if (!/[\\p{L}\\p{N}]/u.test(text) || ["SCRIPT", "STYLE", "OPTION"].includes(element.tagName)) continue;
     const style = getComputedStyle(element);
     if (style.visibility === "hidden" || !element.getClientRects().length) continue;
     const behind = backdrop(element), ink = over(parts(style.color), behind);
@@ -34,7 +34,10 @@ _MEASURE = """() => {
 
 
 def contrasts(page: Any) -> list[dict[str, Any]]:
-    """Every text that is shown with its `ratio`, and whether it is `large`. Pictures behind a text are not seen."""
+    """Every text that is shown with its `ratio`, and whether it is `large`.
+
+    Signs without letters or digits are no text, and pictures behind a text are not seen.
+    """
     return page.evaluate(_MEASURE)
 
 

@@ -64,11 +64,14 @@ def replay_page(run_log: RunLog, rate: float = 1.0) -> str:
 
 def _title(caption: Caption, with_tail: bool, rate: float) -> str:
     speed = "" if rate == 1.0 else f", replay at {rate:g} times its speed"
-    keys = [("ground on the wheels", WHEEL_COLOUR), ("path of the centre of mass", _rgb(COM_COLOUR))]
+    arrow, line = "&#9650;", "&#9644;"
+    keys = [(arrow, "ground on the wheels", WHEEL_COLOUR), (line, "path of the centre of mass", _rgb(COM_COLOUR))]
     if with_tail:
-        keys.insert(1, (f"air on the tail ({AIR_SCALE / WHEEL_SCALE:.0f} times longer)", AIR_COLOUR))
-        keys.append(("path of the tail tip", _rgb(TIP_COLOUR)))
-    legend = " &nbsp; ".join(f'<i style="color: {_css(colour)}">&#9632;</i> {name}' for name, colour in keys)
+        keys.insert(1, (arrow, f"air on the tail ({AIR_SCALE / WHEEL_SCALE:.0f} times longer)", AIR_COLOUR))
+        keys.append((line, "path of the tail tip", _rgb(TIP_COLOUR)))
+    legend = " &nbsp; ".join(
+        f'<i style="color: {_css(colour)}" aria-hidden="true">{sign}</i> {name}' for sign, name, colour in keys
+    )
     return (
         f'<div id="run"><h1>{_escaped(caption.name)}</h1>'
         f'<p>{_escaped(caption.facts)}: <b class="{caption.result}">{_escaped(caption.outcome)}</b>{speed}</p>'
