@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from optimisation.pipeline import FitResult, parameter_names
+from optimisation.pipeline import FitResult, parameter_names, short_name
 from workbench.plots.overlay import RUN_STYLES
 
 _MOST_CURVES = 12
@@ -38,13 +37,13 @@ def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
         figures["curves"] = _curves_figure([(r, name, curve) for r in single for name, curve in r.curves.items()])
     several = [result for result in results if len(result.curves) > 1]
     for number, result in enumerate(several[:_MOST_FIGURES], start=1):
-        figures[f"curves_{number}_{Path(result.name).stem}"] = plot_curves(result)
+        figures[f"curves_{number}_{short_name(result.name)}"] = plot_curves(result)
     return figures
 
 
 def plot_curves(result: FitResult) -> Figure:
     """Measured and model of one fit: a panel per curve that the fit kept, such as the angle and each reaction."""
-    return _curves_figure([(None, name, curve) for name, curve in result.curves.items()], Path(result.name).name)
+    return _curves_figure([(None, name, curve) for name, curve in result.curves.items()], short_name(result.name))
 
 
 def plot_estimates(results: Sequence[FitResult]) -> Figure:
@@ -79,7 +78,7 @@ def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
     if len(results) > _MOST_NAMED:
         ax.set_xlabel("fit, in the order of the table (from 0)")
         return
-    ax.set_xticks(range(len(results)), [Path(result.name).stem for result in results], rotation=20, ha="right")
+    ax.set_xticks(range(len(results)), [short_name(result.name) for result in results], rotation=20, ha="right")
     ax.tick_params(axis="x", labelsize=8)
 
 
@@ -130,7 +129,7 @@ def _curves_figure(curves: Sequence[tuple[FitResult | None, str, Mapping[str, An
             upper.plot(x, curve["measured"], _mark(x), color="#9a9a9a", lw=2.4, label="measured")
         for label, (colour, line) in zip(models, cycle(_MODEL_STYLES)):
             upper.plot(x, curve[label], lw=1.3, color=colour, linestyle=line, label=label)
-        upper.set_title(name if result is None else f"{Path(result.name).name}: {name}", fontsize=9)
+        upper.set_title(name if result is None else f"{short_name(result.name)}: {name}", fontsize=9)
         lower.set_xlabel(x_label)
         lower.xaxis.set_major_locator(MaxNLocator(5))
         upper.set_ylabel(y_label)

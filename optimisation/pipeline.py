@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,12 @@ class FitResult:
         row |= {f"residual_rms_{channel}": value for channel, value in self.residual_rms.items()}
         row |= {"cost": self.cost, "effective_samples": self.effective_samples, "success": self.success}
         return row | {"status": self.status, "warnings": "; ".join(self.warnings)}
+
+
+def short_name(fit: str) -> str:
+    """Of a fit, for a table or a figure: without folder and suffix of a log."""
+    path = Path(fit)
+    return path.stem if path.suffix in (".parquet", ".csv") else path.name
 
 
 def parameter_names(results: Sequence[FitResult]) -> list[str]:

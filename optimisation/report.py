@@ -16,11 +16,12 @@ import yaml
 
 from optimisation.errors import FitError
 from optimisation.fit_figures import figures_of
-from optimisation.pipeline import Estimate, FitResult, parameter_names
+from optimisation.pipeline import Estimate, FitResult, parameter_names, short_name
 from workbench.atomic_write import make_folder
 from workbench.logs.schema import software_versions
 
 SCHEMA = "aerodima/fit-report/1"
+_FEW = 2
 _MOST_DECIMALS = 9
 _LONG = 40
 """Cells of more characters than this may wrap."""
@@ -148,6 +149,16 @@ def _page(
 
 
 def _results_table(results: Sequence[FitResult]) -> str:
+    """A row per fit; of a few fits a row per parameter, which needs no scrolling."""
+    if len(results) <= _FEW:
+        rows = [
+            [short_name(result.name), e.name, in_words(e), "" if e.unit == "1" else e.unit]
+            for result in results
+            for e in result.estimates
+        ]
+        rows += [[short_name(r.name), key, _short(value), ""] for r in results for key, value in r.facts.items()]
+        rows += [[short_name(r.name), "status", r.status, ""] for r in results]
+        return _table(["fit", "quantity", "value (95 % interval)", "unit"], rows)
     names = parameter_names(results)
     units = {e.name: e.unit for result in results for e in result.estimates}
     facts = list(dict.fromkeys(key for result in results for key in result.facts))
@@ -156,7 +167,7 @@ def _results_table(results: Sequence[FitResult]) -> str:
     rows = []
     for result in results:
         by_name = {e.name: e for e in result.estimates}
-        cells = [Path(result.name).name, *(in_words(by_name[name]) if name in by_name else "" for name in names)]
+        cells = [short_name(result.name), *(in_words(by_name[name]) if name in by_name else "" for name in names)]
         rows.append([*cells, *(_short(result.facts.get(fact, "")) for fact in facts), result.status])
     return _table(heads, rows)
 

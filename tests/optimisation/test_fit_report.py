@@ -56,8 +56,11 @@ def test_curves_have_their_residual_below_and_rms_at_least_a_decade() -> None:
     assert alone.get_ylabel() == "C_D"
 
 
-def test_the_page_names_no_unit_of_a_pure_number(tmp_path: Path) -> None:
-    write_report(tmp_path, "Robot tail", [result("a", "cn")])
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "<th>cn</th>" in page
-    assert "2.00 (1.80 .. 2.20)" in page
+def test_a_few_fits_have_a_row_per_parameter_and_many_a_row_each(tmp_path: Path) -> None:
+    write_report(tmp_path / "few", "Robot tail", [result("logs/a.parquet", "cn")])
+    page = (tmp_path / "few" / "report.html").read_text(encoding="utf-8")
+    assert "<tr><td>a</td><td>cn</td><td>2.00 (1.80 .. 2.20)</td><td></td></tr>" in page
+    write_report(tmp_path / "many", "Robot tail", [result(name, "cn") for name in ("Tables 11.4-11.7", "b", "c")])
+    page = (tmp_path / "many" / "report.html").read_text(encoding="utf-8")
+    assert "<th>cn</th>" in page  # a pure number has no unit
+    assert "<tr><td>Tables 11.4-11.7</td><td>2.00 (1.80 .. 2.20)</td>" in page
