@@ -43,20 +43,23 @@ def press_key(page: Any) -> None:
 
 
 def press_gamepad(page: Any) -> None:
+    page.evaluate("() => { fakePads = []; }")
+    page.wait_for_timeout(100)  # the page sees it let go, if it was pressed
     page.evaluate("() => { const pad = makePad('pad'); pad.buttons[1].pressed = true; fakePads = [pad]; }")
 
 
 @pytest.mark.parametrize("press", [press_button, press_key, press_gamepad])
 def test_stop_reaches_the_emulated_bus_and_stays(operator: OperatorPage, session: ConsoleSession, press: Any) -> None:
-    operator.arm()
-    pressed = time.monotonic()
-    press(operator.page)
-    wait_for(lambda: {event["joint"] for event in session.exits_since(pressed)} == {"tail_pitch", "tail_roll"}, 5.0)
-    operator.until("state.radio.confirmed")
+    def stop() -> None:
+        pressed = time.monotonic()
+        press(operator.page)
+        wait_for(lambda: {event["joint"] for event in session.exits_since(pressed)} == {"tail_pitch", "tail_roll"}, 5.0)
+        by = {press_button: "button", press_key: "key", press_gamepad: "gamepad"}[press]
+        operator.until(f"state.radio.confirmed && state.radio.stopped_by === '{by}'")
+
+    operator.drive(stop)
     assert "EMERGENCY STOP" in operator.page.inner_text("#banner")
     assert operator.holds("mode === 'rest' && document.getElementById('arm').disabled")
-    by = {press_button: "button", press_key: "key", press_gamepad: "gamepad"}[press]
-    assert operator.holds(f"state.radio.stopped_by === '{by}'")
     operator.until("!state.car.driving")
     operator.page.evaluate("() => { fakePads = []; }")
     operator.page.click("#reset")
