@@ -81,7 +81,7 @@ CASES: tuple[Case, ...] = (
     *_motor("reply short, 5 bytes", "reply_short", _SILENT),
     *_motor("reply long, 7 bytes", "reply_long", _SILENT),
     *_motor("reply under a foreign id", "foreign_id", _SILENT),
-    *_motor("two motors with one id", "double_id", "", acts="drive: position jumped"),
+    *_motor("two motors with one id", "double_id", "jumped", acts="drive: position jumped"),
     *_motor("V3 frame", "v3_frame", "V3 firmware", _SILENT, acts="drive (`direct_can`: named as V3 firmware)"),
     *_motor("over-temperature", "over_temperature", "95"),
     *_motor("motor fault code", "motor_fault", "over-current"),
