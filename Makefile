@@ -36,9 +36,9 @@ realtime: $(STAMP)
 bench: $(STAMP)
 	@$(BIN)/python -m tests.benchmarks --out out/bench/bench.csv
 
-# The emulated car, its drive, its watchdog and a browser share the machine here: run it on an idle one.
+# Emulated car, drive, watchdog and browser share the machine here: nothing beside it, and two more tries as above.
 emulated: $(STAMP)
-	@$(BIN)/python -m pytest -q -m emulated
+	@$(BIN)/python -m pytest -q -m emulated --reruns 2
 
 # Strict: a broken link or a reference that cannot be read fails it.
 docs: $(STAMP)
