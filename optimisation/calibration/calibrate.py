@@ -98,7 +98,7 @@ def calibrate(plan: CalibrationPlan, store: RunStore, engine: Engine, say: Calla
     table = next(row for row in published_figures() if (row.platform, row.configuration) == ("simulated", "tailless"))
     tailless = Target("none", flip_bracket("tailless"), table, plan.discrepancy)
     runner = Runner(store, engine, say)
-    car = run_stage(tailless, Prior(plan.car, plan.plausible, base), plan.car_stage, plan.seed, runner)
+    car = run_stage(tailless, Prior(plan.car, plan.plausible, base), plan.car_stage, plan.seed, runner, ENOUGH)
     say(
         f"car: {np.count_nonzero(car.weights)} of {car.drawn} cars meet the target, worth {car.effective_size:.0f} "
         "equally likely ones"

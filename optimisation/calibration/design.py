@@ -22,6 +22,8 @@ SHARP = 0.003
 """Standard deviation of a critical group that is known well enough."""
 BELOW, BELOW_DEVIATION = 0.012, 0.006
 """Critical group of the fast speed below that of the slow one, where no surrogate knows better."""
+LEVELS = (np.arange(16) + 0.5) / 16
+"""Places within a window at which it is asked whether a car is plausible."""
 ENDS = (0.01, 0.99)
 """Quantiles of the critical coordinates at which a window ends."""
 
@@ -166,24 +168,25 @@ def critical_groups(
         cars: (m, n).
         guess: what is known before at the slow speed, and how far below it the fast one is expected (m).
         pilots: most runs per car at the slow and at the fast speed; a car that is known well enough takes fewer, but
-            one at either.
+            one at either; one that cannot be plausible where it flips takes no more.
         step: of the plant, s; None for the default.
         runner: that runs them.
     """
     slow, below = guess
     scale = prior.group_scale
     known: list[Edge] = []
-    upright: list[FloatArray] = []
+    upright: list[FloatArray] = [np.empty((0, cars.shape[1]))]
     rows: list[pd.DataFrame] = []
-    numbers: list[NDArray[np.int64]] = []
+    numbers: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
     edge = slow
     for speed, count in zip(target.speeds, pilots, strict=True):
         for pilot in range(count):
-            open_ = np.flatnonzero((edge.deviation * scale > SHARP) | (pilot == 0))
+            lowest, highest = _plausible_ends(prior, cars, edge, below)
+            open_ = np.flatnonzero(((edge.deviation * scale > SHARP) | (pilot == 0)) & np.isfinite(lowest))
             if not len(open_):
                 break
             trial = cars[open_].copy()
-            trial[:, prior.leading] = np.clip(edge.middle[open_], 0.0, 1.0)
+            trial[:, prior.leading] = np.clip(edge.middle, lowest, highest)[open_]
             values = car_values(prior.keys, prior.values(trial))
             wanted = [Wanted(car, target.tail_mode, speed, step) for car in values]
             done = runner.run(wanted, f"flip at {speed:g} m/s, pilot {pilot + 1} of at most {count}")
@@ -201,8 +204,20 @@ def critical_groups(
     edges = np.column_stack([each.middle for each in known])
     deviations = np.column_stack([each.deviation for each in known])
     windows = np.column_stack([known[1].quantile(ENDS[0]), known[0].quantile(ENDS[1])])
-    table = pd.concat(rows, ignore_index=True)
+    table = pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
     return Design(cars, edges, deviations, windows, np.vstack(upright), table, np.concatenate(numbers))
+
+
+def _plausible_ends(prior: Prior, cars: FloatArray, edge: Edge, below: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and largest coordinate (m), (m) of plausible cars where the bracket may be met; NaN for none."""
+    low, high = (np.clip(edge.quantile(level), 0.0, 1.0) for level in ENDS)
+    low = np.maximum(low - below, 0.0)
+    places = np.stack([low + level * (high - low) for level in LEVELS])
+    plausible = np.isfinite([prior.log_density_at(cars, place) for place in places])
+    none = ~np.any(plausible, axis=0)
+    least = np.min(np.where(plausible, places, np.inf), axis=0)
+    largest = np.max(np.where(plausible, places, -np.inf), axis=0)
+    return np.where(none, np.nan, least), np.where(none, np.nan, largest)
 
 
 def run_through(

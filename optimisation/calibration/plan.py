@@ -85,7 +85,7 @@ class CarStage(BaseModel):
         points: cars of the design.
         pilots: most runs of the search for the flip of each car of the design, at the slow and at the fast speed.
         step: of the plant in the design, s; members have the default step.
-        rounds: of cars; the surrogates of a round learn from those before.
+        rounds: of cars, as many of them as are needed; the surrogates of a round learn from those before.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

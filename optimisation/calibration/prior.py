@@ -87,6 +87,12 @@ class Prior:
         inside = np.all((values >= self.ranges[:, 0] - 1e-12) & (values <= self.ranges[:, 1] + 1e-12), axis=1)
         return np.where(inside & self.are_plausible(values), density, -np.inf)
 
+    def log_density_at(self, coordinates: FloatArray, leading: FloatArray) -> FloatArray:
+        """`log_density` of cars (m, n) with another coordinate of the group (m)."""
+        moved = coordinates.copy()
+        moved[:, self.leading] = leading
+        return self.log_density(self.values(moved))
+
     def are_plausible(self, values: FloatArray) -> NDArray[np.bool_]:
         """Which cars (m) of (m, n) exist at all, with the chassis' centre of mass where a chassis can have it."""
         car, tail = SimpleNamespace(**dict(self.base.car)), SimpleNamespace(**dict(self.base.tail))

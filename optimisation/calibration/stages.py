@@ -20,6 +20,7 @@ import numpy as np
 
 from optimisation.calibration.design import (
     BELOW,
+    LEVELS,
     Design,
     Evaluated,
     FloatArray,
@@ -29,7 +30,7 @@ from optimisation.calibration.design import (
     run_through,
 )
 from optimisation.calibration.edge import Edge
-from optimisation.calibration.plan import CALIBRATED_METRICS, CarStage, Round
+from optimisation.calibration.plan import CALIBRATED_METRICS, CarStage, Discrepancy, Round
 from optimisation.calibration.prior import Prior
 from optimisation.calibration.surrogate import FlipSurrogate, Surrogate, fit
 from optimisation.calibration.weights import effective_size, log_likelihood, normalised, systematic_sample
@@ -38,9 +39,9 @@ from workbench.errors import UserError
 POOL = 2**14
 """Candidates of the prior that surrogates choose from."""
 FLOOR = 0.02
-"""Added to surrogate probabilities: what a surrogate excludes is still drawn now and then."""
-LEVELS = (np.arange(16) + 0.5) / 16
-"""Places within a window at which it is asked whether a car is plausible."""
+"""Share that is added to surrogate probabilities: what a surrogate calls unlikely is still drawn now and then."""
+FOCUS = 2.0
+"""Factor on the discrepancy with which the first cars are chosen."""
 FIRST_GROUP, FIRST_DEVIATION = 1.06, 0.07
 """Where the first cars are searched: what sliding tyres allow is about 1 (design section 7)."""
 KNOWN = 0.01
@@ -92,23 +93,29 @@ class _Round:
     log_weights: FloatArray
 
 
-def run_stage(target: Target, prior: Prior, size: CarStage, seed: int, runner: Runner) -> StageResult:
-    """Designs, runs, draws and weighs the cars.
+def run_stage(target: Target, prior: Prior, size: CarStage, seed: int, runner: Runner, enough: float) -> StageResult:
+    """Designs, runs, draws and weighs the cars; rounds go on until the cars are worth `enough` equally likely ones.
 
     Raises:
         UserError: no member meets the target.
     """
     design = _first_design(target, prior, size, seed, runner)
     rounds: list[_Round] = []
+    weights: FloatArray = np.zeros(0)
+    drawn = 0
     for place, wanted in enumerate(size.rounds):
         flip, metrics = _surrogates(design, target, prior)
         rounds.append(_draw_round(target, prior, wanted, seed + 1 + place, flip, metrics, runner))
         design = design.merged(rounds[-1].design)
+        weights = _combined([each.log_weights for each in rounds])
+        drawn += wanted.cars
+        runner.say(f"round {place + 1}: {drawn} cars drawn, worth {effective_size(weights):.0f} equally likely ones")
+        if effective_size(weights) >= enough:
+            break
     flip, metrics = _surrogates(design, target, prior)
     members = rounds[0].members
     for other in rounds[1:]:
         members = members.merged(other.members)
-    weights = _combined([each.log_weights for each in rounds])
     if not np.any(weights):
         raise UserError(f"none of {len(weights)} cars meets its target with tail {target.tail_mode!r}")
     before, log_before = prior.draw(POOL, seed)
@@ -121,7 +128,7 @@ def run_stage(target: Target, prior: Prior, size: CarStage, seed: int, runner: R
         metrics,
         members,
         weights,
-        sum(wanted.cars for wanted in size.rounds),
+        drawn,
         before,
         normalised(log_before),
         after,
@@ -148,12 +155,12 @@ def _draw_round(
     runner: Runner,
 ) -> _Round:
     points = prior.points(POOL, seed)
-    low, high = flip.window(points, 1.0)
     slow, below = flip.edges(points)
     points[:, prior.leading] = np.clip(slow - 0.5 * below, 0.0, 1.0)
-    shares = np.mean([np.exp(_density_at(prior, points, low + level * (high - low))) for level in LEVELS], axis=0)
-    shares *= below
-    log_proposal = np.log(shares + FLOOR * np.max(shares)) + _surrogate_log_likelihood(points, metrics, target)
+    likely, at_all = (_plausible_share(prior, points, flip.window(points, reach)) for reach in (1.0, 3.0))
+    with np.errstate(divide="ignore"):
+        log_prior = np.log(below * (likely + FLOOR * at_all))
+    log_proposal = log_prior + _surrogate_log_likelihood(points, metrics, target, widened=True)
     probability = normalised(log_proposal)
     chosen, counts = np.unique(systematic_sample(probability, wanted.cars, seed), return_counts=True)
     before = Edge.around(slow[chosen], np.full(len(chosen), flip.deviation))
@@ -177,11 +184,32 @@ def _first_design(target: Target, prior: Prior, size: CarStage, seed: int, runne
     middle = (FIRST_GROUP - prior.plausible.lowest_group.value) / prior.group_scale
     deviation = FIRST_DEVIATION / prior.group_scale
     low, high = np.clip([middle - deviation, middle + deviation], 0.0, 1.0)
-    drawn, _ = prior.draw(16 * size.points, seed, window=lambda p: (np.full(len(p), low), np.full(len(p), high)))
-    cars = drawn[: size.points]
+    drawn, _ = prior.draw(64 * size.points, seed, window=lambda p: (np.full(len(p), low), np.full(len(p), high)))
+    cars = drawn[np.unique(systematic_sample(_crude_likelihood(target, prior, drawn), size.points, seed))]
     guess = Edge.around(np.full(len(cars), middle), np.full(len(cars), deviation))
     below = np.full(len(cars), BELOW / prior.group_scale)
     return _known(critical_groups(target, prior, cars, (guess, below), size.pilots, size.step, runner), prior)
+
+
+def _crude_likelihood(target: Target, prior: Prior, cars: FloatArray) -> FloatArray:
+    """What the largest lateral acceleration says before any run (m): sliding tyres give friction x gravity."""
+    if target.published is None:
+        return np.ones(len(cars))
+    name = "max_linear_acceleration_m_per_s2"
+    figure = getattr(target.published.metrics, name)
+    friction = prior.values(cars)[:, prior.leading_of_metrics[0]]
+    z = (prior.base.environment.gravity * friction - figure) / (FOCUS * target.discrepancy[name].relative * figure)
+    likelihood: FloatArray = np.exp(-0.5 * z**2)
+    return likelihood
+
+
+def _plausible_share(prior: Prior, points: FloatArray, window: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Mean prior density (m) of cars with their group within a window; 0 where none of them is plausible."""
+    low, high = window
+    found: FloatArray = np.mean(
+        [np.exp(prior.log_density_at(points, low + level * (high - low))) for level in LEVELS], axis=0
+    )
+    return found
 
 
 def _drawn_in_windows(prior: Prior, design: Design, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -190,7 +218,7 @@ def _drawn_in_windows(prior: Prior, design: Design, seed: int) -> tuple[FloatArr
     draws = np.random.default_rng(seed).random(len(edges))
     coordinates = design.coordinates.copy()
     low, width = edges[:, 0], edges[:, 1] - edges[:, 0]
-    inside = np.stack([np.isfinite(_density_at(prior, coordinates, low + level * width)) for level in LEVELS], axis=1)
+    inside = np.stack([np.isfinite(prior.log_density_at(coordinates, low + level * width)) for level in LEVELS], axis=1)
     inside &= (width > 0.0)[:, None]
     log_widths = np.full(len(edges), -np.inf)
     for place, cells in enumerate(inside):
@@ -201,12 +229,6 @@ def _drawn_in_windows(prior: Prior, design: Design, seed: int) -> tuple[FloatArr
         coordinates[place, prior.leading] = low[place] + share * width[place]
         log_widths[place] = np.log(width[place] * np.mean(cells))
     return coordinates, log_widths
-
-
-def _density_at(prior: Prior, points: FloatArray, group: FloatArray) -> FloatArray:
-    moved = points.copy()
-    moved[:, prior.leading] = group
-    return prior.log_density(prior.values(moved))
 
 
 def _known(design: Design, prior: Prior) -> Design:
@@ -238,8 +260,20 @@ def _surrogates(design: Design, target: Target, prior: Prior) -> tuple[FlipSurro
     }
 
 
-def _surrogate_log_likelihood(coordinates: FloatArray, metrics: dict[str, Surrogate], target: Target) -> FloatArray:
+def _surrogate_log_likelihood(
+    coordinates: FloatArray, metrics: dict[str, Surrogate], target: Target, *, widened: bool = False
+) -> FloatArray:
+    """Log likelihood (m) by the surrogates; `widened` by their errors: a proposal is to be wider than its target."""
     if target.published is None or not metrics:
         return np.zeros(len(coordinates))
     predicted = {name: surrogate.predict(coordinates) for name, surrogate in metrics.items()}
-    return log_likelihood(predicted, target.published, target.discrepancy)
+    discrepancy = target.discrepancy
+    if widened:
+        discrepancy = {name: _wider(each, metrics[name], target, name) for name, each in discrepancy.items()}
+    return log_likelihood(predicted, target.published, discrepancy)
+
+
+def _wider(discrepancy: Discrepancy, surrogate: Surrogate, target: Target, name: str) -> Discrepancy:
+    assert target.published is not None
+    error = surrogate.error / abs(getattr(target.published.metrics, name))
+    return discrepancy.model_copy(update={"relative": float(np.hypot(discrepancy.relative, error))})

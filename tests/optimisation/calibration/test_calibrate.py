@@ -86,7 +86,11 @@ def test_the_weights_are_those_of_the_posterior_that_a_million_runs_would_find(r
 
 def searched(result: Calibration, folder: Path, engine: MadeUpEngine, pilots: tuple[int, int]) -> Design:
     prior = result.car.prior
-    cars = result.car.members.coordinates[:4]
+    edge = (HIGH + 0.03 - prior.plausible.lowest_group.value) / prior.group_scale
+    beyond = np.full(len(result.car.members.coordinates), edge)
+    plausible = np.isfinite(prior.log_density_at(result.car.members.coordinates, beyond))
+    cars = result.car.members.coordinates[plausible][:4]
+    assert len(cars) == 4
     guess = Edge.around(prior.coordinates(prior.values(cars))[:, prior.leading] + 0.05, np.full(4, 0.1))
     runner = Runner(store_in(folder), engine, quiet)
     return critical_groups(result.car.target, prior, cars, (guess, np.full(4, 0.02)), pilots, None, runner)
@@ -110,6 +114,18 @@ def test_what_pilots_say_of_the_critical_group_is_right_within_what_they_claim(
     for design in (rough, sharp):
         assert np.all(np.abs(design.edges - truth) < 3.5 * design.deviations)
     assert np.all(sharp.deviations < rough.deviations)
+
+
+def test_a_car_that_cannot_be_plausible_where_it_flips_takes_no_run(result: Calibration, tmp_path: Path) -> None:
+    prior = result.car.prior
+    cars = result.car.members.coordinates[:3]
+    nowhere = Edge.around(np.full(3, 1.25), np.full(3, 1e-3))
+    engine = MadeUpEngine()
+    guess = (nowhere, np.full(3, 0.02))
+    runner = Runner(store_in(tmp_path), engine, quiet)
+    design = critical_groups(result.car.target, prior, cars, guess, (3, 2), None, runner)
+    assert engine.runs == 0
+    assert len(design.rows) == 0
 
 
 def test_a_car_that_flips_only_when_slow_is_no_member(result: Calibration, tmp_path: Path) -> None:
@@ -185,6 +201,13 @@ def test_an_interrupted_calibration_goes_on_runs_nothing_twice_and_ends_alike(
     again = carried_out(tmp_path, goes_on)
     assert goes_on.runs == result.runs - 150
     assert ensemble_text(again) == ensemble_text(result)
+
+
+def test_no_more_rounds_are_run_than_are_needed(result: Calibration, tmp_path: Path) -> None:
+    plan = small_plan().model_dump(by_alias=True)
+    plan["car_stage"]["rounds"] = [*plan["car_stage"]["rounds"], {"cars": 500, "pilots": [4, 2]}]
+    again = carried_out(tmp_path, MadeUpEngine(), CalibrationPlan.model_validate(plan))
+    assert (again.runs, again.car.drawn) == (result.runs, result.car.drawn)
 
 
 def test_too_few_cars_are_refused_with_what_to_do(tmp_path: Path) -> None:
