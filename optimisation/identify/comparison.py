@@ -117,6 +117,9 @@ def _reactions(
             reached = f"reaches {np.max(np.abs(measured)):g}, beyond {largest_reading(channel):g}; wrong unit?"
             warnings.append(f"{column} {reached} Its reaction is not compared")
             continue
+        if np.ptp(measured) == 0.0:
+            warnings.append(f"{column} is constant ({measured[0]:g}), a dead channel: its reaction is not compared")
+            continue
         for name, short in ((QSS, "qss"), (QSS_AM, "qss_am")):
             facts[f"{channel}_rms_{short}"] = float(np.std(measured - modelled[name][:, axis]))
         shift = float(np.mean(measured - modelled[QSS_AM][:, axis]))

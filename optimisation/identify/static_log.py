@@ -20,6 +20,7 @@ from optimisation.identify.published_tables import published
 from optimisation.identify.static_balance import REACTIONS, StaticBalance
 from optimisation.uncertainty import correlation_time
 from workbench.errors import LogError
+from workbench.logs.resting import stated_rest
 from workbench.logs.schema import RunLog
 from workbench.rig_scenario import RigScenario, rig_scenario_from_dict
 from workbench.signals import check_signals
@@ -151,18 +152,9 @@ def static_data(log: RunLog, rest: tuple[float, float] | None = None) -> StaticD
     """
     name = log.source or "static log"
     try:
-        return _static_data(log, rest if rest is not None else _rest_of(log), name)
+        return _static_data(log, rest if rest is not None else stated_rest(log), name)
     except LogError as error:
-        raise LogError(f"{name}: {error}") from error
-
-
-def _rest_of(log: RunLog) -> tuple[float, float] | None:
-    value = log.extra.get("rest_s")
-    if value is None:
-        return None
-    if len(value) != 2:
-        raise FitError(f"{log.source or 'log'}: metadata 'rest_s' is {value!r}; two times are needed")
-    return float(value[0]), float(value[1])
+        raise LogError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
 
 
 def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str) -> StaticData:

@@ -14,6 +14,8 @@ import numpy as np
 from optimisation.errors import FitError
 from optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
 from workbench.errors import LogError
+from workbench.logs.conditioning import earlier_shift
+from workbench.logs.resting import stated_rest
 from workbench.logs.schema import RunLog
 from workbench.rig_scenario import RigScenario, rig_scenario_from_dict
 from workbench.sensors.encoder import MotorReply
@@ -112,7 +114,7 @@ def swing_data(log: RunLog, kind: str, longest: float = 20.0) -> SwingData:
     except FitError as error:
         raise FitError(f"{name}: {error}") from error
     except LogError as error:
-        raise LogError(f"{name}: {error}") from error
+        raise LogError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
 
 
 def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
@@ -166,12 +168,14 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
 
 
 def _release(time: np.ndarray, angle: np.ndarray, scenario: RigScenario, log: RunLog) -> int:
-    """Row of the release: the end of the rest that the scenario or the metadata tell, else the first motion."""
-    told = log.extra.get("rest_s")
+    """Row of the release: the end of the rest that the metadata or the scenario tell, else the first motion."""
+    told = stated_rest(log)
+    if told is None and "rest" in log.scenario.get("experiment", {}):
+        told = (0.0, scenario.experiment.rest - earlier_shift(log))
     if told is not None:
-        return int(np.searchsorted(time, float(told[1])))
-    if "rest" in log.scenario.get("experiment", {}):
-        return int(np.searchsorted(time, time[0] + scenario.experiment.rest - 1e-9))
+        if told[1] >= time[-1]:
+            raise FitError(f"the rest ends at {told[1]:g} s, but the log at {time[-1]:g} s; there is no swing in it")
+        return int(np.searchsorted(time, told[1] - 1e-9))
     moved = np.flatnonzero(np.abs(angle - angle[0]) > _COUNTS_MOVED * reading_step(scenario))
     if not moved.size:
         raise FitError(f"the angle stays at {angle[0]:.4f} rad; there is no swing in it")

@@ -13,7 +13,16 @@ import pandas as pd
 
 from workbench.errors import LogError
 from workbench.logs.columns import TIME, rig_columns
-from workbench.logs.resting import LEAST_REST_SAMPLES, BoolArray, FloatArray, Interval, in_parts, stretches
+from workbench.logs.resting import (
+    LEAST_REST_SAMPLES,
+    REST,
+    BoolArray,
+    FloatArray,
+    Interval,
+    in_parts,
+    stated_rest,
+    stretches,
+)
 from workbench.logs.schema import RunLog
 from workbench.resources import model_path
 from workbench.signals import (
@@ -143,6 +152,8 @@ def add_offsets(run_log: RunLog, tail: str | None = None) -> Conditioned:
 def cut(run_log: RunLog, start: float, end: float, restart_time: bool = False) -> Conditioned:
     """The rows from `start` to `end` (s, both included); `restart_time` lets the first be at 0 s.
 
+    The rest phase in the metadata (`rest_s`) moves with the times.
+
     Raises:
         LogError: fewer than two rows are left.
     """
@@ -157,7 +168,9 @@ def cut(run_log: RunLog, start: float, end: float, restart_time: bool = False) -
     shift = float(kept[0]) if restart_time else 0.0
     table[TIME] -= shift
     note = f"cut to {kept[0]:g} .. {kept[-1]:g} s, {kept.size} rows"
-    return Conditioned(replace(run_log, table=table), (note,), shift)
+    rest = stated_rest(run_log) if restart_time else None
+    moved = {} if rest is None else {REST: [at - shift for at in rest]}
+    return Conditioned(replace(run_log, table=table, extra={**run_log.extra, **moved}), (note,), shift)
 
 
 def keep_longest(run_log: RunLog) -> Conditioned:
@@ -243,6 +256,11 @@ def rate_from_angle(run_log: RunLog, angle: str, rate: str) -> Conditioned:
 def earlier_conditioning(run_log: RunLog) -> list[dict[str, Any]]:
     """What was done to a log before, one entry per recipe."""
     return list(run_log.extra.get("conditioning", []))
+
+
+def earlier_shift(run_log: RunLog) -> float:
+    """By how much recipes have made the times of a log earlier, s."""
+    return float(sum(entry.get("time_shift_s", 0.0) for entry in earlier_conditioning(run_log)))
 
 
 def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, step: float) -> str:

@@ -1,10 +1,12 @@
 """Where in a log nothing moves."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workbench.errors import LogError
 from workbench.logs.schema import RunLog
 from workbench.signals import GAP_FACTOR, check_time
 
@@ -18,6 +20,22 @@ REST_MARGIN = 0.2
 """Cut off a resting part at either side of a motion, s: motion begins and dies away below the limits."""
 LEAST_REST_SAMPLES = 10
 """Fewer samples do not make a resting part."""
+REST = "rest_s"
+"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times of the log."""
+
+
+def stated_rest(run_log: RunLog) -> Interval | None:
+    """The rest phase that the metadata of a log state; None without. LogError when it is not two times."""
+    stated = run_log.extra.get(REST)
+    if stated is None:
+        return None
+    try:
+        start, end = (float(at) for at in stated)
+    except (TypeError, ValueError):
+        start = end = math.nan
+    if not (math.isfinite(start) and math.isfinite(end)):
+        raise LogError(f"{run_log.source or 'run log'}: metadata {REST!r} is {stated!r}; two times in s are needed")
+    return start, end
 
 
 def resting_parts(run_log: RunLog, within: Mapping[str, Interval], shortest: float = 0.5) -> list[Interval]:

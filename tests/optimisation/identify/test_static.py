@@ -18,6 +18,7 @@ from optimisation.identify.static import fit_static, static_parameters, static_p
 from optimisation.identify.static_balance import StaticBalance, with_slope
 from optimisation.identify.static_log import static_data
 from workbench.errors import LogError
+from workbench.logs.conditioning import cut
 from workbench.logs.schema import RunLog
 from workbench.plants.rig import Rig
 from workbench.rig_logs import simulate_static_log
@@ -138,6 +139,12 @@ def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy: Run
     assert without["current"].standard_deviation > 50.0 * with_rest["current"].standard_deviation
 
 
+def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy: RunLog) -> None:
+    part = cut(windy, 0.5, float(windy.time[-1]), restart_time=True).run_log
+    assert part.time[0] == 0.0
+    assert fit_static(static_data(part))["cd"].holds(truth.CD)
+
+
 def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy: RunLog) -> None:
     log = replace(windy, table=windy.table.drop(columns="force_z_n"))
     log = changed(log, torque_y_n_m=np.full(len(log.table), 0.2))
@@ -165,6 +172,7 @@ def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy: RunLog) -> None:
         (lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": 200.0}), "200.0; allowed"),
         (lambda log: replace(log, extra={**log.extra, "tail": "7"}), "'tail' is '7'; allowed: 1, 2, 3"),
         (lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 0.01]}), "samples in the rest phase"),
+        (lambda log: replace(log, extra={**log.extra, "rest_s": 1}), "'rest_s' is 1; two times"),
     ],
 )
 def test_a_bad_log_is_refused_with_its_reason(windy: RunLog, damage, message: str) -> None:

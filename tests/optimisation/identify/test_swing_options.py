@@ -75,17 +75,19 @@ def test_bounds_leave_some_inertia_and_the_printed_ones_can_be_chosen(short) -> 
 
 def test_a_reaction_that_is_missing_or_in_another_unit_is_not_compared(short) -> None:
     log = truth.flick_log(0.02, seed=1, duration=0.5)
-    readings = {column: 0.0 for channel, column in COLUMNS.items() if channel != "fx"}
-    log = replace(log, table=log.table.assign(**{**readings, "force_y_n": 5000.0}))
+    noise = np.random.default_rng(1).normal(size=len(log.table))
+    readings = {column: noise for channel, column in COLUMNS.items() if channel != "fx"}
+    log = replace(log, table=log.table.assign(**{**readings, "force_y_n": 5000.0, "torque_z_n_m": 0.2}))
     model = added_mass_model(short)
     fitted = model.fit([replace(added_mass_parameter(short), frozen=True)])
     facts, curves, warnings = compare(model, log, fitted, fitted, 1e-3)
     assert {"fz_rms_qss", "tx_rms_qss_am"} <= set(facts)
-    assert not {"fx_rms_qss", "fy_rms_qss"} & set(facts)
-    assert {"fz", "tx", "ty", "tz"} <= set(curves)
+    assert not {"fx_rms_qss", "fy_rms_qss", "tz_rms_qss"} & set(facts)
+    assert {"fz", "tx", "ty"} <= set(curves)
     assert warnings == [
         "force_x_n is missing or not finite: its reaction is not compared",
         "force_y_n reaches 5000, beyond 1000; wrong unit? Its reaction is not compared",
+        "torque_z_n_m is constant (0.2), a dead channel: its reaction is not compared",
     ]
 
 

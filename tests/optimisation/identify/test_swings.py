@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from optimisation.errors import FitError
@@ -23,6 +24,7 @@ from optimisation.identify.robot_tail import fit_robot_tail
 from optimisation.identify.swing_log import swing_data
 from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out, torque_response
 from workbench.errors import LogError
+from workbench.logs.recipe import apply_recipe, recipe_from
 from workbench.plants.rig import Rig
 from workbench.rig_run import run_rig
 from workbench.rig_scenario import load_rig_scenario
@@ -160,6 +162,21 @@ def test_resting_on_after_the_swing_makes_an_interval_neither_wider_nor_narrower
     assert found["cn"].holds(2.0)
 
 
+@pytest.mark.parametrize("told", ["metadata", "scenario"])
+def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
+    """A log of a rest of 1 s and a swing, of which the first 0.6 s are cut off and the times begin at zero again."""
+    swing = truth.bar_log(0.04, 0.036, 1.4, 2.0)
+    rest = pd.concat([swing.table.head(1)] * 1000).assign(time_s=np.arange(1000) / 1000.0)
+    table = pd.concat([rest, swing.table.assign(time_s=swing.table.time_s + 1.0)], ignore_index=True)
+    experiment = {**swing.scenario["experiment"], "rest": 1.0}
+    extra = {**swing.extra, **({"rest_s": [0.0, 1.0]} if told == "metadata" else {})}
+    log = replace(swing, table=table, scenario={**swing.scenario, "experiment": experiment}, extra=extra)
+    steps = {"steps": [{"step": "cut", "from_s": 0.6, "restart_time": True}]}
+    part = apply_recipe(log, recipe_from({"schema": "aerodima/log-recipe/1", **steps})).run_log
+    assert swing_data(log, "bar_swing").release == pytest.approx(1.0)
+    assert swing_data(part, "bar_swing").release == pytest.approx(0.4)
+
+
 def test_a_filtered_angle_is_no_count() -> None:
     log = truth.robot_log(2.0, 0.9, 7.5, 10.0, 1.5)
     angle = log.table.angle_rad.rolling(5, min_periods=1).mean()
@@ -222,6 +239,7 @@ def test_jacobian_of_a_rollout_is_smooth_enough_for_differences() -> None:
             lambda log: replace(log, table=log.table.assign(angle_rad=1.0), extra={**log.extra, "rest_s": [0.0, 0.5]}),
             r"the angle stays at 1\.0000 rad after the release",
         ),
+        (lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 99.0]}), "rest ends at 99 s, but the log at 2 s"),
         (lambda log: replace(log, table=log.table.assign(time_s=1e3 * log.table.time_s)), "is the time in ms"),
         (lambda log: replace(log, table=log.table.assign(current_a=900.0)), "beyond 60 A; is it in mA"),
     ],

@@ -157,6 +157,17 @@ def test_cut_and_resample_and_differentiate() -> None:
         cut(run_log, 20.0, 30.0)
 
 
+def test_a_stated_rest_moves_with_the_times_of_the_log() -> None:
+    run_log = rig_log(rest_s=[0.0, 2.0])
+    assert cut(run_log, 0.5, 4.0).run_log.extra["rest_s"] == [0.0, 2.0]
+    part = cut(run_log, 0.5, 4.0, restart_time=True).run_log
+    assert part.extra["rest_s"] == [-0.5, 1.5]
+    assert "rest_s" not in cut(rig_log(), 0.5, 4.0, restart_time=True).run_log.extra
+    for wrong in (1.0, [1.0], ["a", "b"], [None, 1.0]):
+        with pytest.raises(LogError, match=r"rig\.parquet: metadata 'rest_s' is .*; two times in s are needed"):
+            cut(rig_log(rest_s=wrong), 0.5, 4.0, restart_time=True)
+
+
 def test_a_filter_shifts_nothing_and_takes_the_mains_out() -> None:
     clean = np.sin(2 * np.pi * 0.5 * TIMES)
     done = filtered(
