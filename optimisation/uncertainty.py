@@ -20,6 +20,7 @@ from scipy.stats import norm as normal
 from scipy.stats import t as student
 
 from optimisation.active_bounds import held_at_bounds
+from optimisation.errors import FitError
 from optimisation.least_squares import Solution
 
 CONFIDENCE = 0.95
@@ -194,7 +195,11 @@ def _curved(solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.
                 continue
             x = solution.x.copy()
             x[i] = end
-            inverse, _, _ = _pseudo_inverse(problem.central_differences(x), scales)
+            try:
+                inverse, _, _ = _pseudo_inverse(problem.central_differences(x), scales)
+            except FitError:  # the model ends within the interval
+                changed[i] = True
+                continue
             there = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
             changed |= (there > _CURVED * deviation) | (there < deviation / _CURVED)
     return changed

@@ -11,7 +11,7 @@ from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
 from optimisation.errors import FitError
 from optimisation.least_squares.levenberg_marquardt import solve_rollout
-from optimisation.least_squares.problem import Attempt, Problem, finite_residual
+from optimisation.least_squares.problem import Attempt, Problem, finite_differences, finite_residual
 
 _FEW_STEPS = 8
 
@@ -31,32 +31,41 @@ def solve_formula(problem: Problem, start: np.ndarray) -> Attempt:
 
 def solve_algebraic(problem: Problem, start: np.ndarray) -> Attempt:
     """Slack residuals with a quadratic cost, solved by SNOPT from one start."""
-    evaluations = 0
+    evaluations, broken = 0, ""
     scales = problem.parameters.scales
     count = len(scales)
 
     def defect(z: np.ndarray) -> np.ndarray:
-        nonlocal evaluations
+        nonlocal evaluations, broken
         evaluations += 1
         values = z if z.dtype == float else ExtractValue(z)[:, 0]
         x = values[:count] * scales
-        r = finite_residual(problem, x)
+        try:
+            r = finite_residual(problem, x)
+            J = np.zeros(0) if z.dtype == float else finite_differences(problem, x, r)
+        except FitError as error:
+            broken = str(error)
+            raise
         if z.dtype == float:
             return (r - z[count:]) / rows
         gradient = ExtractGradient(z)
-        slope = (problem.differences(x, r) * scales) @ gradient[:count] - gradient[count:]
+        slope = (J * scales) @ gradient[:count] - gradient[count:]
         return InitializeAutoDiff((r - values[count:]) / rows, slope / rows[:, None])[:, 0]
 
     try:
         first = finite_residual(problem, start)
         # Rows of very different weight would ask for more digits than there are.
-        rows = np.maximum(np.linalg.norm(problem.differences(start, first) * scales, axis=1), 1.0)
+        rows = np.maximum(np.linalg.norm(finite_differences(problem, start, first) * scales, axis=1), 1.0)
         program, guess = _slack_program(problem, defect, start / scales, first)
         result = SnoptSolver().Solve(program, guess, _SNOPT_OPTIONS)
         x = np.clip(result.get_x_val()[:count] * scales, problem.parameters.lower, problem.parameters.upper)
         cost = 0.5 * float(np.sum(np.square(finite_residual(problem, x))))
     except FitError as error:
         return Attempt(start, start, np.inf, False, str(error), evaluations)
+    except RuntimeError:  # Drake's, of what broke within SNOPT
+        if not broken:
+            raise
+        return Attempt(start, start, np.inf, False, broken, evaluations)
     details: Any = result.get_solver_details()
     info = details.info
     status = f"SNOPT info {info}: {_SNOPT_WORDS.get(info, 'see its manual')}"

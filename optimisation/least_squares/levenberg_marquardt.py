@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.solvers import ChooseBestSolver, ClarabelSolver, MakeSolver, MathematicalProgram, SolverInterface
 
 from optimisation.errors import FitError
-from optimisation.least_squares.problem import Attempt, Problem, finite_residual
+from optimisation.least_squares.problem import Attempt, Problem, finite_differences, finite_residual
 
 _DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20
 """Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton step. First: after a
@@ -41,12 +41,9 @@ def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) ->
     refused = ""
     for step in range(1, most_steps + 1):
         try:
-            J = problem.differences(z * scales, r) * scales
+            J = finite_differences(problem, z * scales, r) * scales
         except FitError as error:
             return Attempt(start, z * scales, cost, False, f"no derivative: {error}", step)
-        if not np.all(np.isfinite(J)):
-            status = f"the derivative is not finite at {problem.describe(z * scales)}"
-            return Attempt(start, z * scales, cost, False, status, step)
         if _projected_gradient(J.T @ r, z, low, high) <= _GRADIENT_TOLERANCE * max(cost, 1e-300) ** 0.5:
             return Attempt(start, z * scales, cost, True, "the gradient vanishes", step)
         R, c = _triangle(J, r)

@@ -48,15 +48,38 @@ class Problem:
         return ((self._rows(x + np.diag(steps)) - at_x) / steps[:, None]).T
 
     def central_differences(self, x: np.ndarray) -> np.ndarray:
-        """The Jacobian for the covariance (m x p): differences to both sides, one-sided at a bound."""
+        """The Jacobian for the covariance (m x p): differences to both sides.
+
+        One-sided at a bound, and where the model ends on the other side; FitError when it ends on both.
+        """
         if self.jacobian is not None:
             return np.asarray(self.jacobian(x), float)
         steps = _CENTRAL_DIFFERENCE * self.parameters.scales
         up = np.where(x + steps > self.parameters.upper, x, x + steps)
         down = np.where(x - steps < self.parameters.lower, x, x - steps)
-        ends = np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])
-        rows = self._rows(ends)
+        rows = self._rows_or_nan(np.concatenate([x + np.diag(up - x), x + np.diag(down - x)]))
+        lost = ~np.all(np.isfinite(rows), axis=1)
+        if np.any(lost):
+            rows[lost] = finite_residual(self, x)
+            up, down = np.where(lost[: len(x)], x, up), np.where(lost[len(x) :], x, down)
+        if np.any(up <= down):
+            name = self.parameters.names[int(np.argmax(up <= down))]
+            raise FitError(f"{self.name}: no derivative by {name}: the model ends on both sides of {self.describe(x)}")
         return ((rows[: len(x)] - rows[len(x) :]) / (up - down)[:, None]).T
+
+    def _rows_or_nan(self, vectors: np.ndarray) -> np.ndarray:
+        """Residuals of several vectors; NaN where the model does not exist."""
+        try:
+            return self._rows(vectors)
+        except FitError:
+            rows: list[np.ndarray | None] = []
+            for vector in vectors:
+                try:
+                    rows.append(np.asarray(self.residual(vector), float))
+                except FitError:
+                    rows.append(None)
+            length = max((len(row) for row in rows if row is not None), default=1)
+            return np.array([np.full(length, np.nan) if row is None else row for row in rows])
 
     def _rows(self, vectors: np.ndarray) -> np.ndarray:
         if self.batch is not None:
@@ -138,3 +161,11 @@ def finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
     if bad.size:
         raise FitError(f"the residual is not finite ({r[bad[0]]} in row {bad[0]}) at {problem.describe(x)}")
     return r
+
+
+def finite_differences(problem: Problem, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+    """`Problem.differences`; FitError that names the unknowns when they are not finite."""
+    J = problem.differences(x, at_x)
+    if not np.all(np.isfinite(J)):
+        raise FitError(f"the derivative is not finite at {problem.describe(x)}")
+    return J

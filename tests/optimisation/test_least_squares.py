@@ -81,6 +81,32 @@ def test_a_rollout_that_breaks_down_within_the_solve_shortens_the_step() -> None
     assert solution.x[0] == pytest.approx(np.exp(3.0), rel=1e-6)
 
 
+@pytest.mark.parametrize("ends", ["nan", "error"])
+def test_a_model_that_ends_beside_the_solution_has_a_one_sided_derivative(ends: str) -> None:
+    def residual(x: np.ndarray) -> np.ndarray:
+        if x[0] < 1.0 and ends == "error":
+            raise FitError(f"no model at {x[0]}")
+        if x[0] < 1.0:
+            return np.full(2, np.nan)
+        return np.array([np.log(x[0] - 0.9) - np.log(0.10001), x[0] - 1.00001])
+
+    problem = Problem(Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0, scale=1.0)]), residual, name="edge")
+    solution = solve(problem, solve_formula)
+    assert solution.x[0] == pytest.approx(1.00001, abs=1e-8)
+    assert solution.jacobian[:, 0] == pytest.approx([10.0, 1.0], rel=0.01)
+    alone = Problem(problem.parameters, lambda x: residual(x) * (1.0 if x[0] == 1.1 else np.nan), name="edge")
+    with pytest.raises(FitError, match=r"edge: no derivative by x: the model ends on both sides of x = 1\.1"):
+        alone.central_differences(np.array([1.1]))
+
+
+def test_a_model_that_ends_within_snopt_is_a_failed_attempt() -> None:
+    parameters = Parameters.of([Parameter("x", "1", 2.0, 0.0, 5.0)])
+    problem = Problem(parameters, lambda x: np.array([x[0] - 1.00001]) * (1.0 if x[0] >= 1.0 else np.nan))
+    attempt = solve_algebraic(problem, np.array([2.0]))
+    assert not attempt.success
+    assert "the residual is not finite (nan in row 0) at x = " in attempt.status
+
+
 def test_of_several_minima_the_lowest_is_kept_and_all_are_listed() -> None:
     parameters = Parameters.of([Parameter("x", "1", 3.0, -5.0, 5.0)])
     # The cost is stationary where (x + 2) (2 x (x - 2) + 1/4) = 0: minima at 1 + sqrt(7/8) and, lower, at -2.
