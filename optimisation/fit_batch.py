@@ -81,8 +81,9 @@ def fit_logs(
     with journal.open("a", encoding="utf-8") as stream:
         if journal.stat().st_size and not journal.read_bytes().endswith(b"\n"):
             stream.write("\n")  # the line that an interruption cut off
-        if not journal.stat().st_size:
+        if not _lines(journal):
             stream.write(json.dumps({"settings": settings}, sort_keys=True) + "\n")
+            stream.flush()
 
         def keep(count: int, line: dict[str, Any]) -> None:
             line["key"] = keys[line["log"]]
@@ -142,19 +143,21 @@ def _read(journal: Path, settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
         return {}
     if lines[0].get("settings") != json.loads(json.dumps(settings)):
         raise FitError(f"{journal}: holds results of other settings; choose another folder, or drop them with --force")
-    return {line["log"]: line for line in lines[1:] if "log" in line}
+    return {line["log"]: line for line in lines[1:] if {"log", "key", "result", "error"} <= line.keys()}
 
 
 def _lines(journal: Path) -> list[dict[str, Any]]:
-    """Everything in a journal; a last line that was cut off is ignored."""
+    """Everything in a journal; a line that was cut off or damaged is ignored."""
     if not journal.is_file():
         return []
     lines = []
-    for text in journal.read_text(encoding="utf-8").splitlines():
+    for text in journal.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
-            lines.append(json.loads(text))
+            line = json.loads(text)
         except ValueError:
             continue
+        if isinstance(line, dict):
+            lines.append(line)
     return lines
 
 

@@ -35,3 +35,28 @@ def test_a_log_that_kills_its_worker_does_not_stop_the_others(tmp_path: Path) ->
     poison.unlink()
     again = fit_logs(work, logs, tmp_path / "fits", settings={}, workers=2)
     assert (again.failed, again.reused, len(again.results)) == ({}, 3, 4)
+
+
+@pytest.mark.parametrize("damage", ["last line cut off", "header cut off", "other JSON", "no text"])
+def test_a_damaged_journal_costs_only_the_damaged_lines(tmp_path: Path, damage: str) -> None:
+    logs = []
+    for number in range(3):
+        logs.append(tmp_path / f"spring_{number}.csv")
+        logs[-1].write_text(
+            "\n".join(["displacement_m,force_n", *(f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20))])
+        )
+    first = fit_logs(fit_spring_file, logs, tmp_path / "fits", settings={"a": 1})
+    journal = tmp_path / "fits" / "fits.jsonl"
+    whole = journal.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    content, kept = {
+        "last line cut off": (whole[:-40], 2),
+        "header cut off": (lines[0][:5], 0),
+        "other JSON": (b"".join([lines[0], b"5\n", b'{"log": "x"}\n', *lines[1:]]), 3),
+        "no text": (b"".join([lines[0], b"\xff\xfe\n", *lines[1:]]), 3),
+    }[damage]
+    journal.write_bytes(content)
+    for reused in (kept, 3):
+        again = fit_logs(fit_spring_file, logs, tmp_path / "fits", settings={"a": 1})
+        assert (again.reused, again.failed) == (reused, {})
+        assert [r.free[0].value for r in again.results] == [r.free[0].value for r in first.results]
