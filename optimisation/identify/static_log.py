@@ -20,6 +20,7 @@ from optimisation.identify.published_tables import published
 from optimisation.identify.static_balance import REACTIONS, StaticBalance
 from optimisation.uncertainty import correlation_time
 from workbench.errors import LogError
+from workbench.logs.conditioning import OFFSETS
 from workbench.logs.resting import stated_rest
 from workbench.logs.schema import RunLog
 from workbench.rig_scenario import RigScenario, rig_scenario_from_dict
@@ -169,7 +170,7 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str) -> St
     _check_held(angle, name)
     hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest, name)
     columns, warnings = _readings(log, time, name)
-    offsets = np.asarray(log.extra.get("offsets_to_add", scenario.cheetah_tail.offsets), float)
+    offsets = np.asarray(log.stated(OFFSETS, len(REACTIONS)) or scenario.cheetah_tail.offsets, float)
     if rest is None:
         warnings.append(
             "no rest phase: bias and drift stay in the readings; Table 4.8 is taken as their standard deviation"
@@ -211,7 +212,7 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str) -> St
 
 def _wind_speed(log: RunLog, name: str) -> float:
     value = log.extra.get("wind_speed_m_per_s")
-    if not isinstance(value, int | float) or not 0.0 < float(value) <= _LARGEST_SPEED:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < float(value) <= _LARGEST_SPEED:
         raise FitError(
             f"{name}: metadata 'wind_speed_m_per_s' is {value!r}; allowed: above 0 to {_LARGEST_SPEED:g} m/s"
         )

@@ -127,12 +127,12 @@ def add_offsets(run_log: RunLog, tail: str | None = None) -> Conditioned:
     Raises:
         LogError: the offsets were added before, the log has no tail of Table 4.4 or no force column at all.
     """
-    own = run_log.extra.get(OFFSETS)
+    own = run_log.stated(OFFSETS, len(WRENCH))
     if own is not None and not any(own) and any(entry.get("offsets") for entry in earlier_conditioning(run_log)):
         raise LogError(f"{_name(run_log)}: the offsets have been added to this log before")
     tail = tail or (None if run_log.extra.get("tail") is None else str(run_log.extra["tail"]))
     if own is not None:
-        offsets, source = dict(zip(WRENCH, map(float, own), strict=True)), "the log's metadata"
+        offsets, source = dict(zip(WRENCH, own, strict=True)), "the log's metadata"
     elif tail is None:
         raise LogError(f"{_name(run_log)}: its metadata have no tail; state it in the mapping or the recipe")
     else:

@@ -27,6 +27,8 @@ from workbench.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_10_HZ, RIG_FILT
 RECIPE_SCHEMA = "aerodima/log-recipe/1"
 DESIGNS = {"rig_10_hz": RIG_FILTER_10_HZ, "rig_20_hz": RIG_FILTER_20_HZ, "imu": IMU_FILTER, "gps": GPS_FILTER}
 """Filters by name: those of the thesis (design section 11)."""
+MOST_ROWS_PER_S = 1e5
+"""Of a resampled log: a hundred times the rigs' rate; a slip of the exponent would fill the memory."""
 RIG_REST: Mapping[str, Interval] = {"angular_velocity_rad_per_s": (-0.02, 0.02), "angle_rad": (-0.1, 0.1)}
 """The rig rests when the tail hangs and does not move; a tail held up is loaded, so it is not at rest."""
 CAR_REST: Mapping[str, Interval] = {"speed_m_per_s": (-0.2, 0.2), "imu_gyro_z_rad_per_s": (-0.1, 0.1)}
@@ -44,7 +46,7 @@ class Rest(StrictModel):
     )
     shortest_s: float = Field(default=0.5, description="a shorter standstill is not rest", gt=0)
     parts: tuple[Limits, ...] | None = Field(
-        default=None, description="instead of detection: first and last time of each part, s"
+        default=None, description="instead of detection: first and last time of each part, s", min_length=1
     )
 
 
@@ -114,7 +116,7 @@ class Resample(StrictModel):
     """Put the log on an even grid."""
 
     step: Literal["resample"]
-    rate_hz: float = Field(description="rows per second", gt=0)
+    rate_hz: float = Field(description="rows per second", gt=0, le=MOST_ROWS_PER_S)
 
 
 class Differentiate(StrictModel):

@@ -1,12 +1,10 @@
 """Where in a log nothing moves."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import LogError
 from workbench.logs.schema import RunLog
 from workbench.signals import GAP_FACTOR, check_time
 
@@ -26,16 +24,8 @@ REST = "rest_s"
 
 def stated_rest(run_log: RunLog) -> Interval | None:
     """The rest phase that the metadata of a log state; None without. LogError when it is not two times."""
-    stated = run_log.extra.get(REST)
-    if stated is None:
-        return None
-    try:
-        start, end = (float(at) for at in stated)
-    except (TypeError, ValueError):
-        start = end = math.nan
-    if not (math.isfinite(start) and math.isfinite(end)):
-        raise LogError(f"{run_log.source or 'run log'}: metadata {REST!r} is {stated!r}; two times in s are needed")
-    return start, end
+    stated = run_log.stated(REST, 2)
+    return None if stated is None else (stated[0], stated[1])
 
 
 def resting_parts(run_log: RunLog, within: Mapping[str, Interval], shortest: float = 0.5) -> list[Interval]:

@@ -87,6 +87,19 @@ class RunLog:
         """The columns `<stem>_{x,y,z}_<suffix>`, shape (n, 3)."""
         return np.column_stack([self.signal(f"{stem}_{axis}_{suffix}") for axis in "xyz"])
 
+    def stated(self, key: str, count: int) -> tuple[float, ...] | None:
+        """Numbers under a key of `extra`; None without the key, LogError unless there are `count` finite ones."""
+        value = self.extra.get(key)
+        if value is None:
+            return None
+        try:
+            numbers = tuple(float(number) for number in value)
+        except (TypeError, ValueError):
+            numbers = ()
+        if len(numbers) != count or not np.all(np.isfinite(numbers)):
+            raise LogError(f"{self.source or 'run log'}: metadata {key!r} is {value!r}; {count} numbers are needed")
+        return numbers
+
     def metadata(self) -> dict[str, Any]:
         """What goes into the file's metadata."""
         named = {name: getattr(self, name) for name in _METADATA_FIELDS}

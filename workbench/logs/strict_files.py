@@ -36,7 +36,18 @@ def explain_strictly(error: ValidationError, where: str, model_at: ModelAt) -> L
         where: file.
         model_at: the model that holds the keys at a place, for the names that would have been right.
     """
-    return LogError("; ".join(f"{where}: {_line(item, model_at)}" for item in error.errors()))
+    items = error.errors()
+    # A list whose entries are wrong is not told to be too short as well.
+    told = [
+        item
+        for item in items
+        if item["type"] != "too_short" or not any(_is_within(other["loc"], item["loc"]) for other in items)
+    ]
+    return LogError("; ".join(f"{where}: {_line(item, model_at)}" for item in told))
+
+
+def _is_within(place: Place, outer: Place) -> bool:
+    return len(place) > len(outer) and place[: len(outer)] == outer
 
 
 def _line(item: Mapping[str, Any], model_at: ModelAt) -> str:

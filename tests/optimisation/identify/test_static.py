@@ -170,9 +170,11 @@ def test_a_missing_and_a_dead_axis_are_left_out_and_told(windy: RunLog) -> None:
         (lambda log: replace(log, table=log.table.head(3)), "3 samples"),
         (lambda log: replace(log, kind="swing"), "of kind 'swing'"),
         (lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": 200.0}), "200.0; allowed"),
+        (lambda log: replace(log, extra={**log.extra, "wind_speed_m_per_s": True}), "True; allowed"),
+        (lambda log: replace(log, extra={**log.extra, "offsets_to_add": [1, 2]}), r"is \[1, 2\]; 6 numbers"),
         (lambda log: replace(log, extra={**log.extra, "tail": "7"}), "'tail' is '7'; allowed: 1, 2, 3"),
         (lambda log: replace(log, extra={**log.extra, "rest_s": [0.0, 0.01]}), "samples in the rest phase"),
-        (lambda log: replace(log, extra={**log.extra, "rest_s": 1}), "'rest_s' is 1; two times"),
+        (lambda log: replace(log, extra={**log.extra, "rest_s": 1}), "'rest_s' is 1; 2 numbers"),
     ],
 )
 def test_a_bad_log_is_refused_with_its_reason(windy: RunLog, damage, message: str) -> None:

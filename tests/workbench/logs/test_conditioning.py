@@ -164,7 +164,7 @@ def test_a_stated_rest_moves_with_the_times_of_the_log() -> None:
     assert part.extra["rest_s"] == [-0.5, 1.5]
     assert "rest_s" not in cut(rig_log(), 0.5, 4.0, restart_time=True).run_log.extra
     for wrong in (1.0, [1.0], ["a", "b"], [None, 1.0]):
-        with pytest.raises(LogError, match=r"rig\.parquet: metadata 'rest_s' is .*; two times in s are needed"):
+        with pytest.raises(LogError, match=r"rig\.parquet: metadata 'rest_s' is .*; 2 numbers are needed"):
             cut(rig_log(rest_s=wrong), 0.5, 4.0, restart_time=True)
 
 
@@ -238,7 +238,8 @@ def test_cut_to_motion_finds_the_swing_and_the_log_remembers_what_was_done() -> 
 @pytest.mark.parametrize(
     ("steps", "message"),
     [
-        ([{"step": "smooth"}], r"r\.yaml: steps\.0: .*'smooth'.*'filter'"),
+        ([{"step": "smooth"}], r"r\.yaml: steps\.0: .*'smooth'.*'differentiate'$"),
+        ([{"step": "resample", "rate_hz": 1e12}], r"rate_hz: 1000000000000\.0 is not allowed; .* equal to 100000$"),
         ([{"step": "fill"}], r"r\.yaml: steps\.0\.fill\.longest_s: missing"),
         ([{"step": "fill", "longest": 1}], r"steps\.0\.fill\.longest: unknown key; did you mean 'longest_s'"),
         ([{"step": "filter", "columns": ["a"]}], r"steps\.0\.filter: needs `design`, or `order` and `cutoff_hz`"),
@@ -254,6 +255,18 @@ def test_a_wrong_recipe_is_one_line_that_names_step_and_key(steps: list[dict[str
     with pytest.raises(LogError, match=message) as caught:
         recipe(*steps)
     assert "\n" not in str(caught.value)
+
+
+def test_an_empty_list_of_resting_parts_is_refused() -> None:
+    with pytest.raises(LogError, match=r"r\.yaml: rest\.parts: "):
+        recipe({"step": "cut_to_motion"}, parts=[])
+
+
+@pytest.mark.parametrize("wrong", [[1.0, 2.0], "x", [None] * 6])
+def test_offsets_that_are_not_six_numbers_are_named(wrong: object) -> None:
+    run_log = rig_log({"force_y_n": np.zeros(TIMES.size)}, **{OFFSETS: wrong})
+    with pytest.raises(LogError, match=r"rig\.parquet: metadata 'offsets_to_add' is .*; 6 numbers are needed"):
+        add_offsets(run_log)
 
 
 def test_the_plot_shows_the_changed_columns_with_their_rests_and_gaps() -> None:
