@@ -32,7 +32,7 @@ def swing(
     threshold: Annotated[float | None, typer.Option(help="Yaw rate that releases the swing, rad/s.")] = None,
     wait: Annotated[float, typer.Option(help="Fixed rest after the release, s; 0 leaves it free.", min=0.0)] = 0.0,
     torque: Annotated[float | None, typer.Option(help="Torque limit, N m; the motor's by default.")] = None,
-    rounds: Annotated[int, typer.Option(help="Most rounds of profile, solution, full car.", min=1, max=20)] = 4,
+    rounds: Annotated[int, typer.Option(help="Most rounds of profile, solution, full car.", min=0, max=20)] = 4,
     bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
     solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
     members: Annotated[int, typer.Option(help="Likeliest cars of the ensemble to serve as well.", min=0)] = 0,
@@ -43,7 +43,9 @@ def swing(
     feedback: Annotated[bool, typer.Option(help="Store gains for the tracker with the swing.")] = True,
     workers: Annotated[int, typer.Option(help="Worker processes of the polish.", min=1)] = 2,
     wall_time: Annotated[float, typer.Option(help="Limit of the collocation, s.", min=1.0)] = 600.0,
-    warm_start: Annotated[Path | None, typer.Option(help="Swing file to begin with.")] = None,
+    warm_start: Annotated[
+        str | None, typer.Option(help="Swing to begin with: a file, or the name of one that ships.")
+    ] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the swing file.")] = False,
 ) -> None:
@@ -61,8 +63,9 @@ def swing(
     from optimisation.swing.optimise import Options, optimise_swing
     from optimisation.swing.transcription import OBJECTIVES
     from workbench.atomic_write import make_folder, refuse_existing
+    from workbench.controllers.law_of_scenario import find_swing
     from workbench.scenario import load_scenario
-    from workbench.swing_file import read_swing, write_swing
+    from workbench.swing_file import write_swing
 
     chosen: Any = objective
     solver_name: Any = solver
@@ -75,16 +78,18 @@ def swing(
             raise SwingError(f"{flag}: {value!r}; allowed: {', '.join(map(str, allowed))}")
     refuse_existing(out, force, SwingError)
     make_folder(out.parent, SwingError)
+    _refuse_unwritable(out.parent)
     options = Options(
         dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
-        torque=torque, rounds=rounds, bound=bound, solver=solver_name, ensemble=ensemble, members=members,
+        torque=torque, rounds=rounds, bound=bound, solver=solver_name, warm_start=warm_start or "",
+        ensemble=ensemble, members=members,
         polish=polish, feedback=feedback, wall_time=wall_time,
     )  # fmt: skip
     turn = load_scenario(scenario, list(settings or []))
     with nullcontext(SerialEngine()) if workers == 1 or not polish else open_engine(workers) as engine:
         found = optimise_swing(
             turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
-            warm_start=None if warm_start is None else read_swing(warm_start),
+            warm_start=None if warm_start is None else find_swing(warm_start),
             checkpoint=out.with_suffix(".search.json"), engine=engine, told=lambda line: typer.echo(line, err=True),
         )  # fmt: skip
     write_swing(found, out, force=force)
@@ -103,3 +108,16 @@ def swing(
     typer.echo(
         f"collocation error {facts.get('collocation_error_rad', float('nan')):.4f} rad on {facts.get('knots')} knots"
     )
+
+
+def _refuse_unwritable(folder: Path) -> None:
+    """A search takes minutes: that its result cannot be written is said before it."""
+    import tempfile
+
+    from optimisation.errors import SwingError
+
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as cause:
+        raise SwingError(f"{folder}: cannot be written ({cause.strerror}); allowed: another --out") from None

@@ -29,13 +29,16 @@ from optimisation.swing.search import Search, begin, keep, resumed, run
 from optimisation.swing.solve import Solution, best_of, multi_start
 from optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
 from workbench.ensemble import load_ensemble
+from workbench.logs.schema import software_versions
 from workbench.range_of_motion import make_range_of_motion
 from workbench.scenario import Scenario
-from workbench.swing_file import SwingFile
+from workbench.swing_file import Provenance, SwingFile
 
 __all__ = ["Options", "optimise_swing"]
 
 _MODELS: dict[int, Any] = {1: planar, 2: spatial}
+SOURCE = "aerodima optimise swing"
+"""In the provenance of what comes from here."""
 MAP_NODES = 25
 """Nodes of the range-of-motion map along each joint."""
 
@@ -75,11 +78,15 @@ def optimise_swing(
         raise SwingError(f"--dof: {options.dof}; allowed: {', '.join(map(str, _MODELS))}")
     if scenario.manoeuvre.kind not in ("turn", "auto_turn"):
         raise SwingError(f"manoeuvre.kind: {scenario.manoeuvre.kind!r}; allowed: turn, auto_turn")
+    if scenario.tail.mode == "none":
+        raise SwingError("tail.mode: 'none', the car has no tail to swing; allowed: held, swing")
     turn = scenario
     if options.threshold is not None:
         scenario = varied(scenario, controller={"trigger_yaw_rate": options.threshold})
     cars = _cars(varied(scenario, tail={"mode": "swing"}), options)
     limits = SwingLimits.of(ReducedCar.of(cars[0]), options.dof, options.torque)
+    if not options.rounds and warm_start is None:
+        raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --warm-start and --polish")
     search = resumed(checkpoint, cars[0], options) or begin(cars, options, warm_start, told)
     while not search.finished and search.rounds < options.rounds and time.perf_counter() < deadline:
         _round(search, cars, options, limits, name, scenario_name, settings, deadline, told)
@@ -87,6 +94,8 @@ def optimise_swing(
     if search.swing is None:
         raise SwingError(f"no swing found within {options.wall_time:g} s; allowed: a longer wall time")
     swing = search.swing
+    if not options.rounds:
+        swing = _as_it_was(swing, name, options, scenario_name, settings, search.speed)
     if options.polish:
         here = varied(turn, manoeuvre={"speed": search.speed})
         swing = polished(swing, here, options, engine=engine, checkpoint=checkpoint, told=told)
@@ -95,6 +104,19 @@ def optimise_swing(
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
     return swing
+
+
+def _as_it_was(
+    warm: SwingFile, name: str, options: Options, scenario_name: str, settings: tuple[str, ...], speed: float
+) -> SwingFile:
+    """A warm start under a new name, with the provenance of this search."""
+    kept = {key: value for key, value in warm.provenance.found.items() if key in ("collocation_error_rad", "knots")}
+    provenance = Provenance(
+        source=SOURCE, scenario=scenario_name or None, settings=settings, seed=options.seed, options=options.stored(),
+        solver_log=None,
+        found=kept | {"survived_speed_m_per_s": round(speed, 6)}, versions=software_versions(),
+    )  # fmt: skip
+    return warm.model_copy(update={"name": name, "provenance": provenance})
 
 
 def _cars(scenario: Scenario, options: Options) -> tuple[Scenario, ...]:
@@ -168,7 +190,7 @@ def _round(
         name, problem, best, scenario,
         threshold=scenario.controller.trigger_yaw_rate, pitch=scenario.controller.pitch_angle,
         provenance={
-            "source": "aerodima optimise swing", "scenario": scenario_name or None, "settings": settings,
+            "source": SOURCE, "scenario": scenario_name or None, "settings": settings,
             "seed": options.seed, "options": options.stored(), "found": found,
         },
     )  # fmt: skip

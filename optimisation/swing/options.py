@@ -11,7 +11,7 @@ from optimisation.swing.transcription import Objective
 Told = Callable[[str], None]
 """Takes progress, line by line."""
 
-LATER = ("ensemble", "members", "polish", "feedback")
+LATER = ("warm_start", "ensemble", "members", "polish", "feedback")
 """Options that do nothing by default; a swing that did without them does not name them."""
 
 
@@ -27,11 +27,12 @@ class Options:
         threshold: yaw rate that releases the swing, rad/s; None keeps the scenario's.
         wait: the tail rests this long after the release, s; 0 leaves it free.
         torque: limit of each motor, N m; None is the motor's.
-        rounds: at most this many.
+        rounds: at most this many; 0 only polishes a warm start.
         trust: how far friction or speed may go beyond those of the profile's run in one round, as a share.
         bound: largest collocation error, rad.
         solver: snopt or ipopt.
         iterations: of the solver; with the seed they make the search repeatable.
+        warm_start: name or path of the swing that the search begins with, for the record.
         members: likeliest cars of the `ensemble` that the swing must serve as well; 0 is the scenario's car alone.
         polish: candidates that are driven to polish the swing on the full car; 0 is none.
         feedback: gains of a tracker are stored with the swing.
@@ -52,6 +53,7 @@ class Options:
     bound: float = 5e-3
     solver: SolverName = "snopt"
     iterations: int = 300
+    warm_start: str = ""
     ensemble: str = "car"
     members: int = 0
     polish: int = 0

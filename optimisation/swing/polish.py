@@ -3,9 +3,8 @@
 A swing counts by the highest tyre friction that the full car survives clean, and only if the turn stays the turn: at
 the highest friction that the published swing survives as well, the heading change must be at least 95 % of that
 swing's (design section 10). A reduced model is driven by the yaw motion of a run and cannot know this; so the changes
-of `shape` are searched on the full car itself. Candidates are ranked by feasibility first: leaves its limits, rolls
-over at the common friction, turns too little, rolls over at the target friction (the earlier the worse), touches the
-ground there, and then by the car's peak roll there. The target rises whenever the best candidate is clean at it.
+of `shape` are searched on the full car itself, ranked as `candidate` says. The target friction rises whenever the best
+candidate is clean at it.
 """
 
 from __future__ import annotations
@@ -22,91 +21,29 @@ from numpy.typing import NDArray
 
 from optimisation.errors import SwingError
 from optimisation.sweep.engine import Engine, SerialEngine
-from optimisation.swing.full_car import FRICTION_STEP, LEAST_HEADING, critical_friction, drive, outcome, varied
+from optimisation.swing.candidate import Candidate, Reference, Score, score
+from optimisation.swing.full_car import FRICTION_STEP
 from optimisation.swing.options import Options, Told
 from optimisation.swing.shape import changed, changes
 from workbench.atomic_write import write_atomically
 from workbench.errors import SwingFileError
 from workbench.range_of_motion import RangeOfMotion, make_range_of_motion
-from workbench.scenario import Scenario, default_values, scenario_from_dict
+from workbench.scenario import Scenario
 from workbench.swing_curve import swing_at
 from workbench.swing_file import SwingFile
 
 FloatArray = NDArray[np.float64]
 
-HEADING_MARGIN = 0.005
-"""What a candidate must have on top, so that another step of the plant does not undo it."""
-LOST = 0.6
-"""Roll at which a car that rolls over counts as lost, rad; the later, the better its rank."""
 CLEARANCE = 0.01
 """Least distance of the tail's planned path from the car, m."""
-LOWEST, HIGHEST = 0.3, 1.2
-"""Frictions between which the reference's highest one is searched."""
-FIRST_SPREAD = 0.6
-"""Of the first generation, in units of the changes."""
+FIRST_SPREAD, CLOSE_SPREAD = 0.6, 0.3
+"""Of the first generation, in units of the changes; the second for a swing that was polished before."""
+FIRST_PITCH = (0.5, 0.5, 0.5, 0.4, 0.2, 0.0)
+"""Pitch that a polish with two joints begins with, in units of the change: forwards, which loads the front axle."""
 WIDEST = 4.0
 """Largest change, in its unit."""
 PATIENCE, NARROWER = 2, 0.4
 """Generations without a better candidate after which the search begins again around the best one, narrower by this."""
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The published swing in a turn: highest friction that it survives clean, and its heading change there, rad."""
-
-    friction: float
-    heading: float
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> Reference:
-        """Of the turn of a scenario, on a grid of `FRICTION_STEP`.
-
-        Raises:
-            SwingError: the published swing does not survive the turn at the lowest friction.
-        """
-        found = critical_friction(cls.turn(scenario), None, LOWEST, HIGHEST)
-        if found.value == 0.0:
-            raise SwingError(
-                f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction {LOWEST:g}, so "
-                "there is no turn to compare with; allowed: a slower turn"
-            )
-        return cls(found.value, dict(found.runs)[found.value].heading)
-
-    @staticmethod
-    def turn(scenario: Scenario) -> Scenario:
-        """The turn of a scenario with the published swing."""
-        return varied(scenario, tail={"mode": "swing"}, controller=default_values()["controller"])
-
-
-@dataclass(frozen=True)
-class Score:
-    """What a candidate is worth.
-
-    Attributes:
-        cost: rank among the candidates of a generation, lower is better.
-        heading: share of the reference's heading change; NaN when the common friction is not survived.
-        clean: at the target friction.
-        peak_roll: there, rad.
-    """
-
-    cost: float
-    heading: float = math.nan
-    clean: bool = False
-    peak_roll: float = math.nan
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A changed swing (None: it leaves its limits) with the turn it is tried in, small enough to send anywhere.
-
-    `heading` is its share of the reference's heading change if that is known already; else it is driven for.
-    """
-
-    swing: SwingFile | None
-    scenario: dict[str, Any]
-    reference: Reference
-    target: float
-    heading: float | None = None
 
 
 @dataclass(frozen=True)
@@ -126,30 +63,6 @@ class Polished:
     heading: float = math.nan
     peak_roll: float = math.inf
     evaluations: int = 0
-
-
-def score(candidate: Candidate) -> Score:
-    """Drives the full car with a candidate, once or twice."""
-    if candidate.swing is None:
-        return Score(6.0)
-    scenario = scenario_from_dict(candidate.scenario)
-    heading = candidate.heading
-    if heading is None:
-        common = outcome(drive(scenario, candidate.swing, candidate.reference.friction))
-        if not common.clean:
-            return Score(5.0 + common.peak_roll / math.pi)
-        heading = common.heading / candidate.reference.heading
-    if heading < LEAST_HEADING + HEADING_MARGIN:
-        return Score(4.0 + LEAST_HEADING + HEADING_MARGIN - heading, heading)
-    trial = drive(scenario, candidate.swing, candidate.target)
-    found = outcome(trial)
-    if found.clean:
-        return Score(found.peak_roll, heading, True, found.peak_roll)
-    if found.survived:
-        return Score(1.0 + found.peak_roll / math.pi, heading, False, found.peak_roll)
-    beyond = trial.run_log.time[np.abs(trial.run_log.signal("roll_truth_rad")) > LOST]
-    upright = (float(beyond[0]) - scenario.manoeuvre.turn_start) if len(beyond) else scenario.manoeuvre.duration
-    return Score(3.0 - min(upright / scenario.manoeuvre.duration, 1.0), heading, False, found.peak_roll)
 
 
 def polish(
@@ -178,7 +91,7 @@ def polish(
         seed: of CMA-ES; the same seed tries the same candidates.
         dof: 2 moves pitch too, and keeps the tail free of the car.
         target: first friction aimed at; by default the reference's.
-        begin: changes to begin with; by default none.
+        begin: changes to begin with; by default none, or `FIRST_PITCH` with two joints.
         sigma: of the first generation, in units of the changes.
         engine: where the cars are driven.
         known: scores of an earlier search with the same arguments, in order: they are not driven again.
@@ -191,7 +104,11 @@ def polish(
     cma = _cma()
     engine = engine or SerialEngine()
     generator = np.random.default_rng(seed)
-    first = np.zeros(changes(dof)) if begin is None else np.array(begin, float)
+    first = np.zeros(changes(dof))
+    if begin is not None:
+        first = np.array(begin, float)
+    elif dof == 2:
+        first[-len(FIRST_PITCH) :] = FIRST_PITCH
     # No global state: the random numbers come from `generator` alone.
     options = {"seed": np.nan, "randn": lambda *shape: generator.standard_normal(shape), "verbose": -9}
     options |= {"bounds": [-WIDEST, WIDEST]}
@@ -257,7 +174,8 @@ def polished(
     )
     path = None if checkpoint is None else checkpoint.with_suffix(".polish.json")
     found = polish(
-        swing, scenario, reference, evaluations=options.polish, seed=options.seed, dof=options.dof, engine=engine,
+        swing, scenario, reference, evaluations=options.polish, seed=options.seed, dof=options.dof,
+        sigma=FIRST_SPREAD if options.rounds else CLOSE_SPREAD, engine=engine,
         known=_known(path), keep=lambda scores: _keep(path, scores), told=told,
     )  # fmt: skip
     if path is not None:
@@ -274,7 +192,8 @@ def polished(
         "survived_friction": round(found.friction, 6),
         "peak_roll_rad": round(found.peak_roll, 6),
     }
-    provenance = shaped.provenance.model_copy(update={"found": shaped.provenance.found | facts})
+    kept = {key: value for key, value in shaped.provenance.found.items() if key != "heading_rad"}  # before the polish
+    provenance = shaped.provenance.model_copy(update={"found": kept | facts})
     return shaped.model_copy(update={"provenance": provenance})
 
 

@@ -47,9 +47,11 @@ def test_a_swing_file_holds_the_found_motion_and_is_mirrored_for_a_right_turn(tm
     ("settings", "options", "words"),
     [
         (["tail.sail=free"], {}, "tail.sail"),
+        (["tail.mode=none"], {}, "the car has no tail to swing"),
         (["manoeuvre.kind=straight"], {}, "manoeuvre.kind"),
         ([], {"torque": 0.0}, "torque limit: 0 N m"),
         ([], {"dof": 3}, "--dof: 3; allowed: 1, 2"),
+        ([], {"rounds": 0}, "--rounds: 0; allowed: from 1 on"),
     ],
 )
 def test_wrong_input_is_refused_before_the_first_run(settings: list[str], options: dict, words: str) -> None:
@@ -86,3 +88,15 @@ def test_an_existing_swing_is_not_overwritten(tmp_path: Path) -> None:
     result = CliRunner().invoke(build_app(), ["optimise", "swing", "turn_swing", "--out", str(path)])
     assert result.exit_code == 2
     assert path.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_folder_that_cannot_be_written_is_named_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_options: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    result = CliRunner().invoke(build_app(), ["optimise", "swing", "turn_swing", "--out", str(tmp_path / "x.yaml")])
+    assert result.exit_code == 2
+    assert result.output == f"error: {tmp_path}: cannot be written (Read-only file system); allowed: another --out\n"

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from optimisation.errors import SwingError
-from optimisation.swing import polish as polish_module
+from optimisation.swing import candidate as candidate_module
+from optimisation.swing.candidate import Candidate, Reference, Score, score
 from optimisation.swing.full_car import FRICTION_STEP, Outcome
-from optimisation.swing.polish import Candidate, Reference, Score, polish, score
+from optimisation.swing.polish import polish
 from optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
 from workbench.errors import SwingFileError
 from workbench.resources import model_path
@@ -95,8 +96,8 @@ def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], Outcome]) -> Sc
         log = SimpleNamespace(time=np.array([0.0, 1.0, 2.0, 3.0]), signal=lambda _name: roll)
         return SimpleNamespace(found=at(friction), run_log=log)
 
-    monkeypatch.setattr(polish_module, "drive", drive)
-    monkeypatch.setattr(polish_module, "outcome", lambda trial: trial.found)
+    monkeypatch.setattr(candidate_module, "drive", drive)
+    monkeypatch.setattr(candidate_module, "outcome", lambda trial: trial.found)
     return score(Candidate(swing(), load_scenario("turn_swing").resolved(), REFERENCE, 0.8))
 
 
@@ -104,9 +105,10 @@ def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -
     clean, lost = Outcome(True, True, 0.3, 0.75, 2.1), Outcome(False, False, 1.5, 0.75, 2.1)
     touched = Outcome(False, True, 0.5, 0.75, 2.1)
     short = Outcome(True, True, 0.02, 0.70, 2.1)
-    flat = Outcome(True, True, 0.1, 0.74, 2.1)
+    flat, wide = Outcome(True, True, 0.1, 0.74, 2.1), Outcome(True, True, 0.1, 0.80, 2.1)
     in_order = [
         ranks(monkeypatch, lambda _friction: flat),
+        ranks(monkeypatch, lambda _friction: wide),
         ranks(monkeypatch, lambda _friction: clean),
         ranks(monkeypatch, lambda friction: clean if friction < 0.7 else touched),
         ranks(monkeypatch, lambda friction: clean if friction < 0.7 else lost),
@@ -116,8 +118,8 @@ def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -
     costs = [one.cost for one in in_order]
     assert costs == sorted(costs)
     assert len(set(costs)) == len(costs)
-    assert [one.clean for one in in_order] == [True, True, False, False, False, False]
-    assert in_order[4].heading == pytest.approx(0.70 / 0.767)
+    assert [one.clean for one in in_order] == [True, True, True, False, False, False, False]
+    assert in_order[5].heading == pytest.approx(0.70 / 0.767)
 
 
 class MadeUpCars:

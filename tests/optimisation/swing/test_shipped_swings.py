@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optimisation.swing.candidate import Reference
 from optimisation.swing.full_car import LEAST_HEADING, drive, outcome, varied
 from optimisation.swing.optimise import Options, optimise_swing
-from optimisation.swing.polish import Reference
 from optimisation.swing.shape import changed
+from workbench.controllers.law_of_scenario import find_swing
 from workbench.resources import models_dir
 from workbench.scenario import load_scenario
 from workbench.swing_file import SwingFile, car_mismatches, read_swing
@@ -27,6 +28,7 @@ POLISHED = [swing for swing in SWINGS if "polish_changes" in swing.provenance.fo
 
 def test_one_ships() -> None:
     assert SWINGS
+    assert POLISHED
 
 
 @pytest.mark.parametrize("swing", SWINGS, ids=NAMES)
@@ -48,7 +50,10 @@ def made_again(swing: SwingFile) -> SwingFile:
     made_from = swing.provenance
     assert made_from.scenario is not None
     options = {key: value for key, value in made_from.options.items() if key not in ("polish", "feedback")}
-    again = collocated(made_from.scenario, made_from.settings, tuple(sorted(options.items())))
+    if "warm_start" in options:
+        again = find_swing(str(options["warm_start"]))
+    else:
+        again = collocated(made_from.scenario, made_from.settings, tuple(sorted(options.items())))
     if swing not in POLISHED:
         assert again.provenance.found["survived_friction"] == made_from.found["survived_friction"]
         return again
