@@ -99,6 +99,7 @@ def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: 
     with contextlib.closing(Served(tmp_path, car=Viewed())) as served:
         page.goto(served.access.url)
         eventually(lambda: page.evaluate(IN_CONTROL))
+        page.check("#show-view")
         assert "WebGL is off" in page.inner_text("#view")
         assert page.locator("iframe").count() == 0
         eventually(lambda: served.sent(Heartbeat))
