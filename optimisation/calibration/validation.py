@@ -21,6 +21,10 @@ from workbench.published import PublishedFigures, TurnMetrics, flip_bracket, pub
 LEVELS = (0.05, 0.5, 0.95)
 """Of the band that is reported: it holds 90 % of the weight."""
 
+GENTLE_START = ("manoeuvre.speed_ramp=3.0", "manoeuvre.turn_start=3.8", "manoeuvre.duration=5.8")
+"""Start of the runs beyond the simulated speeds: within the usual 1.2 s a high car tips over backwards from about
+4.8 m/s2 on, and the real one had 15 s (design section 10)."""
+
 SCENARIOS = {"tailless": "none", "tailed": "swing"}
 
 
@@ -63,7 +67,8 @@ def validate(
     found = []
     for published in published_figures():
         speed = commanded_speed(published)
-        wanted = [Wanted(member.values, SCENARIOS[published.configuration], speed) for member in members]
+        start = start_settings(speed)
+        wanted = [Wanted(m.values, SCENARIOS[published.configuration], speed, settings=start) for m in members]
         found += compare(published, store.run(wanted, engine), weights, discrepancy)
     return found
 
@@ -73,6 +78,11 @@ def commanded_speed(published: PublishedFigures) -> float:
     if published.platform == "simulated":
         return flip_bracket("tailless" if published.configuration == "tailless" else "tailed").survived
     return published.metrics.speed_m_per_s
+
+
+def start_settings(speed: float) -> tuple[str, ...]:
+    """Overrides of the start of a run at a speed (m/s): none up to the fastest simulated one."""
+    return GENTLE_START if speed > flip_bracket("tailed").flipped else ()
 
 
 def compare(

@@ -127,9 +127,16 @@ def _brackets(evidence: Evidence, tailed: Basis) -> list[Row]:
             "7.2.2",
             f"tail: survives {fastest:g} m/s",
             evidence.survived("swing", fastest),
-            f"{said}; turn of the simulation, tail swung at 8 rad/s",
+            f"{said}; turn of the simulation after a gentle start, tail swung at 8 rad/s"
+            f"{_tipped(evidence, 'swing', fastest)}",
         ),
     ]
+
+
+def _tipped(evidence: Evidence, mode: str, speed: float) -> str:
+    """What of the weight says nothing about a turn, because it tipped over before or failed."""
+    share = evidence.tipped(mode, speed)
+    return f"; {share:.0%} of the weight tipped over before its turn" if share > 0.0 else ""
 
 
 def _physical(configuration: str) -> PublishedFigures:
@@ -142,6 +149,7 @@ def _metrics(evidence: Evidence, published_row: PublishedFigures, calibrated: fr
     rows = []
     shared = f"{_said(evidence)}, {evidence.survived(mode, speed):.0%} of the weight survived, numbers of these"
     shared += "; after the car's filters" if physical else "; raw signals"
+    shared += _tipped(evidence, mode, speed)
     for field in fields(TurnMetrics):
         name, place = metric_name(field.name), published_row.source
         if field.name == "speed_m_per_s":
@@ -278,6 +286,6 @@ def _no_flick(evidence: Evidence) -> Row:
         "7.2.2",
         f"a held tail keeps the car upright at {100 * NO_FLICK_THROTTLE:.0f} % throttle, as where it did not swing",
         evidence.survived("held", speed),
-        f"{_said(evidence)}, tail held, {speed:.2f} m/s by the assumed throttle line; shows that holding suffices in "
-        "the model, not why the robot's trigger was silent",
+        f"{_said(evidence)}, tail held, {speed:.2f} m/s by the assumed throttle line, after a gentle start; shows that "
+        f"holding suffices in the model, not why the robot's trigger was silent{_tipped(evidence, 'held', speed)}",
     )

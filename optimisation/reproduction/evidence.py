@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from optimisation.calibration.runs import RunStore, Wanted, flips_in_the_turn, survives
+from optimisation.calibration.validation import start_settings
 from optimisation.sweep.engine import Engine
 from workbench.ensemble import Member
 from workbench.published import flip_bracket, published_figures
@@ -49,6 +50,11 @@ class Evidence:
         """Share of the weight that survived these runs."""
         return float(self.weights @ survives(self.rows[mode, speed]))
 
+    def tipped(self, mode: str, speed: float) -> float:
+        """Share of the weight that tipped over before its turn: these runs say nothing about the turn."""
+        rows = self.rows[mode, speed]
+        return float(self.weights @ (~survives(rows) & ~flips_in_the_turn(rows)))
+
     def flipped(self, mode: str, speed: float) -> float:
         """Share of the weight that flipped in the turn."""
         return float(self.weights @ flips_in_the_turn(self.rows[mode, speed]))
@@ -64,7 +70,11 @@ def gather(
     """Runs every member at every speed that the report needs; what the store has is not run again."""
     held_speed = throttle_speed(NO_FLICK_THROTTLE)
     pairs = wanted_pairs(held_speed)
-    wanted = [Wanted(m.values, mode, speed, settings=settings) for mode, speed in pairs for m in members]
+    wanted = [
+        Wanted(m.values, mode, speed, settings=(*start_settings(speed), *settings))
+        for mode, speed in pairs
+        for m in members
+    ]
     rows = store.run(wanted, engine, lambda done, of: say(f"[{done}/{of}] runs"))
     count = len(members)
     tables = {

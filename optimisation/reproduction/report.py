@@ -7,6 +7,7 @@ import pandas as pd
 
 from optimisation.calibration.plan import CALIBRATED_METRICS
 from optimisation.calibration.runs import RunStore
+from optimisation.calibration.validation import start_settings
 from optimisation.reproduction.claims import all_rows
 from optimisation.reproduction.evidence import Evidence, gather
 from optimisation.reproduction.page import reproduction_page
@@ -77,7 +78,8 @@ def _replays(
     for mode, speed in shown:
         name = f"replay_{mode}_{speed:.2f}.html"
         say(f"{name} ...")
-        scenario = ensemble.scenario(ensemble.best, f"turn_{mode}", [f"manoeuvre.speed={speed!r}", *settings])
+        overrides = [f"manoeuvre.speed={speed!r}", *start_settings(speed), *settings]
+        scenario = ensemble.scenario(ensemble.best, f"turn_{mode}", overrides)
         trial = run_trial(scenario, signals="all", stop_when_flipped=False)
         write_replay_html(trial.run_log, out / name, force=True)
         made[f"tail {mode}, {speed:.2f} m/s: {trial.summary.metrics.outcome.result}"] = name

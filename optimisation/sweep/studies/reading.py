@@ -63,21 +63,25 @@ class Step:
         survived: last value before the first flip.
         flipped: the first flip.
         islands: values beyond it that were survived.
+        tipped: values at which the car tipped over before its turn; they are passed over.
     """
 
     survived: float | None
     flipped: float | None
     islands: tuple[float, ...]
+    tipped: tuple[float, ...] = ()
 
     @property
     def words(self) -> str:
         """Short, for a table."""
-        beyond = f"; survives again at {', '.join(f'{value:g}' for value in self.islands)}" if self.islands else ""
+        beyond = f"; survives again at {', '.join(f'{value:.4g}' for value in self.islands)}" if self.islands else ""
+        if self.tipped:
+            beyond += f"; tipped over before its turn at {', '.join(f'{value:.4g}' for value in self.tipped)}"
         if self.flipped is None:
-            return "no flip" if self.survived is not None else "no run"
+            return f"no flip{beyond}" if self.survived is not None else f"no run{beyond}"
         if self.survived is None:
-            return f"below {self.flipped:g}{beyond}"
-        return f"{self.survived:g} to {self.flipped:g}{beyond}"
+            return f"below {self.flipped:.4g}{beyond}"
+        return f"{self.survived:.4g} to {self.flipped:.4g}{beyond}"
 
     def middle(self, low: float, high: float) -> float:
         """Of survived and flipped; `low` and `high` where it lies outside the range."""
@@ -91,13 +95,14 @@ def step_along(frame: pd.DataFrame, factor: str) -> Step:
 
     Runs that tipped over before their turn are passed over.
     """
+    over = tuple(value for value, _ in by_value(frame[tipped(frame)], factor))
     shares = {value: survived_share(rows) for value, rows in by_value(ran(frame[~tipped(frame)]), factor)}
     survived: float | None = None
     for value in sorted(shares):
         if shares[value] < 0.5:
-            return Step(survived, value, tuple(v for v in sorted(shares) if v > value and shares[v] >= 0.5))
+            return Step(survived, value, tuple(v for v in sorted(shares) if v > value and shares[v] >= 0.5), over)
         survived = value
-    return Step(survived, None, ())
+    return Step(survived, None, (), over)
 
 
 def steps_of_members(frame: pd.DataFrame, factor: str) -> tuple[list[Step], np.ndarray]:

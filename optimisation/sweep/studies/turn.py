@@ -10,7 +10,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optimisation.sweep.studies.reading import band, by_value, ran, steps_of_members, survived_share
+from optimisation.sweep.studies.reading import (
+    band,
+    by_value,
+    ran,
+    steps_of_members,
+    survived_share,
+    tipped,
+    weights_of,
+)
 from optimisation.sweep.studies.report import Findings, Picture
 from optimisation.sweep.study import Block, Range, Study, Value
 from optimisation.sweep.threshold import SPEED
@@ -26,6 +34,9 @@ TAILED_SPEEDS = tuple(whole / KM_PER_H for whole in (12, 14, 16, 18, 20))
 """m/s; the thesis stepped the speed in whole km/h (ERRATA E37)."""
 TAIL_SPEEDS = (2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 """rad/s; the published swing has 8."""
+
+TIPPED_MARKER = "_"
+"""Of a run that tipped over before its turn: it says nothing about the turn."""
 
 PANELS = (
     ("max_yaw_rate_rad_per_s", "largest yaw rate, rad/s"),
@@ -76,7 +87,8 @@ def read_turn(frame: pd.DataFrame) -> Findings:
         Picture(
             "survival",
             _survival_figure(frame),
-            "Outcome of every speed: open marker survived, cross flipped; over an ensemble the share that survived.",
+            "Outcome of every speed: open marker survived, cross flipped in the turn, bar tipped over before it; over "
+            "an ensemble the share that survived.",
             "Outcome over speed for each tail mode and tail speed",
         ),
         Picture(
@@ -127,7 +139,8 @@ def _survival_figure(frame: pd.DataFrame) -> Figure:
             style = MODE_STYLES[mode]
             for speed, rows in by_value(ran(part), SPEED):
                 share = survived_share(rows)
-                marker = style.marker if share >= 0.5 else FLIPPED_MARKER
+                over = float(np.average(tipped(rows), weights=weights_of(rows))) >= 0.5
+                marker = TIPPED_MARKER if over else style.marker if share >= 0.5 else FLIPPED_MARKER
                 face = "white" if share >= 0.5 else GREY
                 ax.plot(speed, level, marker, color=style.colour, markerfacecolor=face, markersize=8)
                 if 0.0 < share < 1.0:
@@ -145,7 +158,7 @@ def _metrics_figure(frame: pd.DataFrame) -> Figure:
         figure, axes = new_figure(9.6, 6.4, 2, 2)
         for ax, (column, label) in zip(axes.flat, PANELS, strict=True):
             for mode in MODE_STYLES:
-                _draw_mode(ax, ran(frame[frame["block"] == mode]), mode, column)
+                _draw_mode(ax, ran(frame[(frame["block"] == mode) & ~tipped(frame)]), mode, column)
             _draw_published(ax, column)
             ax.set(xlabel="commanded speed, m/s", ylabel=label)
         axes[0, 0].legend(loc="best")

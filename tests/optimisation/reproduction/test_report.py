@@ -92,6 +92,22 @@ def test_no_row_says_more_than_its_evidence(tmp_path: Path) -> None:
     assert set(arithmetic.basis) == {"printed numbers"}
 
 
+def test_a_row_says_when_the_car_never_reached_its_turn(tmp_path: Path) -> None:
+    class TipsOverBackwardsWhenFast(TailedToo):
+        def row(self, task):
+            row = super().row(task)
+            fast = row["commanded_speed_m_per_s"] > 5.0
+            assert fast == ("manoeuvre.turn_start=3.8" in task.settings)
+            return row | {"outcome": "flipped", "speed_m_per_s": 0.1} if fast else row
+
+    write_report(load_ensemble("car"), 2, tmp_path, TipsOverBackwardsWhenFast(), lambda line: None, replays=False)
+    rows = pd.read_csv(tmp_path / "rows.csv", keep_default_na=False)
+    fast = rows[rows.evidence.str.contains("100% of the weight tipped over before its turn")]
+    assert (fast.place == "Table 7.4").sum() == 7
+    assert (fast.place == "7.2.2").sum() == 2
+    assert not rows[rows.place == "Table 7.2"].evidence.str.contains("tipped").any()
+
+
 def test_a_wrong_number_of_members_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="0 members of"):
         write_report(load_ensemble("car"), 0, tmp_path, TailedToo(), lambda line: None, replays=False)

@@ -80,6 +80,15 @@ def test_survivors_beyond_the_first_flip_are_islands():
     assert step.words == "0.5 to 0.6; survives again at 0.7"
 
 
+def test_a_run_that_tipped_over_before_its_turn_is_no_flip_of_the_threshold():
+    speeds = {"speed_m_per_s": [3.0, 3.5, 4.0, 0.1], "commanded_speed_m_per_s": [3.0, 3.5, 4.0, 4.5]}
+    frame = pd.DataFrame({"v": [3.0, 3.5, 4.0, 4.5], "outcome": ["survived"] * 3 + ["flipped"]} | speeds)
+    step = reading.step_along(frame, "v")
+    assert (step.survived, step.flipped, step.tipped) == (4.0, None, (4.5,))
+    assert step.words == "no flip; tipped over before its turn at 4.5"
+    assert reading.rollover_probability(frame).value == 0.25
+
+
 def test_probability_has_the_exact_interval_of_its_effective_number():
     frame = pd.DataFrame({"outcome": ["flipped"] * 3 + ["survived"] * 17})
     found = reading.rollover_probability(frame)
