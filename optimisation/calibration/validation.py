@@ -22,8 +22,8 @@ LEVELS = (0.05, 0.5, 0.95)
 """Of the band that is reported: it holds 90 % of the weight."""
 
 GENTLE_START = ("manoeuvre.speed_ramp=3.0", "manoeuvre.turn_start=3.8", "manoeuvre.duration=5.8")
-"""Start of the runs beyond the simulated speeds: within the usual 1.2 s a high car tips over backwards from about
-4.8 m/s2 on, and the real one had 15 s (design section 10)."""
+"""Start of the runs beyond the simulated speeds: within the usual 1.2 s such a car tips over backwards before its turn
+(models/README.md), and the real one had 15 s (design section 10)."""
 
 SCENARIOS = {"tailless": "none", "tailed": "swing"}
 
