@@ -7,6 +7,7 @@ import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import yaml
 from optimisation.errors import FitError
 from optimisation.fit_figures import figures_of
 from optimisation.pipeline import Estimate, FitResult, parameter_names, short_name
-from workbench.atomic_write import make_folder
+from workbench.atomic_write import make_folder, write_atomically
 from workbench.logs.schema import software_versions
 
 SCHEMA = "aerodima/fit-report/1"
@@ -56,20 +57,26 @@ def write_report(
     """
     make_folder(folder, FitError)
     failed, tables = dict(failed or {}), dict(tables or {})
-    paths = [folder / "fits.csv", folder / "fits.yaml"]
-    pd.DataFrame([result.row() for result in results]).to_csv(paths[0], index=False)
-    paths[1].write_text(_yaml(title, results, failed, notes, tables), encoding="utf-8")
-    for name, table in tables.items():
-        paths.append(folder / f"{name}.csv")
-        table.to_csv(paths[-1], index=False)
-    figures = figures_of(results)
-    for name, figure in figures.items():
-        paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=110)
-    paths.append(folder / "report.html")
-    pictures = {name: (folder / f"{name}.png").read_bytes() for name in figures}
-    paths[-1].write_text(_page(title, results, failed, tables, notes, pictures), encoding="utf-8")
-    return paths
+    texts = {"fits.csv": pd.DataFrame([result.row() for result in results]).to_csv(index=False)}
+    texts["fits.yaml"] = _yaml(title, results, failed, notes, tables)
+    texts |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
+    pictures = {}
+    for name, figure in figures_of(results).items():
+        buffer = BytesIO()
+        figure.savefig(buffer, dpi=110)
+        pictures[name] = buffer.getvalue()
+    texts["report.html"] = _page(title, results, failed, tables, notes, pictures)
+    # All of it is made before any of it replaces what is there.
+    content = {name: text.encode() for name, text in texts.items()}
+    content |= {f"{name}.png": data for name, data in pictures.items()}
+    return [_put(folder / name, data) for name, data in content.items()]
+
+
+def _put(path: Path, data: bytes) -> Path:
+    def write(place: Path) -> None:
+        place.write_bytes(data)
+
+    return write_atomically(path, write, True, FitError)
 
 
 def _yaml(

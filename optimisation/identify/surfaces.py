@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
+from optimisation.errors import FitError
 from optimisation.identify.aggregate import aggregate
 from optimisation.pipeline import FitResult
-from workbench.aero.coefficient_files import load_coefficients
+from workbench.aero.coefficient_files import coefficients_from_dict
 from workbench.aero.published_coefficients import CHEETAH_LIMIT, ROBOT_LIMIT, SCHEMA
+from workbench.atomic_write import write_atomically
 
 _ANGLE_STEP = 1.0
 """Holds within half of this (degrees) of each other are one node."""
@@ -106,10 +109,14 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
 
 
 def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
-    """Writes coefficient files and reads each back, so that none is left that the aerodynamics refuse."""
+    """Writes coefficient files, each after reading its text back: none is left that the aerodynamics refuse."""
     paths = []
     for stem, content in sets.items():
-        paths.append(folder / f"{stem}.yaml")
-        paths[-1].write_text(yaml.safe_dump(content, sort_keys=False, width=200), encoding="utf-8")
-        load_coefficients(paths[-1])
+        path, text = folder / f"{stem}.yaml", yaml.safe_dump(content, sort_keys=False, width=200)
+        coefficients_from_dict(yaml.safe_load(text), str(path))
+        paths.append(write_atomically(path, partial(_write, text), True, FitError))
     return paths
+
+
+def _write(text: str, path: Path) -> None:
+    path.write_text(text, encoding="utf-8")

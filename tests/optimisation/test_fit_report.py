@@ -7,10 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from optimisation.fit_figures import figures_of
+from optimisation.identify.surfaces import write_sets
 from optimisation.pipeline import Estimate, FitResult, parameter_names
 from optimisation.report import in_words, write_report
+from workbench.aero.coefficient_files import load_coefficients
+from workbench.errors import ModelError
 
 
 def result(name: str, *names: str, rms: float = 0.1, curves: dict | None = None) -> FitResult:
@@ -64,3 +68,35 @@ def test_a_few_fits_have_a_row_per_parameter_and_many_a_row_each(tmp_path: Path)
     page = (tmp_path / "many" / "report.html").read_text(encoding="utf-8")
     assert "<th>cn</th>" in page  # a pure number has no unit
     assert "<tr><td>Tables 11.4-11.7</td><td>2.00 (1.80 .. 2.20)</td>" in page
+
+
+def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_report(tmp_path, "Robot tail", [result("a", "cn")])
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert {"fits.csv", "fits.yaml", "report.html", "estimates.png", "residuals.png"} <= set(before)
+
+    def stopped(self: Figure, *args: object, **kwargs: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Figure, "savefig", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(tmp_path, "Robot tail", [result("b", "cn")])
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_coefficient_file_that_the_aerodynamics_refuse_is_not_left(tmp_path: Path) -> None:
+    nodes = [{"speed_m_per_s": v, "cn": 2.0} for v in (5.0, 7.5)]
+    good = {"schema": "aerodima/coefficients/1", "name": "bins", "source": "test", "kind": "speed_table"}
+    good |= {
+        "law": "normal_force",
+        "quasi_steady_limit_m_per_s": 10.0,
+        "range": {"speed_m_per_s": [5.0, 7.5]},
+        "nodes": nodes,
+    }
+    (path,) = write_sets(tmp_path, {"good": good})
+    assert load_coefficients(path).name == "bins"
+    with pytest.raises(ModelError, match=r"bad\.yaml"):
+        write_sets(tmp_path, {"bad": {**good, "nodes": nodes[::-1]}})
+    assert [found.name for found in tmp_path.iterdir()] == ["good.yaml"]
