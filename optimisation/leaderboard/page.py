@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.leaderboard.contestants import THESIS
 from optimisation.leaderboard.measure import Leaderboard
 from optimisation.swing.full_car import LEAST_HEADING
 from workbench.atomic_write import write_atomically
@@ -81,13 +80,11 @@ def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -
         wide = board.robustness.pivot(index="controller", columns="change", values="critical_friction")
         order = list(dict.fromkeys(board.robustness["controller"]))
         changes = list(dict.fromkeys(board.robustness["change"]))
-        rows = [[name, *(f"{wide.loc[name, change]:.3f}" for change in changes)] for name in order]
+        rows = [[change, *(f"{wide.loc[name, change]:.3f}" for name in order)] for change in changes]
         speed = board.robustness["speed_m_per_s"].iloc[0]
         words = f"Critical friction at {speed:g} m/s on the likeliest car, as planned and with one thing otherwise."
-        numbers = tuple(range(1, len(changes) + 1))
-        sections.append(
-            Section("robustness", "Robustness", (paragraph(words), table(["controller", *changes], rows, numbers)))
-        )
+        numbers = tuple(range(1, len(order) + 1))
+        sections.append(Section("robustness", "Robustness", (paragraph(words), table(["", *order], rows, numbers))))
     if replays:
         links = bullets(Markup(link(target, name).text) for name, target in replays.items())
         sections.append(Section("replays", "Replays", (links,)))
@@ -105,12 +102,12 @@ def _what_counts() -> Markup:
 
 
 def _summary(summary: pd.DataFrame) -> Markup:
-    names = list(summary.columns)
-    shown = [name for name in names if name != "controller"]
-    header = ["controller", *(_words(name) for name in shown)]
-    rows = [[row["controller"], *(_cell(name, row[name]) for name in shown)] for row in summary.to_dict("records")]
-    thesis = [number for number, row in enumerate(rows) if row[0] == THESIS.name]
-    return table(header, rows, numbers=tuple(range(1, len(header))), marked=thesis)
+    """One column per controller: there are more measures than controllers, and a page is taller than wide."""
+    shown = [name for name in summary.columns if name != "controller"]
+    columns = summary.to_dict("records")
+    rows = [[_words(name), *(_cell(name, column[name]) for column in columns)] for name in shown]
+    header = ["", *(column["controller"] for column in columns)]
+    return table(header, rows, numbers=tuple(range(1, len(header))))
 
 
 def _words(name: str) -> str:
