@@ -171,7 +171,7 @@ function showFaults(report) {
 }
 
 function showBanner(radio, stopped) {
-  const confirmed = radio?.confirmed ? "the car reports it" : "sending until the car reports it";
+  const confirmed = radio?.confirmed ? "the car has reported it" : "sending until the car reports it";
   const text = stopped ? `EMERGENCY STOP by ${radio.stopped_by}: ${confirmed}.` : problem
     || (state && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "");
   get("banner").hidden = !text;
