@@ -1,7 +1,7 @@
 """Fits of many logs: parallel, resumable, and one bad log does not stop the others.
 
 Every finished log adds a line to `fits.jsonl` in the output folder. A second call with the same settings reads those
-lines and only works on what is missing or has changed since.
+lines and only works on what is missing, has changed since, or was fitted by other versions of the software.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from optimisation.pipeline import Estimate, FitResult
 from workbench.atomic_write import make_folder
 from workbench.batch import run_batch
 from workbench.errors import UserError
+from workbench.logs.schema import software_versions
 
 JOURNAL = "fits.jsonl"
 WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"
@@ -128,12 +129,13 @@ def _lost(name: str) -> dict[str, Any]:
 
 
 def _key(name: str) -> str:
-    """Changes when the file does."""
+    """Changes when the file or the software does."""
     try:
         state = Path(name).stat()
     except OSError:
         return "missing"
-    return hashlib.sha256(f"{state.st_size} {state.st_mtime_ns}".encode()).hexdigest()[:16]
+    versions = json.dumps(software_versions(), sort_keys=True)
+    return hashlib.sha256(f"{state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
 
 
 def _read(journal: Path, settings: dict[str, Any]) -> dict[str, dict[str, Any]]:

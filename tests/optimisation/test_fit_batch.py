@@ -60,3 +60,15 @@ def test_a_damaged_journal_costs_only_the_damaged_lines(tmp_path: Path, damage: 
         again = fit_logs(fit_spring_file, logs, tmp_path / "fits", settings={"a": 1})
         assert (again.reused, again.failed) == (reused, {})
         assert [r.free[0].value for r in again.results] == [r.free[0].value for r in first.results]
+
+
+def test_fits_of_another_version_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "spring.csv"
+    log.write_text(
+        "\n".join(["displacement_m,force_n", *(f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20))])
+    )
+    for reused in (0, 1):
+        assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused
+    monkeypatch.setattr("optimisation.fit_batch.software_versions", lambda: {"project": "0.0.0"})
+    for reused in (0, 1):
+        assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused
