@@ -66,8 +66,6 @@ def test_fits_of_another_version_are_made_again(tmp_path: Path, monkeypatch: pyt
     log = tmp_path / "spring.csv"
     rows = [f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20)]
     log.write_text("\n".join(["displacement_m,force_n", *rows]))
-        "\n".join(["displacement_m,force_n", *(f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20))])
-    )
     for reused in (0, 1):
         assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused
     monkeypatch.setattr("optimisation.fit_batch.software_versions", lambda: {"project": "0.0.0"})
