@@ -99,21 +99,23 @@ _PAGE_SCRIPT = """
 """
 
 
-def controls_bar(identity: str = "replay-bar", rate: float = 1.0) -> str:
+def controls_bar(identity: str = "replay-bar", rate: float = 1.0, first: bool = False) -> str:
     """The bar as HTML; everything in it is reached by the keyboard alone.
 
     Args:
         identity: of the element in its page.
         rate: selected at first; one of `RATES`.
+        first: the Tab key comes to it before all else on the page, such as Meshcat's own panel of dozens of fields.
     """
+    order = ' tabindex="1"' if first else ""
     options = "".join(
         f'<option value="{value:g}"{" selected" if value == rate else ""}>{value:g} ×</option>' for value in RATES
     )
     return (
         f'<div class="replay-bar" id="{identity}" role="group" aria-label="Replay">'
-        '<button type="button">Pause</button>'
-        '<input type="range" min="0" max="1" step="0.01" value="0" aria-label="Time of the replay, s">'
-        f'<select aria-label="Rate of the replay">{options}</select><output></output></div>'
+        f'<button type="button"{order}>Pause</button>'
+        f'<input type="range" min="0" max="1" step="0.01" value="0" aria-label="Time of the replay, s"{order}>'
+        f'<select aria-label="Rate of the replay"{order}>{options}</select><output></output></div>'
     )
 
 
@@ -123,4 +125,5 @@ def page_controls(data: Mapping[str, Any]) -> str:
     Args:
         data: `frames_per_second`, and per frame `time` (s), `speed` (m/s) and `roll` (degrees).
     """
-    return CONTROLS_STYLE + controls_bar() + CONTROLS_SCRIPT + _PAGE_SCRIPT.replace("RUN_DATA", json.dumps(data))
+    script = _PAGE_SCRIPT.replace("RUN_DATA", json.dumps(data))
+    return CONTROLS_STYLE + controls_bar(first=True) + CONTROLS_SCRIPT + script
