@@ -1,0 +1,69 @@
+"""A drive for the latency benchmark of the console: arms, obeys MANUAL, stops, and is reset and armed again by itself.
+
+What moves bytes is that of a real drive: wiring, guard and motors at 100 Hz. Only the reset, which is by hand on a real
+car, is automatic here, so that 200 emergency stops need no 200 starts of a process.
+
+Run as `python -m tests.benchmarks.rearming_drive PORTS_FILE [SETTING...]`; ended by SIGTERM.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import signal
+import sys
+import time
+from pathlib import Path
+
+from hardware.drive.guard import CarGuard, Stage
+from hardware.drive.loop import PERIOD, wait_until
+from hardware.drive.pilots import ManualPilot
+from hardware.protocol.radio import RadioMode
+from hardware.wiring.base import CarCommand
+from hardware.wiring.car_ports import read_ports
+from hardware.wiring.drive_safety import load_drive_safety
+from hardware.wiring.teensy_bridge import teensy_bridge
+from workbench.errors import HardwareError
+from workbench.scenario import load_scenario
+
+_REST = 0.3
+"""s that a stopped car stays stopped, in which the operator hears of it."""
+
+
+def main() -> None:
+    """Turns until SIGTERM."""
+    scenario = load_scenario("auto_turn", sys.argv[2:])
+    car = teensy_bridge(scenario, read_ports(Path(sys.argv[1])), lambda: None)
+    guard, pilot, stopped = CarGuard(car, load_drive_safety()), ManualPilot(scenario), 0.0
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        car.start()
+        gc.collect()
+        gc.freeze()
+        due = time.monotonic()
+        while True:
+            now = time.monotonic()
+            guard.read(now)
+            if guard.stage is Stage.READY:
+                with contextlib.suppress(HardwareError):  # a device is not heard yet
+                    guard.arm(now)
+            elif guard.ready and guard.rested and guard.reading.operator.mode is RadioMode.MANUAL:
+                pilot = ManualPilot(scenario)
+                guard.drive(RadioMode.MANUAL, now)
+            elif guard.finished:
+                stopped = stopped or now
+                if now - stopped > _REST:
+                    stopped = 0.0
+                    guard.reset(now)
+            driving = guard.stage is Stage.DRIVING
+            guard.write(pilot.step(0.0, guard.reading).command if driving else CarCommand(), now)
+            due = max(due + PERIOD, now - 0.05)
+            wait_until(due)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        car.stop("the benchmark is over")
+
+
+if __name__ == "__main__":
+    main()
