@@ -103,6 +103,14 @@ def test_focus_goes_through_the_console_in_the_order_of_the_page_and_is_seen(con
     assert order == ["stop", "rest", "steering", "step-size", "step-time", "centre", "record"]
 
 
+def test_everything_on_the_console_that_can_be_worked_has_a_name(console: Any) -> None:
+    unnamed = console.evaluate(
+        "[...document.querySelectorAll('button, input')]"
+        ".filter(item => !item.textContent.trim() && !item.labels?.length).map(item => item.id)"
+    )
+    assert unnamed == []
+
+
 def test_the_console_is_worked_by_keyboard_alone(console: Any, served: Served) -> None:
     def armed(condition: str) -> None:
         tell(served, console, ARMED, condition)
