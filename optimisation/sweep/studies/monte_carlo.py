@@ -25,13 +25,17 @@ FACTORS: dict[str, Uniform | Normal] = {
 """Grip that differs from floor to floor, a speed that differs from run to run, and the priors of the gyro."""
 
 
+TAIL_MODES = ("none", "held", "swing")
+"""Compared with each other; each has a scenario of its name."""
+
+
 def monte_carlo_study(
     samples: int, seed: int, settings: Sequence[str] = (), ensemble: str | None = None, members: int | None = None
 ) -> Study:
     """The same samples for no tail, tail held and tail swung."""
     sample = Sample(method="sobol", number=samples, seed=seed, factors=dict(FACTORS), new_seeds=True)
     blocks = tuple(
-        Block(name=mode, scenario=f"turn_{mode}", settings=tuple(settings), sample=sample) for mode in MODE_STYLES
+        Block(name=mode, scenario=f"turn_{mode}", settings=tuple(settings), sample=sample) for mode in TAIL_MODES
     )
     name = "Monte Carlo: rollover under uncertain friction, speed and trigger"
     return Study(name=name, ensemble=ensemble, members=members, blocks=blocks)
@@ -40,7 +44,7 @@ def monte_carlo_study(
 def read_monte_carlo(frame: pd.DataFrame) -> Findings:
     """Probability with its interval for each tail mode."""
     rows: list[dict[str, Any]] = []
-    for mode in MODE_STYLES:
+    for mode in TAIL_MODES:
         found = rollover_probability(frame[frame["block"] == mode])
         rows.append(
             {
