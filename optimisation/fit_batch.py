@@ -75,7 +75,8 @@ def fit_logs(
     journal = out / JOURNAL
     if force:
         journal.unlink(missing_ok=True)
-    keys = {name: _key(name) for name in names}
+    versions = json.dumps(software_versions(), sort_keys=True)
+    keys = {name: _key(name, versions) for name in names}
     known = _read(journal, settings)
     done = {name: known[name] for name in names if name in known and known[name]["key"] == keys[name]}
     missing = [name for name in names if name not in done]
@@ -128,13 +129,12 @@ def _lost(name: str) -> dict[str, Any]:
     return {"log": name, "result": None, "error": WORKER_KILLED}
 
 
-def _key(name: str) -> str:
-    """Changes when the file or the software does."""
+def _key(name: str, versions: str) -> str:
+    """Changes when the file or the versions of the software do."""
     try:
         state = Path(name).stat()
     except OSError:
         return "missing"
-    versions = json.dumps(software_versions(), sort_keys=True)
     return hashlib.sha256(f"{state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
 
 

@@ -32,9 +32,11 @@ _EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
 _SHARE = 0.05
 """A parameter whose squared share in an unseen direction exceeds the square of this is not determined."""
 
-
 _EXCESS = 0.2
-"""A residual whose variance exceeds that of its rounding by this part is not explained by it."""
+"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
+
+Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
+"""
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,7 @@ from workbench.scenario import Scenario
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
 _SAMPLE_PERIOD = 0.01
+"""Between two looks at what GPS and sail measure, s: the period of the 100 Hz loop."""
 _LATE = 0.01
 """A delay of the emulated car behind the clock that is noted among the events, s."""
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.math import cos, sin
 
 from optimisation.errors import FitError
@@ -175,8 +174,3 @@ class StaticBalance:
 def hanging_axis(angle: float) -> Vector3:
     """Unit vector from the pivot to the tip in W (3): down at 0, downstream (-y) at 90 degrees."""
     return (0.0, -math.sin(angle), -math.cos(angle))
-
-
-def with_slope(value: float) -> Any:
-    """A scalar that carries its own derivative (one AutoDiffXd of size 1)."""
-    return AutoDiffXd(value, np.array([1.0]))

@@ -27,7 +27,8 @@ LARGEST_STEP = 0.004
 LEAST_SAMPLES = 50
 """Fewest samples of a swing that are fitted."""
 _COUNTS_MOVED = 20
-_DWELL = 0.1
+_DWELL, _DWELL_STEPS = 0.1, 2.5
+"""A reading that moves no further (steps) in that time (s) is at rest or nearly so; chosen on simulated swings."""
 _WHOLE = 0.01
 """Readings this near to whole steps are counts: a log may have been through degrees and text."""
 _LONGEST_SAMPLING = 0.05
@@ -202,7 +203,7 @@ def _end_of_motion(angle: np.ndarray, step: float, sampling: float) -> int:
     later side of each step: errors that do not average out, in samples that would count as many.
     """
     window = max(round(_DWELL / sampling), 1)
-    moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > 2.5 * step)
+    moving = np.flatnonzero(np.abs(angle[window:] - angle[:-window]) > _DWELL_STEPS * step)
     return max(int(moving[-1]) + window + 1 if moving.size else len(angle), LEAST_SAMPLES)
 
 

@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from collections import defaultdict
 from dataclasses import replace
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+from pydrake.autodiffutils import AutoDiffXd
 from scipy.optimize import least_squares
 
 from optimisation.errors import FitError
 from optimisation.identify.static import fit_static, static_parameters, static_problem
-from optimisation.identify.static_balance import StaticBalance, with_slope
+from optimisation.identify.static_balance import StaticBalance
 from optimisation.identify.static_log import static_data
+from tests.optimisation.identify import static_truth as truth
 from workbench.errors import LogError
 from workbench.logs.conditioning import cut
 from workbench.logs.schema import RunLog
 from workbench.plants.rig import Rig
 from workbench.rig_logs import simulate_static_log
-
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).parent / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-truth = _load("static_truth")
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +63,7 @@ def test_jacobian_of_the_residual_is_that_of_autodiff(windy: RunLog) -> None:
     x = np.array([0.9, 0.3, 0.07, 5.0])
     bar, drag, lift = (
         np.array([v.derivatives()[0] for v in row])
-        for row in data.balance.wind_effect(data.angle, 20.0, with_slope(0.07))
+        for row in data.balance.wind_effect(data.angle, 20.0, AutoDiffXd(0.07, np.array([1.0])))
     )
     expected = (bar + 0.9 * drag + 0.3 * lift)[:6] / np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])
     assert problem.jacobian is not None
