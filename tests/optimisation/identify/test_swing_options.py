@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,14 +18,9 @@ from optimisation.identify.swing_log import swing_data
 from optimisation.identify.swing_model import Pendulum
 from optimisation.least_squares import Attempt, Problem, solve
 from optimisation.parameters import Parameter, Parameters
+from tests.optimisation.identify import swing_truth as truth
 from workbench.aero.laws import NormalForceLaw
 from workbench.aero.polar_law import PolarLaw
-
-_spec = importlib.util.spec_from_file_location("swing_truth", Path(__file__).parent / "swing_truth.py")
-assert _spec is not None
-assert _spec.loader is not None
-truth = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(truth)
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -23,23 +21,12 @@ from optimisation.identify.friction import fit_friction
 from optimisation.identify.robot_tail import fit_robot_tail
 from optimisation.identify.swing_log import swing_data
 from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out, torque_response
+from tests.optimisation.identify import swing_truth as truth
 from workbench.errors import LogError
 from workbench.logs.recipe import apply_recipe, recipe_from
 from workbench.plants.rig import Rig
 from workbench.rig_run import run_rig
 from workbench.rig_scenario import load_rig_scenario
-
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).parent / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-truth = _load("swing_truth")
 
 
 @pytest.mark.parametrize(("name", "added"), [("bar", 0.0), ("flick", 0.0), ("flick", 0.03), ("robot", 0.0)])
