@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from workbench.errors import LogError
 from workbench.logs.schema import RunLog
 from workbench.metrics import Outcome, outcome_of
+from workbench.plots.style import MODE_STYLES
 from workbench.replay.reckoned_motion import RECKONED
+from workbench.summary import tail_mode_of
 
 FloatArray = NDArray[np.float64]
 
@@ -38,12 +40,11 @@ class Caption:
 
 def caption_of(run_log: RunLog) -> Caption:
     """The caption of a run that has a resolved scenario."""
-    manoeuvre, tail = run_log.scenario["manoeuvre"], run_log.scenario["tail"]["mode"]
+    manoeuvre, tail = run_log.scenario["manoeuvre"], MODE_STYLES[tail_mode_of(run_log.scenario)].words
     speed = float(manoeuvre["speed"])
     turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] in ("turn", "auto_turn") else ""
     reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
-    tails = {"none": "no tail", "held": "tail held", "swing": "tail swings"}
-    facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tails[tail]}{reckoned}"
+    facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tail}{reckoned}"
     try:
         outcome = outcome_of(run_log)
     except LogError:

@@ -132,7 +132,7 @@ def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) 
             f"then driven over the top at {controller['swing_speed']:g} rad/s, and held on the outside after "
             f"{degrees(controller['travel'])} of travel."
         ),
-        "optimised": "Optimised swing: a motion found by `aerodima optimise swing` and played from its file.",
+        "optimised": "Optimised swing: a motion found by aerodima optimise swing and played from its file.",
     }
     return [words for mode, words in said.items() if any(s.tail_mode == mode for s in summaries)]
 

@@ -14,6 +14,7 @@ import pytest
 from workbench.errors import LogError, UserError
 from workbench.logs.schema import RunLog
 from workbench.replay import replay_page, write_replay_html
+from workbench.replay.caption import caption_of
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,14 @@ def test_title_tells_scenario_speed_tail_and_outcome(page: str) -> None:
     assert f"<title>{title}</title>" in page
     assert '<b class="survived">survived, clean</b>' in page
     assert "path of the tail tip" in page
+
+
+def test_title_tells_a_swing_from_a_file_from_the_published_one(tailless: RunLog) -> None:
+    named = []
+    for tail, swing in (("swing", "none"), ("swing", "roll_4_5"), ("held", "roll_4_5")):
+        scenario = tailless.scenario | {"tail": {"mode": tail}, "controller": {"swing_file": swing}}
+        named.append(caption_of(replace(tailless, scenario=scenario)).facts.split(", ")[-1])
+    assert named == ["tail swings", "optimised swing", "tail held"]
 
 
 def test_title_of_a_car_without_tail_has_no_key_for_it(tailless: RunLog) -> None:
