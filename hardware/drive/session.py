@@ -6,7 +6,6 @@ out, and the log is readable up to there.
 
 from __future__ import annotations
 
-import gc
 import math
 import threading
 import time
@@ -22,6 +21,7 @@ from hardware.drive.loop import idle_until, run_loop
 from hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
 from hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from hardware.drive.stop_signals import stop_on_signals
+from hardware.latency import prefer_latency, restore_latency
 from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import RadioMode
 from hardware.wiring.base import SourceFault
@@ -111,7 +111,7 @@ def run_drive(
             raise
         finally:
             car.stop(guard.reason or "the drive is over")
-            gc.unfreeze()
+            restore_latency()
     return replace(result, traffic_error=car.traffic_error)
 
 
@@ -260,8 +260,7 @@ def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]
             return diagram.run(length)
         return run_loop(guard, AutoPilot(scenario, drive.law), scenario, length, journal, links)
 
-    gc.collect()
-    gc.freeze()  # what exists now is not looked through again while the loop turns
+    prefer_latency()
     return run
 
 

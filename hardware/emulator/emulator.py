@@ -6,7 +6,6 @@ up and the largest delay is reported.
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import select
@@ -37,6 +36,7 @@ from hardware.emulator.serial_devices import CAR, EmulatedAir, EmulatedGps, Emul
 from hardware.emulator.slcan import SlcanAdapter
 from hardware.emulator.teensy import EmulatedTeensy
 from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from hardware.latency import prefer_latency
 from hardware.protocol.ak70_profiles import AK70_10_V1_0_8, FirmwareProfile
 from hardware.protocol.teensy import StringForm
 from hardware.transport.traffic_log import TrafficLog
@@ -142,8 +142,7 @@ class Emulator:
         """Serves until `stop` or the duration; what came out, also in the last event. ready: called when it begins."""
         step = self._settings.scenario.simulation.step
         self._advance(step)  # the first step takes twenty times as long as the others
-        gc.collect()
-        gc.freeze()  # a collection that looks through all of Drake's objects would stop the car for 30 ms
+        prefer_latency()  # a collection that looks through all of Drake's objects would stop the car for 30 ms
         self._begin = time.monotonic() - step
         self._board.begin("start", self._begin)
         self._write_ready()

@@ -12,7 +12,9 @@ from typing import Protocol
 
 from workbench.errors import HardwareError
 
-_READ_TIMEOUT = 0.002
+_READ_TIMEOUT = 0.02
+"""s; a read returns with the first byte, so that only a silent port waits that long: 50 times a second."""
+_WITHOUT_PORT = 0.002
 _WRITE_TIMEOUT = 0.1
 _RECONNECT = 0.25
 _THREAD_SILENT = 0.5
@@ -199,7 +201,7 @@ class SerialLink:
                 continue
             port = self._port
             if port is None:
-                self._closing.wait(_READ_TIMEOUT)
+                self._closing.wait(_WITHOUT_PORT)
                 continue
             try:
                 port.write(data)
