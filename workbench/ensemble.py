@@ -83,6 +83,21 @@ class Ensemble:
         total = sum(member.weight for member in chosen)
         return tuple(Member(member.name, member.weight / total, member.values) for member in chosen)
 
+    def drawn(self, number: int) -> tuple[Member, ...]:
+        """`number` members that stand for all: drawn by weight, evenly over the weights in the order of the file.
+
+        A member that is drawn k times has the weight k / number (systematic resampling). All of them, with their own
+        weights, if there are no more than `number`.
+        """
+        if number < 1:
+            raise EnsembleError(f"{number} members of {self.path}: allowed: 1 to {len(self.members)}")
+        if number >= len(self.members):
+            return self.members
+        middles = (np.arange(number) + 0.5) / number
+        places, counts = np.unique(np.searchsorted(np.cumsum(self.weights), middles), return_counts=True)
+        chosen = [self.members[min(place, len(self.members) - 1)] for place in places]
+        return tuple(Member(m.name, k / number, m.values) for m, k in zip(chosen, counts.tolist(), strict=True))
+
     def scenario(self, member: Member, scenario: str | Path, settings: Sequence[str] = ()) -> Scenario:
         """A scenario with the car of a member; `settings` override the member.
 

@@ -16,7 +16,7 @@ def register(app: typer.Typer) -> None:
 def report(
     out: Annotated[Path, typer.Option(help="Folder for page, table, runs and replays.")] = Path("out/report"),
     ensemble: Annotated[str, typer.Option(help="A name of models/calibration, or a file.")] = "car",
-    members: Annotated[int, typer.Option(help="How many members are run, the likeliest first.")] = 12,
+    members: Annotated[int, typer.Option(help="How many members are run, drawn by weight.")] = 12,
     replays: Annotated[bool, typer.Option(help="Also make replays of the interesting runs of the best member.")] = True,
     workers: Annotated[int, typer.Option(help="Processes on this computer.")] = 2,
     scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,

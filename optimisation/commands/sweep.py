@@ -19,7 +19,7 @@ Settings = Annotated[
     list[str] | None, typer.Option("--set", help="Override of every run, such as car.com_height=0.21; repeatable.")
 ]
 Ensemble = Annotated[str | None, typer.Option(help="Run every case for the members of this ensemble, such as car.")]
-Members = Annotated[int | None, typer.Option(help="Only the likeliest members of the ensemble.", min=1)]
+Members = Annotated[int | None, typer.Option(help="Only that many members of the ensemble, drawn by weight.", min=1)]
 Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
 Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")]
 Force = Annotated[bool, typer.Option("--force", help="Drop earlier results in the folder.")]

@@ -23,7 +23,7 @@ def verify(
         list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=4.5; may be repeated.")
     ] = None,
     ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
-    members: Annotated[int | None, typer.Option(help="Only the likeliest members.", min=1)] = None,
+    members: Annotated[int | None, typer.Option(help="Only that many members, drawn by weight.", min=1)] = None,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
     tracking: Annotated[str, typer.Option(help="automatic, feedback, torque, joint_pd or open_loop.")] = "automatic",
     workers: Annotated[int, typer.Option(help="Worker processes.")] = 2,

@@ -32,7 +32,7 @@ def write_report(
     force: bool = False,
     settings: tuple[str, ...] = (),
 ) -> Path:
-    """Runs the likeliest members, writes `rows.csv` and `index.html`; the path of the page.
+    """Runs members drawn by weight, writes `rows.csv` and `index.html`; the path of the page.
 
     Args:
         number: of members; all of them if there are fewer.
@@ -42,7 +42,7 @@ def write_report(
     Raises:
         UserError: wrong number of members, or the folder holds runs of other parameters.
     """
-    members = ensemble.likeliest(number)
+    members = ensemble.drawn(number)
     varied = {key for member in ensemble.members for key in member.values}
     store = RunStore(out, load_scenario("turn_none"), varied, force=force)
     evidence = gather(members, store, engine, say, settings)

@@ -137,7 +137,7 @@ class Study(BaseModel):
     name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
     signals: Literal["all", "outcome"] = Field(default="outcome", description="all: the impulses of the tail too")
     ensemble: str | None = Field(default=None, description="name or path: every run for every member of it")
-    members: int | None = Field(default=None, description="only the likeliest members", ge=1)
+    members: int | None = Field(default=None, description="only that many members, drawn by weight", ge=1)
     blocks: tuple[Block, ...] = Field(min_length=1)
 
 
@@ -199,7 +199,7 @@ def plan_runs(study: Study) -> list[PlannedRun]:
     members: Sequence[Member | None] = [None]
     if study.ensemble is not None:
         ensemble = load_ensemble(study.ensemble)
-        members = ensemble.members if study.members is None else ensemble.likeliest(study.members)
+        members = ensemble.members if study.members is None else ensemble.drawn(study.members)
     factors = list(dict.fromkeys(factor for block in study.blocks for factor in block.factors))
     if (number := sum(block.size for block in study.blocks) * len(members)) > MOST_RUNS:
         raise SweepError(f"{study.name}: {number} runs; allowed: at most {MOST_RUNS}")

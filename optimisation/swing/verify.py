@@ -108,7 +108,7 @@ def verify_swing(
     Args:
         swing: read from `swing_path`.
         scenario_name: turn to make; `settings` override it.
-        ensemble: of possible cars; the likeliest `members` of it.
+        ensemble: of possible cars; `members` of it, drawn by weight.
         motion: range-of-motion map of the car.
         step: of the plant, s.
         tracking: how the swing is played.
@@ -128,7 +128,7 @@ def verify_swing(
         raise SwingError(f"swing {swing.name}: was never released in this turn ({scenario_name} {' '.join(settings)})")
     reference = run_trial(load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS]), signals="all")
     errors = _state_errors(swing, scenario, trial.run_log, motion)
-    chosen = ensemble.members if members is None else ensemble.likeliest(members)
+    chosen = ensemble.members if members is None else ensemble.drawn(members)
     rows = []
     for who, law in (("swing", playing), ("8 rad/s", REFERENCE_SETTINGS)):
         tasks = [RunTask(m.name, scenario_name, (*m.settings, *settings, *fine, *law)) for m in chosen]

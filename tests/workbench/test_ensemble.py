@@ -1,9 +1,10 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from workbench.ensemble import ensemble_names, load_ensemble, weighted_quantiles
+from workbench.ensemble import Member, ensemble_names, load_ensemble, weighted_quantiles
 from workbench.errors import EnsembleError
 
 TEXT = """schema: aerodima/ensemble/1
@@ -86,6 +87,17 @@ def test_the_likeliest_members_keep_their_ratio(tmp_path: Path) -> None:
     assert sum(member.weight for member in ensemble.likeliest(5)) == pytest.approx(1.0)
     with pytest.raises(EnsembleError, match="0 members of"):
         ensemble.likeliest(0)
+
+
+def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
+    ensemble = load_ensemble(written(tmp_path, TEXT))
+    members = tuple(Member(str(place), weight, {}) for place, weight in enumerate((0.1, 0.55, 0.02, 0.33)))
+    many = replace(ensemble, members=members)
+    assert [(m.name, m.weight) for m in many.drawn(3)] == [("1", pytest.approx(2 / 3)), ("3", pytest.approx(1 / 3))]
+    assert many.drawn(4) == many.members
+    assert sum(member.weight for member in ensemble.drawn(1)) == 1.0
+    with pytest.raises(EnsembleError, match="0 members of"):
+        ensemble.drawn(0)
 
 
 def test_weighted_quantiles_follow_the_weight_not_the_count() -> None:
