@@ -1,8 +1,8 @@
 """A changed swing on the full car: what it is compared with, and what it is worth among others.
 
 Candidates are ranked by feasibility first: leaves its limits, rolls over at the common friction, turns too little,
-rolls over at the target friction (the earlier the worse), touches the ground there, and then by the car's peak roll
-there and by what it turns too much.
+rolls over at the target friction (the earlier the worse), touches the ground there, does so at a friction between the
+common one and the target or rolls beyond the margin, and then by the car's peak roll and by what it turns too much.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from optimisation.errors import SwingError
-from optimisation.swing.full_car import LEAST_HEADING, critical_friction, drive, outcome, varied
+from optimisation.swing.full_car import FRICTION_STEP, LEAST_HEADING, critical_friction, drive, outcome, varied
+from workbench.range_of_motion import ground_clearance
 from workbench.scenario import Scenario, default_values, scenario_from_dict
 from workbench.swing_file import SwingFile
 
@@ -24,6 +25,18 @@ LOST = 0.6
 """Roll at which a car that rolls over counts as lost, rad; the later, the better its rank."""
 LOWEST, HIGHEST = 0.3, 1.2
 """Frictions between which the reference's highest one is searched."""
+ROLL_MARGIN = 0.8
+"""A candidate may roll up to this share of `most_roll`, so that another step of the plant does not undo it."""
+SPACING = 2 * FRICTION_STEP
+"""Largest distance of the frictions below the target at which a candidate that is clean there must be clean too."""
+
+
+def most_roll(scenario: Scenario) -> float:
+    """Roll (rad) at which the car tips by its own weight, or a tail lying outside touches the ground, if that is less."""
+    car = scenario.car
+    leans = np.linspace(0.0, math.atan(0.5 * car.track / car.com_height), 201)
+    free = ground_clearance(scenario, 0.0, scenario.controller.hold_angle, leans) > 0.0
+    return float(leans[-1] if np.all(free) else leans[int(np.argmin(free))])
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,26 @@ class Reference:
             )
         return cls(found.value, dict(found.runs)[found.value].heading)
 
+    @classmethod
+    def near(cls, scenario: Scenario, friction: float) -> Reference:
+        """As `of`, but walks over the grid from a friction that is nearly it, as that of a coarser step is.
+
+        Raises:
+            SwingError: the published swing does not survive the turn at the lowest friction.
+        """
+        turn = cls.turn(scenario)
+        here = outcome(drive(turn, None, friction))
+        if not here.clean:
+            if friction - FRICTION_STEP < LOWEST:
+                raise SwingError(f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s")
+            return cls.near(scenario, friction - FRICTION_STEP)
+        while friction < HIGHEST:
+            above = outcome(drive(turn, None, friction + FRICTION_STEP))
+            if not above.clean:
+                break
+            friction, here = friction + FRICTION_STEP, above
+        return cls(friction, here.heading)
+
     @staticmethod
     def turn(scenario: Scenario) -> Scenario:
         """The turn of a scenario with the published swing."""
@@ -61,8 +94,8 @@ class Score:
     Attributes:
         cost: rank among the candidates of a generation, lower is better.
         heading: share of the reference's heading change; NaN when the common friction is not survived.
-        clean: at the target friction.
-        peak_roll: there, rad.
+        clean: at the target friction and below it, within the margin of the roll.
+        peak_roll: the largest there, rad.
     """
 
     cost: float
@@ -86,7 +119,7 @@ class Candidate:
 
 
 def score(candidate: Candidate) -> Score:
-    """Drives the full car with a candidate, once or twice."""
+    """Drives the full car with a candidate: at the common friction, at the target and, if clean there, between them."""
     if candidate.swing is None:
         return Score(6.0)
     scenario = scenario_from_dict(candidate.scenario)
@@ -98,14 +131,29 @@ def score(candidate: Candidate) -> Score:
         heading = common.heading / candidate.reference.heading
     if heading < LEAST_HEADING + HEADING_MARGIN:
         return Score(4.0 + LEAST_HEADING + HEADING_MARGIN - heading, heading)
-    trial = drive(scenario, candidate.swing, candidate.target)
-    found = outcome(trial)
     # The more a car turns, the more it rolls: what it turns too much is friction that it gave away.
     more = heading - LEAST_HEADING - HEADING_MARGIN
-    if found.clean:
-        return Score(found.peak_roll + more, heading, True, found.peak_roll)
-    if found.survived:
-        return Score(1.0 + found.peak_roll / math.pi + more, heading, False, found.peak_roll)
-    beyond = trial.run_log.time[np.abs(trial.run_log.signal("roll_truth_rad")) > LOST]
-    upright = (float(beyond[0]) - scenario.manoeuvre.turn_start) if len(beyond) else scenario.manoeuvre.duration
-    return Score(3.0 - min(upright / scenario.manoeuvre.duration, 1.0) + more, heading, False, found.peak_roll)
+    trial = drive(scenario, candidate.swing, candidate.target)
+    found = outcome(trial)
+    if not found.survived:
+        beyond = trial.run_log.time[np.abs(trial.run_log.signal("roll_truth_rad")) > LOST]
+        duration = scenario.manoeuvre.duration
+        upright = (float(beyond[0]) - scenario.manoeuvre.turn_start) if len(beyond) else duration
+        return Score(3.0 - min(upright / duration, 1.0) + more, heading, False, found.peak_roll)
+    if not found.clean:
+        return Score(1.5 + found.peak_roll / math.pi + more, heading, False, found.peak_roll)
+    rolled = found.peak_roll
+    for friction in between(candidate.reference.friction, candidate.target):
+        below = outcome(drive(scenario, candidate.swing, friction))
+        rolled = max(rolled, below.peak_roll)
+        if not below.clean:
+            return Score(1.0 + rolled / math.pi + more, heading, False, rolled)
+    within = rolled <= ROLL_MARGIN * most_roll(scenario)
+    return Score(rolled + more + (0.0 if within else 0.5), heading, within, rolled)
+
+
+def between(common: float, target: float) -> list[float]:
+    """Frictions between the common one and the target, at most `SPACING` apart, from above."""
+    return [
+        float(value) for value in np.linspace(target, common, max(1, math.ceil((target - common) / SPACING)) + 1)[1:-1]
+    ]

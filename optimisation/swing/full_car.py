@@ -17,6 +17,8 @@ FRICTION_STEP = 0.0125
 """Resolution of critical frictions."""
 LEAST_HEADING = 0.95
 """Share of the reference's heading change that a turn must have to count (design section 10)."""
+FINE_STEP = 0.0005
+"""Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 
 
 @dataclass(frozen=True)
@@ -137,3 +139,34 @@ def critical_friction(
         held, lost = (middle, lost) if clean(middle) else (held, middle)
     rows = tuple((low + index * step, runs[index]) for index in sorted(runs))
     return CriticalFriction(low + held * step if held >= 0 else 0.0, rows)
+
+
+def unbroken_friction(scenario: Scenario, swing: SwingFile | None, low: float, high: float) -> CriticalFriction:
+    """Upwards from `low` until a run is not clean: what a claim rests on, since survival is not monotone.
+
+    Two steps of `FRICTION_STEP` at a time, and one at the end.
+
+    Args:
+        scenario: car, turn and step of the plant.
+        swing: as `drive`.
+        low, high: first and last friction that is run.
+    """
+    runs: dict[float, Outcome] = {}
+
+    def clean(friction: float) -> bool:
+        runs[friction] = outcome(drive(scenario, swing, friction))
+        return runs[friction].clean
+
+    last = round((high - low) / FRICTION_STEP)
+    held = 0
+    if not clean(low):
+        return CriticalFriction(0.0, tuple(runs.items()))
+    while held < last:
+        stride = min(2, last - held)
+        if clean(low + (held + stride) * FRICTION_STEP):
+            held += stride
+            continue
+        if stride == 2 and clean(low + (held + 1) * FRICTION_STEP):
+            held += 1
+        break
+    return CriticalFriction(low + held * FRICTION_STEP, tuple(sorted(runs.items())))

@@ -4,7 +4,8 @@ A swing counts by the highest tyre friction that the full car survives clean, an
 the highest friction that the published swing survives as well, the heading change must be at least 95 % of that
 swing's (design section 10). A reduced model is driven by the yaw motion of a run and cannot know this; so the changes
 of `shape` are searched on the full car itself, ranked as `candidate` says. The target friction rises whenever the best
-candidate is clean at it.
+candidate is clean at it. The search runs at the scenario's step; the last candidates to reach a target are then driven
+at the fine step over an unbroken row of frictions, and what is best there is what is claimed (`choice`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from numpy.typing import NDArray
 from optimisation.errors import SwingError
 from optimisation.sweep.engine import Engine, SerialEngine
 from optimisation.swing.candidate import Candidate, Reference, Score, score
-from optimisation.swing.full_car import FRICTION_STEP
+from optimisation.swing.choice import choose
+from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP
 from optimisation.swing.options import Options, Told
 from optimisation.swing.shape import changed, changes
 from workbench.atomic_write import write_atomically
@@ -56,6 +58,7 @@ class Polished:
         heading: share of the reference's at the common friction.
         peak_roll: at `friction`, rad.
         evaluations: candidates that were driven.
+        earlier: changes of the best candidates before, the last one first.
     """
 
     x: FloatArray
@@ -63,6 +66,7 @@ class Polished:
     heading: float = math.nan
     peak_roll: float = math.inf
     evaluations: int = 0
+    earlier: tuple[FloatArray, ...] = ()
 
 
 def polish(
@@ -137,8 +141,10 @@ def polish(
         leader = int(np.argmin([one.cost for one in found]))
         point, one = np.array(points[leader]), found[leader]
         idle = 0 if one.clean else idle + 1
+        if one.clean and best.friction:
+            best = replace(best, earlier=(best.x, *best.earlier))
         while one.clean:
-            best = Polished(point, aim, one.heading, one.peak_roll)
+            best = Polished(point, aim, one.heading, one.peak_roll, earlier=best.earlier)
             told(f"  {len(scores)} cars: clean at friction {aim:.4f}, heading {one.heading:.1%} of the reference's")
             aim += FRICTION_STEP
             (one,) = tried([point], one.heading)
@@ -183,18 +189,25 @@ def polished(
     if not found.friction:
         told("polish: no candidate turns far enough and stays clean: kept the swing as it was")
         return swing
-    shaped = changed(swing, found.x, options.dof)
+    points = (found.x, *found.earlier)
+    shaped = [changed(swing, x, options.dof) for x in points]
+    claim = choose(shaped, scenario, reference, found.friction, told=told)
+    if claim is None:
+        told("polish: no candidate turns far enough at the fine step: kept the swing as it was")
+        return swing
     facts = {
-        "polish_changes": " ".join(f"{value:.9g}" for value in found.x),
+        "polish_changes": " ".join(f"{value:.9g}" for value in points[claim.place]),
         "polish_cars": found.evaluations,
-        "reference_friction": round(reference.friction, 6),
-        "heading_ratio": round(found.heading, 6),
-        "survived_friction": round(found.friction, 6),
-        "peak_roll_rad": round(found.peak_roll, 6),
+        "fine_step_s": FINE_STEP,
+        "reference_friction": round(claim.reference.friction, 6),
+        "heading_ratio": round(claim.heading, 6),
+        "survived_friction": round(claim.friction, 6),
+        "peak_roll_rad": round(claim.peak_roll, 6),
     }
-    kept = {key: value for key, value in shaped.provenance.found.items() if key != "heading_rad"}  # before the polish
-    provenance = shaped.provenance.model_copy(update={"found": kept | facts})
-    return shaped.model_copy(update={"provenance": provenance})
+    best = shaped[claim.place]
+    kept = {key: value for key, value in best.provenance.found.items() if key != "heading_rad"}  # before the polish
+    provenance = best.provenance.model_copy(update={"found": kept | facts})
+    return best.model_copy(update={"provenance": provenance})
 
 
 def _allowed(swing: SwingFile, x: FloatArray, dof: int, free_of: RangeOfMotion | None) -> SwingFile | None:

@@ -18,7 +18,7 @@ from optimisation.errors import SwingError
 from optimisation.sweep.engine import Engine, SerialEngine
 from optimisation.sweep.store import make_frame
 from optimisation.sweep.task import RunTask
-from optimisation.swing.full_car import LEAST_HEADING
+from optimisation.swing.full_car import FINE_STEP, LEAST_HEADING
 from workbench.controllers.swing_law import SwingState
 from workbench.ensemble import Ensemble
 from workbench.logs.schema import RunLog
@@ -28,8 +28,6 @@ from workbench.swing_curve import swing_at
 from workbench.swing_file import SwingFile
 from workbench.trial import Trial, run_trial
 
-FINE_STEP = 0.0005
-"""s; a fourth of the step of ordinary runs."""
 REFERENCE_SETTINGS = ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=8.0")
 LOWER_FRICTION, MOST_LOWER = 0.05, 6
 """Where the reference flips, headings are compared at a friction lower by this, at most so many times."""

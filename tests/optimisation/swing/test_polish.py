@@ -12,8 +12,10 @@ import pytest
 
 from optimisation.errors import SwingError
 from optimisation.swing import candidate as candidate_module
-from optimisation.swing.candidate import Candidate, Reference, Score, score
-from optimisation.swing.full_car import FRICTION_STEP, Outcome
+from optimisation.swing import full_car as full_car_module
+from optimisation.swing.candidate import Candidate, Reference, Score, between, most_roll, score
+from optimisation.swing.choice import choose
+from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
 from optimisation.swing.polish import polish
 from optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
 from workbench.errors import SwingFileError
@@ -102,14 +104,16 @@ def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], Outcome]) -> Sc
 
 
 def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    clean, lost = Outcome(True, True, 0.3, 0.75, 2.1), Outcome(False, False, 1.5, 0.75, 2.1)
-    touched = Outcome(False, True, 0.5, 0.75, 2.1)
+    clean, lost = Outcome(True, True, 0.2, 0.75, 2.1), Outcome(False, False, 1.5, 0.75, 2.1)
+    touched, leaning = Outcome(False, True, 0.5, 0.75, 2.1), Outcome(True, True, 0.3, 0.75, 2.1)
     short = Outcome(True, True, 0.02, 0.70, 2.1)
     flat, wide = Outcome(True, True, 0.1, 0.74, 2.1), Outcome(True, True, 0.1, 0.80, 2.1)
     in_order = [
         ranks(monkeypatch, lambda _friction: flat),
         ranks(monkeypatch, lambda _friction: wide),
         ranks(monkeypatch, lambda _friction: clean),
+        ranks(monkeypatch, lambda friction: clean if friction < 0.7 else leaning),
+        ranks(monkeypatch, lambda friction: touched if 0.7 < friction < 0.8 else clean),
         ranks(monkeypatch, lambda friction: clean if friction < 0.7 else touched),
         ranks(monkeypatch, lambda friction: clean if friction < 0.7 else lost),
         ranks(monkeypatch, lambda _friction: short),
@@ -118,8 +122,46 @@ def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -
     costs = [one.cost for one in in_order]
     assert costs == sorted(costs)
     assert len(set(costs)) == len(costs)
-    assert [one.clean for one in in_order] == [True, True, True, False, False, False, False]
-    assert in_order[5].heading == pytest.approx(0.70 / 0.767)
+    assert [one.clean for one in in_order] == [True] * 3 + [False] * 6
+    assert in_order[7].heading == pytest.approx(0.70 / 0.767)
+
+
+def test_the_margin_of_the_roll_is_that_of_the_tail_on_the_ground_or_of_the_car_on_its_wheels() -> None:
+    """A tail on the right at height h over wheels half a track to the right: tan(roll) = h / (length - half track)."""
+    scenario = load_scenario("turn_swing")
+    tail, car = scenario.tail, scenario.car
+    touching = math.atan(tail.mount_height / (tail.length - car.track / 2))
+    assert most_roll(scenario) == pytest.approx(min(touching, math.atan(0.5 * car.track / car.com_height)), abs=0.005)
+    stub = load_scenario("turn_swing", ["tail.length=0.3", "tail.sail_length=0.2"])
+    assert most_roll(stub) == pytest.approx(math.atan(0.5 * car.track / car.com_height))
+
+
+def test_frictions_between_leave_no_gap() -> None:
+    assert between(0.7, 0.7) == between(0.7, 0.72) == []
+    row = [0.8, *between(0.7, 0.8), 0.7]
+    assert max(-np.diff(row)) <= 0.025 + 1e-9
+
+
+def test_a_claim_is_an_unbroken_row_at_the_fine_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first swing survives 0.8 but not 0.75; the second up to 0.7625; the third turns too little."""
+    first, second, third = (swing().model_copy(update={"name": str(n)}) for n in range(3))
+
+    def drive(scenario: Any, played: Any, friction: float) -> Outcome:
+        assert scenario.simulation.step == FINE_STEP
+        if played is None:
+            return Outcome(friction < 0.681, True, 0.2, 0.8, 2.1)
+        clean = {"0": abs(friction - 0.75) > 0.01, "1": friction < 0.77, "2": True}[played.name]
+        return Outcome(clean, True, 0.1, 0.7 if played.name == "2" else 0.79, 2.1)
+
+    for module in (candidate_module, full_car_module):
+        monkeypatch.setattr(module, "drive", drive)
+        monkeypatch.setattr(module, "outcome", lambda found: found)
+    claim = choose((first, second, third), load_scenario("turn_swing"), Reference(0.7, 0.85), 0.825)
+    assert claim is not None
+    assert (claim.place, claim.friction) == (1, pytest.approx(0.7625))
+    assert claim.reference.friction == pytest.approx(0.675)
+    assert claim.heading == pytest.approx(0.79 / 0.8)
+    assert choose((third,), load_scenario("turn_swing"), Reference(0.7, 0.85), 0.825) is None
 
 
 class MadeUpCars:
