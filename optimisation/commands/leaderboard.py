@@ -19,7 +19,9 @@ def leaderboard(
         list[str] | None, typer.Option(help="Swing file or name, may be repeated; by default all that ship.")
     ] = None,
     ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
-    members: Annotated[int | None, typer.Option(help="Only the likeliest members.", min=1)] = None,
+    members: Annotated[
+        int | None, typer.Option(help="Only that many members, drawn by weight; 0: the own car alone.", min=0)
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="One speed, coarse searches, no robustness.")] = False,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-4, max=0.005)] = 0.002,
     replays: Annotated[bool, typer.Option(help="Write a replay of each controller.")] = True,
@@ -45,7 +47,7 @@ def leaderboard(
     swings = swing if swing is not None else shipped_swings()
     standard_contestants(swings)
     cars = load_ensemble(ensemble)
-    chosen = cars.likeliest(len(cars.members) if members is None else min(members, len(cars.members)))
+    chosen = cars.members if members is None else cars.drawn(members) if members else ()
     plan = replace(QUICK if quick else Plan(), step=step)
     serial = workers == 1 and scheduler is None
     with nullcontext(SerialEngine()) if serial else open_engine(workers, scheduler) as engine:
@@ -53,10 +55,9 @@ def leaderboard(
             out, plan, swings, chosen, engine, replays=replays, force=force,
             say=lambda line: print(line, file=sys.stderr, flush=True),
         )  # fmt: skip
-    for row in board.summary.to_dict("records"):
-        frictions = ", ".join(f"{v:.3f}" for name, v in row.items() if str(name).startswith("critical_friction_at"))
+    for row in board.claims.to_dict("records"):
         typer.echo(
-            f"{row['controller']:28} critical friction {frictions}; highest speed {row['highest_speed_m_per_s']:.2f} "
-            f"m/s; heading {row['heading_ratio_median']:.0%} of that with 8 rad/s"
+            f"{row['controller']:42} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f} "
+            f"({row['gain_over_8_rad_per_s']:+.1%}), heading {row['heading_ratio']:.1%} of that with 8 rad/s"
         )
     typer.echo(f"page: {files[-1]}")

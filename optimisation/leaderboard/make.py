@@ -38,7 +38,7 @@ def make_leaderboard(
         out: folder; runs are kept below `runs`.
         plan: how much is run; a wider plan goes on with the runs of a narrower one.
         swings: files or names of optimised swings.
-        members: of the ensemble, likeliest first.
+        members: of the ensemble; none leaves the car of the parameter files.
         engine: where to run.
         replays: also write a replay of each controller at the middle speed.
         force: drop the runs of other swings or versions.
@@ -56,10 +56,12 @@ def make_leaderboard(
             say(f"stopped after {remembering.ran} runs; they are kept, the same command goes on with the rest")
             raise
         say(f"{remembering.ran} runs made, the others were there")
-    films = _replays(out, board, plan, members[0], say) if replays else {}
+    films = _replays(out, board, plan, say) if replays else {}
+    cars = f"{len(members)} cars drawn from the ensemble" if members else "the own car alone"
     how = (
-        f"{len(members)} cars of the ensemble; speeds {', '.join(f'{speed:g}' for speed in plan.speeds)} m/s; step "
-        f"{1000 * plan.step:g} ms; critical friction to {plan.friction.tolerance:g}."
+        f"{cars}; speeds {', '.join(f'{speed:g}' for speed in plan.speeds)} m/s; step {1000 * plan.step:g} ms, of the "
+        f"claims {1000 * plan.fine_step:g} ms; critical friction on a grid of {plan.friction.grid:g}; highest speed at "
+        f"{plan.grip:g} times the friction of each car."
     )
     return board, write_leaderboard(out, board, films, how)
 
@@ -77,7 +79,7 @@ def _identity(swings: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _replays(out: Path, board: Leaderboard, plan: Plan, best: Member, say: Say) -> dict[str, str]:
+def _replays(out: Path, board: Leaderboard, plan: Plan, say: Say) -> dict[str, str]:
     from workbench.replay.page import write_replay_html
     from workbench.trial import run_trial
 
@@ -85,7 +87,8 @@ def _replays(out: Path, board: Leaderboard, plan: Plan, best: Member, say: Say) 
     (out / "replays").mkdir(parents=True, exist_ok=True)
     for number, contestant in enumerate(board.contestants):
         say(f"replay of {contestant.name}")
-        settings = [*best.settings, *contestant.settings, f"{SPEED}={plan.middle_speed!r}", f"name={contestant.name}"]
+        speed = plan.middle_speed
+        settings = [*contestant.at(speed), f"{SPEED}={speed!r}", f"name={contestant.name}"]
         trial = run_trial(load_scenario(SCENARIO, settings), signals="all", stop_when_flipped=False)
         target = f"replays/{number}.html"
         write_replay_html(trial.run_log, out / target, force=True)

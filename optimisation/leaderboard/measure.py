@@ -1,43 +1,47 @@
 """What is measured of each controller, and in which runs.
 
 Survival means clean survival throughout: nothing but the wheels touches the ground. Critical friction is the highest
-tyre friction so survived at a speed. A gain counts only with a heading change of at least 95 % of the 8 rad/s swing's,
-compared at the highest friction that both survive (design section 10).
+tyre friction of an unbroken row that is so survived at a speed (`climb`). A gain counts only with a heading change of
+at least 95 % of the 8 rad/s swing's, compared at the highest friction that both survive (design section 10). On the
+car of the parameter files it is confirmed at the fine step (`claims`); the ensemble is driven at the ordinary one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
+from optimisation.leaderboard.climb import Climb, Reached, climb, is_clean
 from optimisation.leaderboard.contestants import (
+    FIXED_RELEASES,
     FIXED_SPEEDS,
+    SWINGING,
     THESIS,
     Contestant,
-    fixed_speed,
+    best_fixed,
+    fixed_law,
     standard_contestants,
     trackings_of,
 )
-from optimisation.leaderboard.memory import CleanOnly, RememberingEngine
-from optimisation.sweep.engine import Engine
+from optimisation.leaderboard.memory import RememberingEngine
 from optimisation.sweep.store import make_frame
 from optimisation.sweep.task import RunTask
-from optimisation.sweep.threshold import FRICTION, SPEED, Case, Search, Threshold, find_thresholds
-from optimisation.swing.full_car import LEAST_HEADING
+from optimisation.sweep.threshold import FRICTION, SPEED, Case
+from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING
 from optimisation.swing.perturbations import perturbations
-from workbench.ensemble import Member, weighted_quantiles
+from workbench.ensemble import Member
 from workbench.scenario import load_scenario
 
 SCENARIO = "turn_fast"
 """Its gentle start lets the same turn be driven at every speed."""
-Key = tuple[str, str, float]
-"""Controller, member, speed (m/s)."""
-
+OWN_CAR = Member("own car", 0.0, {})
+"""The car of the parameter files, which the swings were made for; not one of the ensemble."""
+MOST_LOWER = 4
+"""Where headings do not compare at the highest common friction, so many steps of the grid below it are looked at."""
 OUTCOMES = (
     "peak_roll_rad",
     "heading_change_rad",
@@ -46,11 +50,11 @@ OUTCOMES = (
     "tail_torque_peak_n_m",
 )
 
-
-ROUNDING = 1e-9
-"""Of a gain."""
-FRICTION_SEARCH = Search(FRICTION, 0.45, 1.15, 0.05, 0.01)
-SPEED_SEARCH = Search(SPEED, 2.5, 7.0, 0.25, 0.05)
+FRICTION_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
+FINE_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
+SPEED_CLIMB = Climb(SPEED, 2.5, 8.0, 0.5, 0.1)
+FIRST_SPEED = 3.5
+"""m/s; where the climb over speed begins."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +63,26 @@ class Plan:
 
     Attributes:
         speeds: of the turns, m/s; the middle one is also that of maps and robustness.
-        friction: search of the critical friction.
-        top_speed: search of the highest speed at the car's own friction.
-        map_speeds, map_frictions: nodes of the survival map.
-        step: of the plant, s.
+        friction: climb of the critical friction; `fine` that at the fine step.
+        top_speed: climb of the highest speed at `grip` times the car's own friction.
+        map_speeds, map_frictions: nodes of the survival map, the latter as shares of the car's own friction.
+        step: of the plant, s; `fine_step` that of claims.
         perturbed: whether the robustness is measured.
-        fixed: roll rates tried for the best fixed speed, rad/s.
+        fixed, releases: roll rates and yaw rates of release tried for the best fixed speed, rad/s.
     """
 
     speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
-    friction: Search = FRICTION_SEARCH
-    top_speed: Search = SPEED_SEARCH
-    map_speeds: tuple[float, ...] = (3.0, 3.6, 4.5, 5.25, 6.0)
-    map_frictions: tuple[float, ...] = tuple(round(0.5 + 0.05 * i, 2) for i in range(11))
+    friction: Climb = FRICTION_CLIMB
+    fine: Climb = FINE_CLIMB
+    top_speed: Climb = SPEED_CLIMB
+    grip: float = 1.1
+    map_speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
+    map_frictions: tuple[float, ...] = (1.0, 1.1, 1.2, 1.3, 1.4)
     step: float = 0.002
+    fine_step: float = FINE_STEP
     perturbed: bool = True
     fixed: tuple[float, ...] = FIXED_SPEEDS
+    releases: tuple[float, ...] = FIXED_RELEASES
 
     @property
     def middle_speed(self) -> float:
@@ -84,14 +92,15 @@ class Plan:
 
 QUICK = Plan(
     speeds=(4.5,),
-    friction=Search(FRICTION, 0.5, 1.1, 0.1, 0.035),
-    top_speed=Search(SPEED, 3.0, 6.0, 1.0, 0.5),
+    top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.5),
     map_speeds=(3.6, 4.5, 6.0),
-    map_frictions=(0.55, 0.7, 0.85),
+    map_frictions=(1.0, 1.2, 1.4),
+    fine_step=0.002,
     perturbed=False,
-    fixed=(6.0,),
+    fixed=(6.0, 7.0),
+    releases=(1.0,),
 )
-"""A look in minutes."""
+"""A look in minutes, without the fine step."""
 
 
 @dataclass(frozen=True)
@@ -99,16 +108,16 @@ class Leaderboard:
     """Tables, one row each per controller and whatever else their columns name.
 
     Attributes:
-        summary: one row per controller.
+        claims: on the own car at the fine step, by speed: what may be claimed.
         frictions: critical friction by member and speed, with the heading compared at the common friction.
         runs: at each car's own friction, by member and speed.
         speeds: highest speed by member.
-        map: outcome over speed and friction, on the best member.
-        robustness: critical friction under perturbations, on the best member at the middle speed.
+        map: outcome over speed and friction, on the own car.
+        robustness: critical friction under perturbations, on the own car at the middle speed.
         contestants: in order.
     """
 
-    summary: pd.DataFrame
+    claims: pd.DataFrame
     frictions: pd.DataFrame
     runs: pd.DataFrame
     speeds: pd.DataFrame
@@ -123,138 +132,194 @@ def measure(plan: Plan, swings: Sequence[str], members: Sequence[Member], engine
     Args:
         plan: how much.
         swings: files or names.
-        members: of the ensemble, the likeliest first; weights need not sum to 1.
+        members: of the ensemble; none leaves the own car.
         engine: that remembers.
     """
     board = _Measurer(plan, members, engine)
     contestants = standard_contestants(swings)
     contestants.insert(3, board.best_fixed_speed())
+    claims = board.claims(contestants)
     frictions = board.critical_frictions(contestants)
+    players = [*contestants[:4], *(way for swing in _middle_swings(contestants, plan) for way in trackings_of(swing))]
+    robustness = board.robustness(players) if plan.perturbed else pd.DataFrame()
     runs = board.own_friction(contestants)
     speeds = board.highest_speeds(contestants)
     survival = board.survival_map(contestants)
-    players = [*contestants, *(way for swing in swings for way in trackings_of(swing))]
-    robustness = board.robustness(players) if plan.perturbed else pd.DataFrame()
-    summary = summarise_board(contestants, frictions, runs, speeds, robustness)
-    return Leaderboard(summary, frictions, runs, speeds, survival, robustness, tuple(contestants))
+    return Leaderboard(claims, frictions, runs, speeds, survival, robustness, tuple(contestants))
 
 
-class _Turned(NamedTuple):
-    """Heading change, rad, and time on two wheels or fewer, s, of a clean run; NaN of another."""
-
-    heading: float
-    two_wheels: float
-
-
-_NO_TURN = _Turned(math.nan, math.nan)
+def _middle_swings(contestants: Sequence[Contestant], plan: Plan) -> list[str]:
+    """The swing file that each controller plays at the middle speed."""
+    found = []
+    for contestant in contestants:
+        playing = " ".join(contestant.at(plan.middle_speed))
+        found += [swing for swing in contestant.swings if f"{swing} " in f"{playing} "]
+    return found
 
 
 class _Measurer:
     def __init__(self, plan: Plan, members: Sequence[Member], engine: RememberingEngine) -> None:
-        self._plan, self._members, self._engine = plan, list(members), engine
-        self._clean: Engine = CleanOnly(engine)
-        self._numerics = (f"simulation.step={plan.step!r}",)
+        self._plan, self._members, self._engine = plan, [OWN_CAR, *members], engine
 
-    def _settings(self, contestant: Contestant, member: Member, speed: float | None = None) -> tuple[str, ...]:
-        turn = () if speed is None else (f"{SPEED}={speed!r}",)
-        return (*member.settings, *self._numerics, *contestant.settings, *turn)
+    def _settings(
+        self, contestant: Contestant, member: Member, speed: float, step: float | None = None
+    ) -> tuple[str, ...]:
+        step = step or self._plan.step
+        numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+        return (*member.settings, *numerics, *contestant.at(speed), f"{SPEED}={speed!r}")
+
+    def _own_friction(self, member: Member) -> float:
+        return load_scenario(SCENARIO, list(member.settings)).car.tyre_friction
 
     def best_fixed_speed(self) -> Contestant:
-        """The roll rate with the highest mean critical friction over the speeds, on the best car."""
+        """By speed the roll rate and release of the highest critical friction that keep to the heading rule."""
         self._engine.stage = "best fixed speed"
-        rates = [rate for rate in self._plan.fixed for _ in self._plan.speeds]
-        cases = [
-            Case(f"{rate:g} rad/s", SCENARIO, self._settings(fixed_speed(rate), self._members[0], speed))
-            for rate in self._plan.fixed
-            for speed in self._plan.speeds
+        plan, chosen = self._plan, {}
+        reference = self._climbs([(THESIS, OWN_CAR, speed) for speed in plan.speeds])
+        for speed, reached in zip(plan.speeds, reference, strict=True):
+            common = reached.survived
+            choices = [(rate, release) for rate in plan.fixed for release in plan.releases]
+            laws = [Contestant("", (*SWINGING, *fixed_law(*choice))) for choice in choices]
+            if common is None:
+                chosen[speed] = choices[0]
+                continue
+            first = self._runs([(law, OWN_CAR, speed, common) for law in laws], plan.step)
+            least = LEAST_HEADING * reached.rows[common]["heading_change_rad"]
+            turning = [k for k, row in enumerate(first) if is_clean(row) and row["heading_change_rad"] >= least]
+            starts = [common] * len(turning)
+            found = self._climbs([(laws[k], OWN_CAR, speed) for k in turning], starts)
+            values = {choices[k]: one.survived or 0.0 for k, one in zip(turning, found, strict=True)}
+            chosen[speed] = max(values, key=lambda choice: values[choice], default=(8.0, 1.0))
+        return best_fixed(chosen)
+
+    def claims(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
+        """By controller and speed on the own car at the fine step."""
+        self._engine.stage = "claims at the fine step"
+        plan = self._plan
+        turns = [(c, OWN_CAR, v) for c in contestants for v in plan.speeds]
+        coarse = self._climbs(turns)
+        at = {(c.name, v): one for (c, _, v), one in zip(turns, coarse, strict=True)}
+        thesis = [(THESIS, OWN_CAR, v) for v in plan.speeds]
+        starts = [at[THESIS.name, v].survived or plan.friction.low for v in plan.speeds]
+        fine = dict(zip(plan.speeds, self._climbs(thesis, starts, fine=True), strict=True))
+        starts = [
+            min(one.survived or plan.friction.low, fine[v].survived or plan.friction.high)
+            for (_, _, v), one in zip(turns, coarse, strict=True)
         ]
-        found = find_thresholds(cases, self._plan.friction, self._clean)
-        values = pd.Series([_survived(threshold) for threshold in found]).groupby(rates).mean()
-        best = float(values.index[int(np.argmax(values.to_numpy()))])
-        return fixed_speed(best, f"best fixed, {best:g} rad/s")
+        found = self._climbs(turns, starts, fine=True)
+        rows = self._compared(turns, found, plan.fine_step)
+        for row, one, (_, _, speed) in zip(rows, coarse, turns, strict=True):
+            row["critical_friction_at_the_ordinary_step"] = _number(one.survived)
+            row["step_s"] = plan.fine_step
+            row["gain_over_8_rad_per_s"] = _gain(row["critical_friction"], fine[speed].survived)
+        return make_frame(rows)
 
     def critical_frictions(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
         """By controller, member and speed, with heading change over the reference's at the common friction."""
         self._engine.stage = "critical friction"
-        turns = [(c, m, v) for c in contestants for m in self._members for v in self._plan.speeds]
-        keys = [(c.name, m.name, v) for c, m, v in turns]
-        cases = [Case(c.name, SCENARIO, self._settings(c, m, v)) for c, m, v in turns]
-        found = dict(zip(keys, find_thresholds(cases, self._plan.friction, self._clean), strict=True))
-        common = {key: self._common_friction(found[key], found[(THESIS.name, *key[1:])]) for key in keys}
-        headings = self._headings([turn for turn, key in zip(turns, keys, strict=True) if common[key]], common)
+        turns = [(c, m, v) for m in self._members for v in self._plan.speeds for c in contestants]
+        return make_frame(self._compared(turns, self._climbs(turns), self._plan.step))
+
+    def _climbs(
+        self,
+        turns: Sequence[tuple[Contestant, Member, float]],
+        starts: Sequence[float] | None = None,
+        fine: bool = False,
+    ) -> list[Reached]:
+        plan = self._plan
+        step, how = (plan.fine_step, plan.fine) if fine else (plan.step, plan.friction)
+        cases = [Case(c.name, SCENARIO, self._settings(c, m, v, step)) for c, m, v in turns]
+        begin = [self._own_friction(m) for _, m, _ in turns] if starts is None else starts
+        return climb(cases, begin, how, self._engine)
+
+    def _runs(self, turns: Sequence[tuple[Contestant, Member, float, float]], step: float) -> list[dict[str, Any]]:
+        """Rows of runs at frictions."""
+        tasks = [
+            RunTask(c.name, SCENARIO, (*self._settings(c, m, v, step), f"{FRICTION}={mu!r}")) for c, m, v, mu in turns
+        ]
+        return self._engine.rows(tasks)
+
+    def _compared(
+        self, turns: Sequence[tuple[Contestant, Member, float]], found: Sequence[Reached], step: float
+    ) -> list[dict[str, Any]]:
+        """Rows of a table of critical frictions, with the heading over the reference's."""
+        reached = {(c.name, m.name, v): one for (c, m, v), one in zip(turns, found, strict=True)}
         rows = []
-        for turn, key in zip(turns, keys, strict=True):
-            own, reference = headings.get(key, (_NO_TURN, _NO_TURN))
-            rows.append(
-                _place(*turn)
-                | {
-                    "critical_friction": _survived(found[key]),
-                    "first_not_survived": found[key].flipped,
-                    "at_end_of_search": found[key].flipped is None,
-                    "heading_ratio": own.heading / reference.heading,
-                    "heading_at_friction": common[key],
-                    "two_wheel_time_s": own.two_wheels,
-                    "two_wheel_time_with_8_rad_per_s_s": reference.two_wheels,
-                }
-            )
-        return make_frame(rows)
+        for (c, m, v), one in zip(turns, found, strict=True):
+            reference = reached[THESIS.name, m.name, v]
+            own, other, friction = self._headings(c, m, v, one, reference, step)
+            row = {"controller": c.name, "member": m.name, "weight": m.weight, "speed_m_per_s": v}
+            row |= {
+                "critical_friction": _number(one.survived),
+                "first_not_survived": _number(one.lost),
+                "tipped_before_turn": one.tipped,
+                "gain_over_8_rad_per_s": _gain(one.survived, reference.survived),
+                "heading_ratio": own.get("heading_change_rad", math.nan) / other.get("heading_change_rad", math.nan),
+                "heading_at_friction": friction,
+                "two_wheel_time_s": own.get("two_wheel_time_s", math.nan),
+                "two_wheel_time_with_8_rad_per_s_s": other.get("two_wheel_time_s", math.nan),
+            }
+            edge = {} if one.survived is None else one.rows[one.survived]
+            row |= {f"{name}_at_critical": edge.get(name, math.nan) for name in OUTCOMES}
+            rows.append(row)
+        return rows
 
     def _headings(
-        self, turns: Sequence[tuple[Contestant, Member, float]], frictions: Mapping[Key, float | None]
-    ) -> dict[Key, tuple[_Turned, _Turned]]:
-        """What the controller and the 8 rad/s swing turn at a friction."""
-        self._engine.stage = "heading change"
-        tasks = [
-            RunTask(c.name, SCENARIO, (*self._settings(c, m, v), f"{FRICTION}={frictions[who.name, m.name, v]!r}"))
-            for who, m, v in turns
-            for c in (who, THESIS)
-        ]
-        turned = [
-            _Turned(row["heading_change_rad"], row["two_wheel_time_s"]) if row["clean"] else _NO_TURN
-            for row in self._engine.rows(tasks)
-        ]
-        pairs = zip(turned[::2], turned[1::2], strict=True)
-        return {(c.name, m.name, v): pair for (c, m, v), pair in zip(turns, pairs, strict=True)}
-
-    @staticmethod
-    def _common_friction(one: Threshold, other: Threshold) -> float | None:
-        """The highest friction that both were seen to survive."""
-        alike = [value for value, outcome in one.outcomes.items() if outcome == "survived"]
-        alike = [value for value in alike if other.outcomes.get(value) == "survived"]
-        return max(alike, default=None)
+        self, contestant: Contestant, member: Member, speed: float, one: Reached, reference: Reached, step: float
+    ) -> tuple[dict[str, Any], dict[str, Any], float]:
+        """Both runs at the highest friction that both survive clean, and that friction; NaN without one."""
+        if one.survived is None or reference.survived is None:
+            return {}, {}, math.nan
+        grid = self._plan.friction.grid
+        for lower in range(MOST_LOWER + 1):
+            friction = float(f"{min(one.survived, reference.survived) - lower * grid:.9g}")
+            own, other = self._runs([(c, member, speed, friction) for c in (contestant, THESIS)], step)
+            if is_clean(own) and is_clean(other):
+                return own, other, friction
+        return {}, {}, math.nan
 
     def own_friction(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
         """Runs at each car's own friction."""
         self._engine.stage = "own friction"
-        keys = [(c, m, v) for c in contestants for m in self._members for v in self._plan.speeds]
-        tasks = [RunTask(c.name, SCENARIO, self._settings(c, m, v)) for c, m, v in keys]
-        rows = self._engine.rows(tasks)
+        keys = [(c, m, v) for m in self._members for c in contestants for v in self._plan.speeds]
+        rows = self._runs([(c, m, v, self._own_friction(m)) for c, m, v in keys], self._plan.step)
         wanted = ("outcome", "clean", "error", *OUTCOMES)
-        return make_frame([_place(*key) | {n: row.get(n) for n in wanted} for key, row in zip(keys, rows, strict=True)])
+        return make_frame(
+            [
+                {"controller": c.name, "member": m.name, "weight": m.weight, "speed_m_per_s": v}
+                | {name: row.get(name) for name in wanted}
+                for (c, m, v), row in zip(keys, rows, strict=True)
+            ]
+        )
 
     def highest_speeds(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
-        """By controller and member, at the car's own friction."""
+        """By controller and member, at `grip` times the car's own friction, with the swings for the middle speed."""
         self._engine.stage = "highest speed"
-        keys = [(c, m) for c in contestants for m in self._members]
-        cases = [Case(c.name, SCENARIO, self._settings(c, m)) for c, m in keys]
-        found = find_thresholds(cases, self._plan.top_speed, self._clean)
-        rows = []
-        for (c, m), threshold in zip(keys, found, strict=True):
-            rows.append(
-                {"controller": c.name, "member": m.name, "weight": m.weight}
-                | {"highest_speed_m_per_s": threshold.survived, "at_end_of_search": threshold.flipped is None}
-                | {"islands": threshold.as_row()["islands"]}
-            )
-        return make_frame(rows)
+        plan = self._plan
+        keys = [(c, m) for m in self._members for c in contestants]
+        cases, frictions = [], []
+        for c, m in keys:
+            frictions.append(float(f"{plan.grip * self._own_friction(m):.4g}"))
+            settings = [s for s in self._settings(c, m, plan.middle_speed) if not s.startswith(f"{SPEED}=")]
+            cases.append(Case(c.name, SCENARIO, (*settings, f"{FRICTION}={frictions[-1]!r}")))
+        found = climb(cases, [FIRST_SPEED] * len(cases), plan.top_speed, self._engine)
+        return make_frame(
+            [
+                {"controller": c.name, "member": m.name, "weight": m.weight, "friction": friction}
+                | {"highest_speed_m_per_s": _number(one.survived), "at_end_of_search": one.lost is None}
+                for (c, m), friction, one in zip(keys, frictions, found, strict=True)
+            ]
+        )
 
     def survival_map(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
-        """Outcome over speed and friction on the best car."""
+        """Outcome over speed and friction on the own car."""
         self._engine.stage = "survival map"
-        best = self._members[0]
-        keys = [(c, v, mu) for c in contestants for v in self._plan.map_speeds for mu in self._plan.map_frictions]
-        tasks = [RunTask(c.name, SCENARIO, (*self._settings(c, best, v), f"{FRICTION}={mu!r}")) for c, v, mu in keys]
+        climbing, own = self._plan.friction, self._own_friction(OWN_CAR)
+        places = dict.fromkeys(climbing.index(share * own) for share in self._plan.map_frictions)
+        frictions = [climbing.value(place) for place in places]
+        keys = [(c, OWN_CAR, v, mu) for c in contestants for v in self._plan.map_speeds for mu in frictions]
         rows = []
-        for (c, v, mu), row in zip(keys, self._engine.rows(tasks), strict=True):
+        for (c, _, v, mu), row in zip(keys, self._runs(keys, self._plan.step), strict=True):
             rows.append(
                 {"controller": c.name, "speed_m_per_s": v, "friction": mu, "outcome": row["outcome"]}
                 | {"clean": row.get("clean"), "peak_roll_rad": row.get("peak_roll_rad"), "error": row["error"]}
@@ -262,80 +327,31 @@ class _Measurer:
         return make_frame(rows)
 
     def robustness(self, players: Sequence[Contestant]) -> pd.DataFrame:
-        """Critical friction on the best car at the middle speed, as planned and otherwise."""
+        """Critical friction on the own car at the middle speed, as planned and otherwise."""
         self._engine.stage = "robustness"
-        best, speed = self._members[0], self._plan.middle_speed
+        speed = self._plan.middle_speed
         changes = [
             change
-            for change in perturbations(load_scenario(SCENARIO, list(best.settings)))
+            for change in perturbations(load_scenario(SCENARIO))
             if not any(setting.startswith(FRICTION) for setting in change.settings)
         ]
         keys = [(player, change) for player in players for change in changes]
-        cases = [Case(p.name, SCENARIO, (*self._settings(p, best, speed), *change.settings)) for p, change in keys]
-        found = find_thresholds(cases, self._plan.friction, self._clean)
+        cases = [Case(p.name, SCENARIO, (*self._settings(p, OWN_CAR, speed), *change.settings)) for p, change in keys]
+        planned = self._climbs([(player, OWN_CAR, speed) for player in players])
+        start = {p.name: one.survived or self._plan.friction.low for p, one in zip(players, planned, strict=True)}
+        found = climb(cases, [start[p.name] for p, _ in keys], self._plan.friction, self._engine)
         return make_frame(
             [
                 {"controller": p.name, "change": change.name, "speed_m_per_s": speed}
-                | {"critical_friction": _survived(threshold)}
-                for (p, change), threshold in zip(keys, found, strict=True)
+                | {"critical_friction": _number(one.survived)}
+                for (p, change), one in zip(keys, found, strict=True)
             ]
         )
 
 
-def _survived(threshold: Threshold) -> float:
-    """Highest friction survived below the first flip; the low end of the search where not even that was."""
-    return threshold.search.low if threshold.survived is None else threshold.survived
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
-def _place(contestant: Contestant, member: Member, speed: float) -> dict[str, Any]:
-    return {"controller": contestant.name, "member": member.name, "weight": member.weight, "speed_m_per_s": speed}
-
-
-def summarise_board(
-    contestants: Sequence[Contestant],
-    frictions: pd.DataFrame,
-    runs: pd.DataFrame,
-    speeds: pd.DataFrame,
-    robustness: pd.DataFrame,
-) -> pd.DataFrame:
-    """One row per controller: weighted medians over the ensemble, and how often it beats the others."""
-    thesis = frictions[frictions["controller"] == THESIS.name]
-    reference = dict(
-        zip(zip(thesis["member"], thesis["speed_m_per_s"], strict=True), thesis["critical_friction"], strict=True)
-    )
-    rows = []
-    for contestant in contestants:
-        name = contestant.name
-        own = frictions[frictions["controller"] == name]
-        row: dict[str, Any] = {"controller": name}
-        for speed, part in own.groupby("speed_m_per_s"):
-            row[f"critical_friction_at_{speed:g}_m_per_s"] = _median(part["critical_friction"], part["weight"])
-            there = runs[(runs["controller"] == name) & (runs["speed_m_per_s"] == speed)]
-            row[f"rollover_probability_at_{speed:g}_m_per_s"] = _share(there["outcome"] == "flipped", there["weight"])
-        baseline = [reference[turn] for turn in zip(own["member"], own["speed_m_per_s"], strict=True)]
-        gain = own["critical_friction"].to_numpy() / np.array(baseline) - 1.0
-        turns = own["heading_ratio"].to_numpy() >= LEAST_HEADING
-        row["gain_over_8_rad_per_s"] = _median(gain, own["weight"])
-        row["share_no_worse_than_8_rad_per_s"] = _share(gain >= -ROUNDING, own["weight"])
-        row["heading_ratio_median"] = _median(own["heading_ratio"], own["weight"])
-        row["share_heading_at_least_95_percent"] = _share(turns, own["weight"])
-        row["share_faster_turn"] = _share(turns & (gain > ROUNDING), own["weight"])
-        top = speeds[speeds["controller"] == name]
-        row["highest_speed_m_per_s"] = _median(top["highest_speed_m_per_s"], top["weight"])
-        mine = runs[(runs["controller"] == name) & runs["clean"].fillna(False).astype(bool)]
-        for column in OUTCOMES:
-            row[f"median_{column}"] = _median(mine[column], mine["weight"]) if len(mine) else float("nan")
-        if len(robustness):
-            found = robustness[robustness["controller"] == name]["critical_friction"]
-            row["worst_critical_friction_perturbed"] = float(found.min())
-        rows.append(row)
-    return make_frame(rows)
-
-
-def _median(values: Any, weights: Any) -> float:
-    return float(weighted_quantiles(np.asarray(values, float), np.asarray(weights, float), [0.5])[0])
-
-
-def _share(condition: Any, weights: Any) -> float:
-    chosen, weight = np.asarray(condition, bool), np.asarray(weights, float)
-    return float(weight[chosen].sum() / weight.sum())
+def _gain(value: float | None, reference: float | None) -> float:
+    return math.nan if value is None or reference is None else value / reference - 1.0

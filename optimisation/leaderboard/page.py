@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from optimisation.leaderboard.measure import Leaderboard
+from optimisation.leaderboard.summary import summarise_board
 from optimisation.swing.full_car import LEAST_HEADING
 from workbench.atomic_write import write_atomically
 from workbench.ensemble import weighted_quantiles
@@ -21,6 +22,10 @@ from workbench.report.page import Markup, Section, bullets, figure, link, page, 
 _COLOURS = (BLACK, BLUE, VERMILION, ORANGE, GREEN, PURPLE, SKY, GREY)
 _MARKERS = "osd^vP*X"
 PAGE = "leaderboard.html"
+HOLLOW = "A hollow mark has turned less than 95 % as far as with 8 rad/s and is no faster turn."
+CLAIMED = f"Highest tyre friction of an unbroken row survived clean. {HOLLOW}"
+POSSIBLE = f"The same over the cars of the ensemble. Large marks: median, dots: each car. {HOLLOW}"
+ALTERNATIVE = "Critical friction of each controller over the speed of the turn"
 
 
 def write_leaderboard(folder: Path, board: Leaderboard, replays: Mapping[str, str], how: str) -> list[Path]:
@@ -33,10 +38,10 @@ def write_leaderboard(folder: Path, board: Leaderboard, replays: Mapping[str, st
         how: one line about members, speeds and step.
     """
     paths = []
-    for field in fields(board):
-        frame = getattr(board, field.name)
+    tables = {field.name: getattr(board, field.name) for field in fields(board)} | {"summary": summarise_board(board)}
+    for name, frame in tables.items():
         if isinstance(frame, pd.DataFrame) and len(frame):
-            path = folder / f"{field.name}.csv"
+            path = folder / f"{name}.csv"
             write_atomically(path, lambda p, frame=frame: frame.to_csv(p, index=False), True, UserError)  # type: ignore[misc]
             paths.append(path)
     text = leaderboard_page(board, replays, how)
@@ -51,17 +56,18 @@ def _write(path: Path, text: str) -> None:
 def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -> str:
     """The page as text."""
     sections = [
-        Section("summary", "Standing", (paragraph(how), _summary(board.summary), _what_counts())),
         Section(
-            "friction",
-            "Critical friction over speed",
+            "claims",
+            "The car that the swings were made for, at the fine step",
+            (paragraph(how), _claims(board.claims), figure(plot_frictions(board.claims), CLAIMED, ALTERNATIVE)),
+        ),
+        Section(
+            "ensemble",
+            "Possible cars",
             (
-                figure(
-                    plot_frictions(board.frictions),
-                    "Highest tyre friction survived clean. Large marks: median of the ensemble, dots: its members. "
-                    "A hollow mark has turned less than 95 % as far as with 8 rad/s and is no faster turn.",
-                    "Critical friction of each controller over the speed of the turn",
-                ),
+                _summary(summarise_board(board)),
+                _what_counts(),
+                figure(plot_frictions(_shares(board.frictions)), POSSIBLE, ALTERNATIVE),
             ),
         ),
         Section(
@@ -70,7 +76,7 @@ def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -
             (
                 figure(
                     plot_maps(board.map),
-                    "On the likeliest car. Green: survived clean; hatched: something touched the ground; red: flipped.",
+                    "On the own car. Green: survived clean; hatched: something touched the ground; red: flipped.",
                     "One map of outcomes per controller",
                 ),
             ),
@@ -80,9 +86,9 @@ def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -
         wide = board.robustness.pivot(index="controller", columns="change", values="critical_friction")
         order = list(dict.fromkeys(board.robustness["controller"]))
         changes = list(dict.fromkeys(board.robustness["change"]))
-        rows = [[change, *(f"{wide.loc[name, change]:.3f}" for name in order)] for change in changes]
+        rows = [[change, *(_cell("friction", wide.loc[name, change]) for name in order)] for change in changes]
         speed = board.robustness["speed_m_per_s"].iloc[0]
-        words = f"Critical friction at {speed:g} m/s on the likeliest car, as planned and with one thing otherwise."
+        words = f"Critical friction at {speed:g} m/s on the own car, as planned and with something otherwise."
         numbers = tuple(range(1, len(order) + 1))
         sections.append(Section("robustness", "Robustness", (paragraph(words), table(["", *order], rows, numbers))))
     if replays:
@@ -95,10 +101,37 @@ def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -
 
 def _what_counts() -> Markup:
     return paragraph(
-        "Critical friction: highest tyre friction survived clean, weighted median over the ensemble. A gain over the "
-        "8 rad/s swing counts where the heading change is at least 95 % of that swing's, compared at the highest "
-        "friction that both survive."
+        "Medians and shares over the cars, at the ordinary step. Critical friction: highest tyre friction of an "
+        "unbroken row survived clean. A gain over the 8 rad/s swing counts where the heading change is at least 95 % "
+        "of that swing's, compared at the highest friction that both survive."
     )
+
+
+def _claims(claims: pd.DataFrame) -> Markup:
+    """One row per speed and controller."""
+    header = ["m/s", "controller", "critical friction", "over 8 rad/s", "heading", "at friction", "faster turn"]
+    header += ["peak roll [deg]", "energy [J]", "torque [N m]"]
+    rows = []
+    for speed, part in claims.groupby("speed_m_per_s"):
+        for row in part.to_dict("records"):
+            faster = row["gain_over_8_rad_per_s"] > 1e-9 and row["heading_ratio"] >= LEAST_HEADING
+            shown = [
+                ("friction", "critical_friction"),
+                ("gain", "gain_over_8_rad_per_s"),
+                ("heading_percent", "heading_ratio"),
+                ("friction", "heading_at_friction"),
+            ]
+            more = [("peak_rad", "peak_roll_rad"), ("", "tail_energy_j"), ("", "tail_torque_peak_n_m")]
+            cells = [_cell(kind, row[name]) for kind, name in shown]
+            edge = [_cell(kind, row[f"{name}_at_critical"]) for kind, name in more]
+            rows.append([f"{speed:g}", row["controller"], *cells, "yes" if faster else "no", *edge])
+    return table(header, rows, numbers=(0, 2, 3, 4, 5, 7, 8, 9))
+
+
+def _shares(frictions: pd.DataFrame) -> pd.DataFrame:
+    """The cars of the ensemble, or the own one where there are none."""
+    members = frictions[frictions["weight"] > 0.0]
+    return members if len(members) else frictions
 
 
 def _summary(summary: pd.DataFrame) -> Markup:
@@ -119,10 +152,10 @@ def _words(name: str) -> str:
 
 
 def _cell(name: str, value: float) -> str:
-    if value != value:
+    if value is None or value != value:
         return "-"
-    if name.startswith(("gain", "share", "rollover", "heading_ratio")):
-        return f"{value:+.1%}" if name.startswith("gain") else f"{value:.0%}"
+    if name.startswith(("gain", "share", "rollover", "heading_ratio", "heading_percent")):
+        return f"{value:+.1%}" if name.startswith("gain") else f"{value:.1%}" if "percent" in name else f"{value:.0%}"
     if name.endswith("_rad"):
         return f"{np.degrees(value):.1f}"
     return f"{value:.3f}" if "friction" in name else f"{value:.2f}"
@@ -142,8 +175,9 @@ def plot_frictions(frictions: pd.DataFrame) -> Figure:
                 part = own[own["speed_m_per_s"] == speed]
                 x = place + 0.1 * (number - 0.5 * (len(names) - 1))
                 axes.plot(np.full(len(part), x), part["critical_friction"], ".", color=colour, markersize=4, alpha=0.6)
+                weights = part["weight"] if part["weight"].sum() else np.ones(len(part))
                 median, turned = (
-                    weighted_quantiles(part[column], part["weight"], [0.5])[0]
+                    weighted_quantiles(part[column].astype(float), weights, [0.5])[0]
                     for column in ("critical_friction", "heading_ratio")
                 )
                 axes.plot(

@@ -7,34 +7,46 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
-from optimisation.leaderboard.contestants import swing_player
+from optimisation.leaderboard.climb import Climb, climb
+from optimisation.leaderboard.contestants import swing_player, swing_players
 from optimisation.leaderboard.make import make_leaderboard
 from optimisation.leaderboard.measure import Plan
 from optimisation.leaderboard.memory import task_key
 from optimisation.leaderboard.page import PAGE
 from optimisation.sweep.task import RunTask
-from optimisation.sweep.threshold import FRICTION, SPEED, Search
+from optimisation.sweep.threshold import FRICTION, SPEED, Case
 from workbench.ensemble import Member
 from workbench.errors import UserError
+from workbench.resources import model_path
+from workbench.scenario import load_scenario
+from workbench.swing_file import read_swing, write_swing
 
 SWING = "thesis_8_rad_per_s"
 CRITICAL = {"none": 0.6, "held": 0.7, "4.0": 0.74, "6.0": 0.78, "8.0": 0.72, SWING: 0.9}
-"""Critical friction at 4.5 m/s by controller; the last by swing file."""
+"""Critical friction at 4.5 m/s by controller; the last by swing file. Clean is 0.05 less, and 0.02 at the fine step."""
+OWN_FRICTION = load_scenario("turn_fast").car.tyre_friction
 MEMBERS = (Member("likely", 0.75, {"car.mass": 6.0}), Member("unlikely", 0.25, {"car.mass": 5.0}))
 PLAN = Plan(
     speeds=(3.6, 4.5),
-    friction=Search(FRICTION, 0.4, 1.0, 0.1, 0.02),
-    top_speed=Search(SPEED, 3.0, 6.0, 1.0, 0.25),
+    friction=Climb(FRICTION, 0.3, 1.0, 0.1, 0.01),
+    fine=Climb(FRICTION, 0.3, 1.0, 0.02, 0.01),
+    top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.25),
+    grip=1.0,
     map_speeds=(3.6, 4.5),
-    map_frictions=(0.6, 0.8),
+    map_frictions=(1.0, 1.4),
     fixed=(4.0, 6.0),
+    releases=(1.0,),
 )
 
 
 class MadeUp:
-    """A car flips beyond a friction that falls with its speed; the tail touches the ground 0.05 below that."""
+    """A car flips beyond a friction that falls with its speed; the tail touches the ground 0.05 below that.
+
+    6 rad/s turns less than the rule asks for, 4 rad/s far enough.
+    """
 
     workers, startup = 1, 0.0
 
@@ -62,12 +74,13 @@ class MadeUp:
         mode, swing = given["tail.mode"], given.get("controller.swing_file", "none")
         kind = mode if mode != "swing" else swing if swing != "none" else given["controller.swing_speed"]
         critical = CRITICAL[kind] - 0.1 * (float(given.get(SPEED, 3.33)) - 4.5)
-        critical -= 0.1 if given["car.mass"] == "5.0" else 0.0
+        critical -= 0.1 if given.get("car.mass") == "5.0" else 0.0
+        critical -= 0.02 if given["simulation.step"] == "0.0005" else 0.0
         critical *= (float(given.get("environment.air_density", 1.225)) / 1.225) ** 0.1
-        friction = float(given.get(FRICTION, 0.6))
-        turned = 0.5 * friction * (0.9 if mode == "held" else 1.0)
+        friction = float(given.get(FRICTION, OWN_FRICTION))
+        turned = 0.5 * friction * (0.9 if mode == "held" or kind == "6.0" else 1.0)
         return {
-            "outcome": "survived" if friction <= critical else "flipped", "clean": friction <= critical - 0.05,
+            "outcome": "survived" if friction <= critical else "flipped", "clean": friction <= critical - 0.05 + 1e-9,
             "error": "", "heading_change_rad": turned, "peak_roll_rad": 0.1, "tail_energy_j": 5.0,
             "average_yaw_rate_rad_per_s": 2.0, "tail_torque_peak_n_m": 10.0, "two_wheel_time_s": 0.2,
         }  # fmt: skip
@@ -76,12 +89,16 @@ class MadeUp:
 def test_every_table_has_its_known_answer(tmp_path: Path) -> None:
     board, files = make_leaderboard(tmp_path, PLAN, [SWING], MEMBERS, MadeUp(), replays=False)
     names = [contestant.name for contestant in board.contestants]
-    assert names == ["no tail", "held", "thesis, 8 rad/s", "best fixed, 6 rad/s", SWING]
-    summary = board.summary.set_index("controller")
-    for name, key in zip(names, ("none", "held", "8.0", "6.0", SWING), strict=True):
+    assert names == ["no tail", "held", "thesis, 8 rad/s", "best fixed speed (4 @ 1)", SWING]
+    claims = board.claims.set_index(["controller", "speed_m_per_s"])
+    summary = pd.read_csv(tmp_path / "summary.csv").set_index("controller")
+    for name, key in zip(names, ("none", "held", "8.0", "4.0", SWING), strict=True):
+        assert claims.loc[(name, 4.5), "critical_friction"] == pytest.approx(CRITICAL[key] - 0.07), "of the own car"
         found = summary.loc[name, "critical_friction_at_4.5_m_per_s"]
-        assert CRITICAL[key] - 0.05 - 0.02 <= found <= CRITICAL[key] - 0.05, "clean, of the likely car"
+        assert found == pytest.approx(CRITICAL[key] - 0.05), "of the likely car"
+    assert claims.loc[(SWING, 4.5), "gain_over_8_rad_per_s"] == pytest.approx(0.83 / 0.65 - 1)
     assert summary.loc[SWING, "gain_over_8_rad_per_s"] == pytest.approx(0.85 / 0.67 - 1, abs=0.05)
+    assert summary.loc[SWING, "gain_over_best_fixed_speed"] == pytest.approx(0.85 / 0.69 - 1, abs=0.05)
     assert summary.loc["no tail", "share_no_worse_than_8_rad_per_s"] == 0.0
     assert summary.loc[SWING, "share_no_worse_than_8_rad_per_s"] == 1.0
     assert summary.loc["held", "heading_ratio_median"] == pytest.approx(0.9)
@@ -89,17 +106,50 @@ def test_every_table_has_its_known_answer(tmp_path: Path) -> None:
     assert summary.loc["held", "gain_over_8_rad_per_s"] < 0.0
     assert (summary.loc["held", "share_faster_turn"], summary.loc[SWING, "share_faster_turn"]) == (0.0, 1.0)
     assert set(board.frictions["two_wheel_time_with_8_rad_per_s_s"].dropna()) == {0.2}
-    assert summary.loc["no tail", "rollover_probability_at_4.5_m_per_s"] == pytest.approx(0.25), "the unlikely car"
-    assert summary.loc[SWING, "rollover_probability_at_4.5_m_per_s"] == 0.0
     robust = board.robustness.set_index(["controller", "change"])["critical_friction"]
     assert robust[SWING, "C_N -30 %"] < robust[SWING, "as planned"] < robust[SWING, "C_N +30 %"]
-    assert (f"{SWING} (joint pd)", "as planned") in robust.index
     there = board.map.set_index(["controller", "speed_m_per_s", "friction"])["outcome"]
-    assert (there["no tail", 3.6, 0.6], there["no tail", 4.5, 0.8]) == ("survived", "flipped")
+    first, last = (PLAN.friction.value(PLAN.friction.index(share * OWN_FRICTION)) for share in PLAN.map_frictions)
+    assert (there[SWING, 3.6, first], there["no tail", 4.5, last]) == ("survived", "flipped")
     page = (tmp_path / PAGE).read_text()
-    assert page.count("data:image/png") == 2
+    assert page.count("data:image/png") == 3
     assert SWING in page
-    assert {path.name for path in files} >= {"summary.csv", "frictions.csv", "map.csv", "robustness.csv", PAGE}
+    assert {path.name for path in files} >= {"claims.csv", "summary.csv", "frictions.csv", "robustness.csv", PAGE}
+
+
+def test_swings_of_one_kind_are_one_controller_that_plays_the_nearest(tmp_path: Path) -> None:
+    thesis = read_swing(model_path(f"swings/{SWING}.yaml"))
+    paths = []
+    for speed in (3.6, 6.0):
+        found = {"survived_speed_m_per_s": speed, "heading_ratio": 0.96}
+        made = thesis.provenance.model_copy(update={"options": {"dof": 2}, "found": found})
+        swing = thesis.model_copy(update={"name": f"made_{speed:g}", "provenance": made})
+        paths.append(str(write_swing(swing, tmp_path / f"made_{speed:g}.yaml")))
+    (kind,) = swing_players(paths)
+    assert kind.name == "optimised roll and pitch"
+    for speed, path in ((3.6, paths[0]), (4.5, paths[0]), (5.5, paths[1]), (8.0, paths[1])):
+        assert f"controller.swing_file={path}" in kind.at(speed)
+
+
+@pytest.mark.parametrize(
+    ("clean_below", "start", "survived", "lost"),
+    [(0.72, 0.6, 0.72, 0.73), (0.72, 0.9, 0.72, 0.73), (2.0, 0.6, 1.0, None), (0.1, 0.6, None, 0.3)],
+)
+def test_a_climb_ends_at_the_first_loss(
+    clean_below: float, start: float, survived: float | None, lost: float | None
+) -> None:
+    class Island(MadeUp):
+        """Survives again above 0.86."""
+
+        @staticmethod
+        def _row(task: RunTask) -> dict[str, Any]:
+            friction = float(task.settings[-1].partition("=")[2])
+            clean = friction <= clean_below + 1e-9 or (clean_below == 0.72 and friction > 0.955)
+            return {"outcome": "survived" if clean else "flipped", "clean": clean}
+
+    (found,) = climb([Case("", "turn_fast")], [start], PLAN.friction, Island())
+    assert found.survived == (None if survived is None else pytest.approx(survived))
+    assert found.lost == (None if lost is None else pytest.approx(lost))
 
 
 def test_stopped_it_goes_on_and_a_wider_plan_keeps_the_runs(tmp_path: Path) -> None:
