@@ -54,7 +54,7 @@ class Ensemble:
     Attributes:
         name: of the ensemble.
         members: in the order of the file.
-        best: the member that the parameter files hold.
+        best: the member that the parameter files hold, rounded; its tail only if the members are held to one.
         provenance: how the file was made (method, seed, targets, versions), as plain data.
         path: the file.
     """

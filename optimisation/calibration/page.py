@@ -70,7 +70,8 @@ def _outcome(result: Calibration, ensemble: Ensemble) -> Section:
             "both, too little to hold the tails to it: they keep the width of their prior."
         )
     said.append(
-        f"Effective sample size {ensemble.effective_size:.0f}, needed {ENOUGH}. Best member: {ensemble.best.name}."
+        f"Effective sample size {ensemble.effective_size:.0f}, needed {ENOUGH}. "
+        f"Best (most central) member: {ensemble.best.name}."
     )
     return Section("outcome", "What came out", (finding(*(paragraph(line) for line in said)),))
 
@@ -106,7 +107,8 @@ def _validation(validated: Sequence[Validated]) -> Section:
         table(header, rows, numbers=range(3, 10)),
         paragraph(
             "* used in the calibration, with a discrepancy that was chosen with this table in sight: agreement with it "
-            "is no evidence. Physical tables are compared after the car's zero-phase filters."
+            "is no evidence. Physical tables are compared after the car's zero-phase filters. Only runs that were "
+            "survived have figures. The speed is commanded: members hardly differ in it, so its z says little."
         ),
     )
     return Section("validation", "Tables 7.1 to 7.4", parts)

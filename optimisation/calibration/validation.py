@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from optimisation.calibration.plan import Discrepancy
-from optimisation.calibration.runs import RunStore, Wanted
+from optimisation.calibration.runs import RunStore, Wanted, survives
 from optimisation.sweep.engine import Engine
 from workbench.ensemble import Member, weighted_quantiles
 from workbench.published import PublishedFigures, TurnMetrics, flip_bracket, published_figures
@@ -88,15 +88,16 @@ def start_settings(speed: float) -> tuple[str, ...]:
 def compare(
     published: PublishedFigures, rows: pd.DataFrame, weights: np.ndarray, discrepancy: dict[str, Discrepancy]
 ) -> list[Validated]:
-    """Metrics of runs, one row per member, beside a published row; a run without metrics loses its weight."""
+    """Metrics of runs, one row per member, beside a published row; a run that was not survived loses its weight."""
     prefix = "filtered_" if published.platform == "physical" else ""
-    survived = float(weights[np.asarray(rows["outcome"] == "survived")].sum())
+    upright = survives(rows)
+    survived = float(weights[upright].sum())
     found = []
     for field in fields(TurnMetrics):
-        values = rows[prefix + field.name].to_numpy(float)
+        values = np.where(upright, rows[prefix + field.name].to_numpy(float), np.nan)
         there = np.isfinite(values)
         shares = weights[there] / weights[there].sum()
-        mean = float(shares @ values[there])
+        mean = float(shares @ values[there]) if np.any(there) else np.nan
         variance = float(shares @ (values[there] - mean) ** 2)
         figure = float(getattr(published.metrics, field.name))
         allowed = (relative_discrepancy(field.name, discrepancy) * figure) ** 2
