@@ -27,7 +27,7 @@ def leaderboard(
     replays: Annotated[bool, typer.Option(help="Write a replay of each controller.")] = True,
     workers: Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")] = 2,
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler to use instead.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Drop runs of other swings or versions.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Drop runs of other parameters or versions.")] = False,
 ) -> None:
     """Compare no tail, held, 8 rad/s, the best fixed speed and optimised swings by what the car survives.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from optimisation.leaderboard.page import write_leaderboard
 from optimisation.sweep.engine import Engine
 from optimisation.sweep.store import open_store
 from optimisation.sweep.threshold import SPEED
-from workbench.controllers.law_of_scenario import find_swing
 from workbench.ensemble import Member
 from workbench.logs.schema import software_versions
 from workbench.scenario import default_values, load_scenario
@@ -41,14 +39,14 @@ def make_leaderboard(
         members: of the ensemble; none leaves the car of the parameter files.
         engine: where to run.
         replays: also write a replay of each controller at the middle speed.
-        force: drop the runs of other swings or versions.
+        force: drop the runs of other parameters or versions.
         say: told lines of progress.
 
     Raises:
-        UserError: a swing cannot be read; the folder is in use, or holds the runs of other swings or versions.
+        UserError: a swing cannot be read; the folder is in use, or holds the runs of other parameters or versions.
     """
     say = say or (lambda line: None)
-    with open_store(out / "runs", _identity(swings), force=force) as store:
+    with open_store(out / "runs", _identity(), force=force) as store:
         remembering = RememberingEngine(engine, store, say)
         try:
             board = measure(plan, swings, members, remembering)
@@ -66,14 +64,10 @@ def make_leaderboard(
     return board, write_leaderboard(out, board, films, how)
 
 
-def _identity(swings: Sequence[str]) -> dict[str, Any]:
-    """What a task does not name: content of the swings, parameters, versions."""
-    contents = {
-        swing: hashlib.sha256(find_swing(swing).model_dump_json().encode()).hexdigest() for swing in sorted(swings)
-    }
+def _identity() -> dict[str, Any]:
+    """What a task does not name: parameters, versions."""
     return {
-        "leaderboard": "aerodima/leaderboard/1",
-        "swings": contents,
+        "leaderboard": "aerodima/leaderboard/2",
         "inputs": {"parameters": default_values(), "scenario": load_scenario(SCENARIO).resolved()},
         "versions": software_versions(),
     }

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 from optimisation.sweep.engine import Done, Engine
 from optimisation.sweep.store import ResultStore
 from optimisation.sweep.task import RunTask
+from workbench.controllers.law_of_scenario import find_swing
 
 Say = Callable[[str], None]
 
@@ -19,7 +21,7 @@ class RememberingEngine:
 
     Args:
         engine: where new tasks are run.
-        store: open; its identity covers everything that a task does not name (swing files, versions, defaults).
+        store: open; its identity covers everything that a task does not name (versions, defaults).
         say: told lines of progress.
     """
 
@@ -85,6 +87,13 @@ class CleanOnly:
 
 
 def task_key(task: RunTask) -> int:
-    """Place of a task in the store: the same for the same run, whatever it is called."""
+    """Place of a task in the store: the same for the same run, whatever it is called; another swing is another run."""
     text = json.dumps([task.scenario, list(task.settings), task.signals])
+    played = [s.partition("=")[2] for s in task.settings if s.startswith("controller.swing_file=")]
+    text += "".join(_content(path) for path in played if path != "none")
     return int(hashlib.sha256(text.encode()).hexdigest()[:13], 16)
+
+
+@cache
+def _content(path_or_name: str) -> str:
+    return hashlib.sha256(find_swing(path_or_name).model_dump_json().encode()).hexdigest()

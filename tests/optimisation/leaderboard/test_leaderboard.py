@@ -152,7 +152,7 @@ def test_a_climb_ends_at_the_first_loss(
     assert found.lost == (None if lost is None else pytest.approx(lost))
 
 
-def test_stopped_it_goes_on_and_a_wider_plan_keeps_the_runs(tmp_path: Path) -> None:
+def test_stopped_it_goes_on_and_a_wider_plan_keeps_the_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow = replace(PLAN, perturbed=False)
     with pytest.raises(KeyboardInterrupt):
         make_leaderboard(tmp_path, narrow, [SWING], MEMBERS[:1], MadeUp(stop_after=70), replays=False)
@@ -167,8 +167,24 @@ def test_stopped_it_goes_on_and_a_wider_plan_keeps_the_runs(tmp_path: Path) -> N
     wider = MadeUp()
     make_leaderboard(tmp_path, PLAN, [SWING], MEMBERS, wider, replays=False)
     assert not {task_key(task) for task in wider.tasks} & {task_key(task) for task in whole.tasks}
+    fewer = MadeUp()
+    make_leaderboard(tmp_path, narrow, [], MEMBERS, fewer, replays=False)
+    assert not fewer.tasks, "a swing less asks for no new runs"
+    monkeypatch.setattr("optimisation.leaderboard.make.default_values", lambda: {"car": {"mass": 7.0}})
     with pytest.raises(UserError, match="holds results of another study"):
-        make_leaderboard(tmp_path, narrow, [], MEMBERS, MadeUp(), replays=False)
+        make_leaderboard(tmp_path, narrow, [SWING], MEMBERS, MadeUp(), replays=False)
+
+
+def test_another_swing_of_the_same_name_is_another_run(tmp_path: Path) -> None:
+    thesis = read_swing(model_path(f"swings/{SWING}.yaml"))
+    keys = []
+    for number, limit in enumerate((8.0, 9.0)):
+        limits = thesis.limits.model_copy(update={"velocity_rad_per_s": limit})
+        path = write_swing(thesis.model_copy(update={"limits": limits}), tmp_path / f"{number}.yaml")
+        keys.append(task_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
+    assert keys[0] != keys[1]
+    plain = RunTask("one", "turn_fast", ("controller.swing_file=none",))
+    assert task_key(plain) == task_key(replace(plain, name="other"))
 
 
 def test_a_swing_that_is_not_there_is_refused() -> None:
