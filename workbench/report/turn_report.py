@@ -199,9 +199,9 @@ def _largest_allowed(model: type[BaseModel], key: str) -> float:
 
 
 def _parameters(scenario: dict[str, Any]) -> Section:
-    """Every number with unit and source; assumed ones stand out."""
+    """Every number with unit and source; those that are published nowhere stand out."""
     parts: list[Markup] = []
-    assumed = total = 0
+    unknown = calibrated = total = 0
     for section in SECTIONS:
         rows: list[tuple[str, ...]] = []
         marked: list[int] = []
@@ -210,10 +210,12 @@ def _parameters(scenario: dict[str, Any]) -> Section:
                 continue
             value = scenario[section][key]
             by_run = value != entry.value
-            if entry.source == "assumed" and not by_run:
+            unpublished = entry.source == "assumed" or entry.source.startswith("calibrated")
+            if unpublished and not by_run:
                 marked.append(len(rows))
+                calibrated += entry.source != "assumed"
             prior = "" if entry.prior is None else f"{entry.prior[0]:g}\u00a0to\u00a0{entry.prior[1]:g}"
-            source = f"◆ {entry.source}" if entry.source == "assumed" else entry.source
+            source = f"◆ {entry.source}" if unpublished else entry.source
             rows.append(
                 (
                     key,
@@ -224,14 +226,17 @@ def _parameters(scenario: dict[str, Any]) -> Section:
                     entry.reason or "",
                 )
             )
-        assumed, total = assumed + len(marked), total + len(rows)
+        unknown, total = unknown + len(marked), total + len(rows)
         header = ("parameter", "value", "unit", "source", "prior range", "reason")
-        parts.append(folded(f"{section} ({len(marked)} of {len(rows)} assumed)", table(header, rows, (1,), marked)))
+        parts.append(
+            folded(f"{section} ({len(marked)} of {len(rows)} published nowhere)", table(header, rows, (1,), marked))
+        )
     parts.insert(
         0,
         paragraph(
-            f"{assumed} of {total} parameters are assumed: published nowhere, chosen within a prior range and marked "
-            "with ◆. They are provisional until they are calibrated. Tail mode and speed differ from run to run."
+            f"{unknown} of {total} parameters are published nowhere and marked with ◆: {calibrated} of them are "
+            f"calibrated to the published flips, {unknown - calibrated} assumed within a prior range. Tail mode and "
+            "speed differ from run to run."
         ),
     )
     return Section("parameters", "Parameters and their sources", tuple(parts))

@@ -108,7 +108,7 @@ def test_scenario_file_may_have_no_ending(call: Callable, tmp_path: Path) -> Non
     assert call("turn", "--scenario", path).exit_code == 0
 
 
-def test_slalom_of_the_thesis_rolls_the_provisional_car_over_and_a_slow_one_does_not(call: Callable) -> None:
+def test_slalom_of_the_thesis_rolls_the_car_over_and_a_slow_one_does_not(call: Callable) -> None:
     """The README and the scenario say so; tyres slide above 1.7 m/s at 30 degrees."""
     assert "outcome: flipped" in call("slalom").stdout
     assert "outcome: survived, clean" in call("slalom", "--speed", 1.5).stdout
