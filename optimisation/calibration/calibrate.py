@@ -117,7 +117,7 @@ def calibrate(plan: CalibrationPlan, store: RunStore, engine: Engine, say: Calla
     )
     say(
         f"tail: {tail.survive:.0%} of the weight survives {tailed.speeds[0]:g} m/s, {tail.flip:.0%} flips in the turn "
-        f"at {tailed.speeds[1]:g} m/s, {tail.meet:.0%} does both"
+        f"at {tailed.speeds[1]:g} m/s, {tail.meet:.1%} does both"
     )
     check = _fine_check(plan, car, tail, runner)
     best = _best(car, tail, runner, plan.check.step)
