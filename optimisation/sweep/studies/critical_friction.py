@@ -22,7 +22,7 @@ CASE_SPEED = 16 / KM_PER_H
 """m/s; the published tailed car survived it (section 7.1.2)."""
 FRICTIONS = Range(first=0.5, last=0.95, number=10)
 REFERENCE_FRICTION = 0.6
-"""Of `FRICTIONS` the one nearest to `models/parameters`: where heading changes are compared, since most cases survive."""
+"""Where heading changes are compared: of `FRICTIONS` the nearest to `models/parameters`; most cases survive there."""
 
 
 @dataclass(frozen=True)
