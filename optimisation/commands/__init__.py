@@ -15,6 +15,7 @@ COMMAND_MODULES: tuple[str, ...] = (
     "sweep",
     "threshold",
     "leaderboard",
+    "passivity",
     "calibrate",
     "report",
 )

@@ -10,9 +10,9 @@ from workbench.controllers.law_of_scenario import find_swing
 from workbench.resources import models_dir
 from workbench.swing_file import SwingFile
 
-FIXED_SPEEDS = (5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 9.0, 10.0)
+FIXED_SPEEDS = (5.5, 6.0, 6.5, 7.0, 7.5, 9.0)
 """rad/s; with `FIXED_RELEASES` those among which the best fixed speed is looked for."""
-FIXED_RELEASES = (0.5, 0.75, 1.0, 1.5)
+FIXED_RELEASES = (0.5, 1.0)
 """Yaw rates that release the swing, rad/s."""
 PUBLISHED_SWING = "thesis_8_rad_per_s"
 

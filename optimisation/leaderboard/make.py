@@ -46,7 +46,7 @@ def make_leaderboard(
         UserError: a swing cannot be read; the folder is in use, or holds the runs of other parameters or versions.
     """
     say = say or (lambda line: None)
-    with open_store(out / "runs", _identity(), force=force) as store:
+    with open_runs(out, force=force) as store:
         remembering = RememberingEngine(engine, store, say)
         try:
             board = measure(plan, swings, members, remembering)
@@ -62,6 +62,11 @@ def make_leaderboard(
         f"{plan.grip:g} times the friction of each car."
     )
     return board, write_leaderboard(out, board, films, how)
+
+
+def open_runs(out: Path, *, force: bool = False) -> Any:
+    """The store of runs below a folder, as a context manager; see `open_store`."""
+    return open_store(out / "runs", _identity(), force=force)
 
 
 def _identity() -> dict[str, Any]:

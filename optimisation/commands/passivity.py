@@ -1,0 +1,42 @@
+"""`aerodima passivity`: critical friction over speed for tails from passive to active."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command()(passivity)
+
+
+def passivity(
+    out: Annotated[Path, typer.Option(help="Folder for passivity.csv and passivity.png.")] = Path("out/passivity"),
+    speed: Annotated[
+        list[float] | None, typer.Option(help="Speed of the turn, m/s; may be repeated.", min=1.0, max=8.0)
+    ] = None,
+    workers: Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.", min=1)] = 2,
+) -> None:
+    """Is a more passive tail better at higher speed? Highest friction survived clean, tail by tail.
+
+    Asked for again after Ctrl-C it keeps the runs that are there.
+    Example: aerodima passivity --speed 4.5 --speed 6 --out out/passivity
+    """
+    import sys
+    from contextlib import nullcontext
+
+    from optimisation.leaderboard.make import open_runs
+    from optimisation.leaderboard.memory import RememberingEngine
+    from optimisation.leaderboard.passivity import SPEEDS, measure_passivity, write_passivity
+    from optimisation.sweep.engine import SerialEngine, open_engine
+
+    say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
+    with nullcontext(SerialEngine()) if workers == 1 else open_engine(workers) as engine, open_runs(out) as store:
+        table = measure_passivity(RememberingEngine(engine, store, say), speed or SPEEDS)
+    for row in table.to_dict("records"):
+        typer.echo(f"{row['tail']:24} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f}")
+    for path in write_passivity(table, out):
+        typer.echo(f"written: {path}")
