@@ -7,7 +7,6 @@ import math
 from dataclasses import astuple
 
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hardware.protocol import ak70, radio, sail_encoder, teensy
@@ -15,20 +14,18 @@ from hardware.protocol.ak70_profiles import PROFILES
 from hardware.protocol.can_frame import CanFrame, FrameError
 from hardware.protocol.teensy import StringForm
 from hardware.protocol.teensy_stream import command_stream, reply_stream
+from tests.hardware.fuzzing import fuzz
 
 FAST = 200
 SHARES = {"reply": 25_000, "command": 15_000, "radio": 25_000, "string": 10_000, "stream": 5_000, "sail": 20_000}
 
 
-def fuzz(decoder: str, *strategies):
+def fuzzed(decoder: str, *strategies):
     """Makes a property test of two sizes: a few hundred inputs in the fast set, its share of all in the slow one."""
 
     def decorate(test):
         def run(count):
-            checks = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
-            settings(max_examples=count, deadline=None, database=None, suppress_health_check=checks)(
-                given(*strategies)(test)
-            )()
+            fuzz(test, count, *strategies)
 
         counts = [pytest.param(FAST, id="fast"), pytest.param(SHARES[decoder], id="slow", marks=pytest.mark.slow)]
         return pytest.mark.parametrize("count", counts)(run)
@@ -49,7 +46,7 @@ can_bytes = st.one_of(
 )
 
 
-@fuzz("reply", can_bytes, st.one_of(st.just(0), st.integers(0, 0x7FF)), st.booleans(), profiles)
+@fuzzed("reply", can_bytes, st.one_of(st.just(0), st.integers(0, 0x7FF)), st.booleans(), profiles)
 def test_motor_reply(data, arbitration_id, extended, name):
     profile = PROFILES[name]
     frame = CanFrame(arbitration_id, data, extended)
@@ -65,7 +62,7 @@ def test_motor_reply(data, arbitration_id, extended, name):
     assert ak70.make_reply(reply, profile, arbitration_id) == frame
 
 
-@fuzz("command", st.binary(min_size=6, max_size=9), profiles)
+@fuzzed("command", st.binary(min_size=6, max_size=9), profiles)
 def test_motor_command(data, name):
     profile = PROFILES[name]
     try:
@@ -77,7 +74,7 @@ def test_motor_command(data, name):
     assert ak70.make_command(1, command, profile).data == data
 
 
-@fuzz(
+@fuzzed(
     "radio",
     st.one_of(
         st.binary(max_size=24),
@@ -117,7 +114,7 @@ def checked(text: bytes) -> bytes:
     return body + f";*{teensy.crc8(body):02X}|".encode()
 
 
-@fuzz("string", strings, st.sampled_from(StringForm), st.booleans())
+@fuzzed("string", strings, st.sampled_from(StringForm), st.booleans())
 def test_teensy_string(text, form, close):
     text = checked(text) if close and form is StringForm.CHECKED else text
     for decode, make in ((teensy.decode_reply, teensy.make_reply), (teensy.decode_command, teensy.make_command)):
@@ -135,7 +132,7 @@ def test_teensy_string(text, form, close):
             )
 
 
-@fuzz(
+@fuzzed(
     "stream",
     st.lists(strings, max_size=4),
     st.lists(st.integers(1, 60), min_size=1, max_size=6),
@@ -160,7 +157,7 @@ def test_streams_resynchronise_after_any_noise(noise, sizes, form):
         assert getattr(last, "command", last).position == 0.5
 
 
-@fuzz(
+@fuzzed(
     "sail",
     st.one_of(st.integers(-10, 5000), st.integers()),
     st.sampled_from(sorted(sail_encoder.ENCODERS)),

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hardware.protocol.can_frame import FrameError
 from hardware.sensors.ublox import GpsSample, GpsStream, decode_nav_pvt, make_nav_pvt, make_rmc, ubx_checksum
+from tests.hardware.fuzzing import fuzz
 
 SAMPLE = GpsSample(3.333, 0.05, True, 12, 3723.5)
 
@@ -79,33 +80,29 @@ def test_a_false_start_costs_at_most_the_frames_that_it_swallows(start):
     assert speeds == [1.0] * 4
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(30_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [200, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_a_damaged_frame_is_never_believed(count):
     good = nav_pvt(3330)
 
-    @settings(max_examples=count, deadline=None, database=None)
-    @given(st.integers(0, len(good) - 1), st.integers(1, 255))
-    def run(place, change):
+    def check(place, change):
         frame = bytearray(good)
         frame[place] ^= change
         assert GpsStream().feed(bytes(frame)) == []
 
-    run()
+    fuzz(check, count, st.integers(0, len(good) - 1), st.integers(1, 255))
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(20_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [200, pytest.param(5_000, marks=pytest.mark.slow)])
 def test_whatever_bytes_arrive_a_speed_is_possible_or_nothing_is_said(count):
-    @settings(max_examples=count, deadline=None, database=None)
-    @given(st.binary(min_size=92, max_size=92), st.binary(max_size=80))
-    def run(payload, noise):
+    def check(payload, noise):
         body = b"\x01\x07\x5c\x00" + payload
         for sample in GpsStream().feed(noise + b"\xb5\x62" + body + ubx_checksum(body)):
             assert not sample.fix or 0.0 <= sample.speed <= 515.0
         text = b"GNRMC," + bytes(byte % 128 for byte in noise)
-        check = 0
+        checksum = 0
         for byte in text:
-            check ^= byte
-        for sample in GpsStream().feed(b"$" + text + f"*{check:02X}\r\n".encode()):
+            checksum ^= byte
+        for sample in GpsStream().feed(b"$" + text + f"*{checksum:02X}\r\n".encode()):
             assert not sample.fix or 0.0 <= sample.speed <= 515.0
 
-    run()
+    fuzz(check, count, st.binary(min_size=92, max_size=92), st.binary(max_size=80))
