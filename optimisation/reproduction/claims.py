@@ -113,7 +113,7 @@ def _brackets(evidence: Evidence, tailed: Basis) -> list[Row]:
             "7.1.2",
             f"tail: survives {swing.survived:g} m/s",
             evidence.survived("swing", swing.survived),
-            f"{said}; tails as the ensemble has them, see how it was made",
+            f"{said}; tails as the ensemble has them, see how it was made{_tipped(evidence, 'swing', swing.survived)}",
             tailed,
         ),
         share_row(
