@@ -36,11 +36,10 @@ def reproduction_page(rows: Sequence[Row], evidence: Evidence, ensemble: Ensembl
         ensemble: where the members come from.
         replays: words -> file beside the page.
     """
-    covered = sum(member.weight for member in ensemble.members if member.name in {m.name for m in evidence.members})
     method = ensemble.provenance.get("method", "not stated")
     lead = (
         f"{len(rows)} claims of the thesis beside {len(evidence.members)} of {len(ensemble.members)} cars of the "
-        f"ensemble {ensemble.name!r}, which carry {covered:.0%} of its weight. How it was made: {method}."
+        f"ensemble {ensemble.name!r}, drawn by weight. How it was made: {method}."
     )
     sections = (
         _verdicts(rows),
@@ -62,7 +61,7 @@ def _verdicts(rows: Sequence[Row]) -> Section:
     ]
     parts = (
         finding(
-            paragraph(f"Of {predicted} claims that the runs predict, {held} are reproduced."),
+            paragraph(f"Reproduced: {held} of {predicted} claims that the runs predict."),
             paragraph(
                 "The other agreement is no evidence for the car: the ensemble was calibrated to it, or it is "
                 "arithmetic on printed numbers."
