@@ -35,7 +35,7 @@ def swing(
     rounds: Annotated[int, typer.Option(help="Most rounds of profile, solution, full car.", min=0, max=20)] = 4,
     bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
     solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
-    members: Annotated[int, typer.Option(help="Likeliest cars of the ensemble to serve as well.", min=0)] = 0,
+    members: Annotated[int, typer.Option(help="Cars drawn from the ensemble to serve as well.", min=0)] = 0,
     ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
     polish: Annotated[
         int, typer.Option(help="Candidates to drive in a polish on the full car; 0: none.", min=0, max=100_000)

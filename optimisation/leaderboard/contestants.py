@@ -96,11 +96,11 @@ def swing_players(swings: Sequence[str]) -> list[Contestant]:
 
 
 def trackings_of(path_or_name: str) -> list[Contestant]:
-    """A swing in every way it can be played, for the table of robustness."""
+    """A swing in the ways it can be played, for the table of robustness; a polished one has no torques of its own."""
     ways = ["joint_pd"]
     swing = find_swing(path_or_name)
     if swing.gains.feedback is not None:
-        ways += ["feedback", "torque", "open_loop"]
+        ways += ["feedback", "open_loop"]
     elif swing.knots.roll_torque_n_m is not None:
         ways += ["open_loop"]
     return [swing_player(path_or_name, way) for way in ways]

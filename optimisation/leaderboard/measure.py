@@ -51,6 +51,7 @@ OUTCOMES = (
 )
 
 FRICTION_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
+ROBUST_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, 2 * FRICTION_STEP)
 FINE_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
 SPEED_CLIMB = Climb(SPEED, 2.5, 8.0, 0.5, 0.1)
 FIRST_SPEED = 3.5
@@ -63,7 +64,7 @@ class Plan:
 
     Attributes:
         speeds: of the turns, m/s; the middle one is also that of maps and robustness.
-        friction: climb of the critical friction; `fine` that at the fine step.
+        friction: climb of the critical friction; `fine` that at the fine step, `robust` that under perturbations.
         top_speed: climb of the highest speed at `grip` times the car's own friction.
         map_speeds, map_frictions: nodes of the survival map, the latter as shares of the car's own friction.
         step: of the plant, s; `fine_step` that of claims.
@@ -74,6 +75,7 @@ class Plan:
     speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
     friction: Climb = FRICTION_CLIMB
     fine: Climb = FINE_CLIMB
+    robust: Climb = ROBUST_CLIMB
     top_speed: Climb = SPEED_CLIMB
     grip: float = 1.1
     map_speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
@@ -113,7 +115,8 @@ class Leaderboard:
         runs: at each car's own friction, by member and speed.
         speeds: highest speed by member.
         map: outcome over speed and friction, on the own car.
-        robustness: critical friction under perturbations, on the own car at the middle speed.
+        robustness: critical friction under perturbations, on the own car at the middle speed: 8 rad/s, and the best
+            swing in every way that it can be tracked.
         contestants: in order.
     """
 
@@ -140,7 +143,7 @@ def measure(plan: Plan, swings: Sequence[str], members: Sequence[Member], engine
     contestants.insert(3, board.best_fixed_speed())
     claims = board.claims(contestants)
     frictions = board.critical_frictions(contestants)
-    players = [*contestants[:4], *(way for swing in _middle_swings(contestants, plan) for way in trackings_of(swing))]
+    players = [THESIS, *(way for swing in _best_swing(contestants, claims, plan) for way in trackings_of(swing))]
     robustness = board.robustness(players) if plan.perturbed else pd.DataFrame()
     runs = board.own_friction(contestants)
     speeds = board.highest_speeds(contestants)
@@ -148,13 +151,17 @@ def measure(plan: Plan, swings: Sequence[str], members: Sequence[Member], engine
     return Leaderboard(claims, frictions, runs, speeds, survival, robustness, tuple(contestants))
 
 
-def _middle_swings(contestants: Sequence[Contestant], plan: Plan) -> list[str]:
-    """The swing file that each controller plays at the middle speed."""
-    found = []
+def _best_swing(contestants: Sequence[Contestant], claims: pd.DataFrame, plan: Plan) -> list[str]:
+    """The swing file of the controller that claims most at the middle speed; turning far enough counts first."""
+    best: tuple[tuple[bool, float], list[str]] = ((False, 0.0), [])
     for contestant in contestants:
-        playing = " ".join(contestant.at(plan.middle_speed))
-        found += [swing for swing in contestant.swings if f"{swing} " in f"{playing} "]
-    return found
+        playing = [setting.partition("=")[2] for setting in contestant.at(plan.middle_speed)]
+        played = [swing for swing in contestant.swings if swing in playing]
+        row = claims[(claims["controller"] == contestant.name) & (claims["speed_m_per_s"] == plan.middle_speed)].iloc[0]
+        rank = (bool(row["heading_ratio"] >= LEAST_HEADING), float(row["critical_friction"]))
+        if played and rank > best[0]:
+            best = (rank, played)
+    return best[1]
 
 
 class _Measurer:
@@ -339,7 +346,7 @@ class _Measurer:
         cases = [Case(p.name, SCENARIO, (*self._settings(p, OWN_CAR, speed), *change.settings)) for p, change in keys]
         planned = self._climbs([(player, OWN_CAR, speed) for player in players])
         start = {p.name: one.survived or self._plan.friction.low for p, one in zip(players, planned, strict=True)}
-        found = climb(cases, [start[p.name] for p, _ in keys], self._plan.friction, self._engine)
+        found = climb(cases, [start[p.name] for p, _ in keys], self._plan.robust, self._engine)
         return make_frame(
             [
                 {"controller": p.name, "change": change.name, "speed_m_per_s": speed}

@@ -17,7 +17,7 @@ from optimisation.swing.options import Told
 from workbench.scenario import Scenario
 from workbench.swing_file import SwingFile
 
-FINALISTS = 3
+FINALISTS = 2
 """Swings that are driven at the fine step, the most promising first."""
 
 

@@ -83,8 +83,10 @@ def outcome(trial: Trial) -> Outcome:
 
 
 def drive_all(scenarios: Sequence[Scenario], swing: SwingFile | None, friction: float) -> Outcome:
-    """The worst of several cars at one friction; `released` is that of the first."""
-    found = [outcome(drive(scenario, swing, friction)) for scenario in scenarios]
+    """The worst of several cars at one friction of the first, the others in proportion; `released` is of the first."""
+    found = [
+        outcome(drive(car, swing, here)) for car, here in zip(scenarios, frictions(scenarios, friction), strict=True)
+    ]
     return Outcome(
         clean=all(one.clean for one in found),
         survived=all(one.survived for one in found),
@@ -92,6 +94,15 @@ def drive_all(scenarios: Sequence[Scenario], swing: SwingFile | None, friction: 
         heading=min(one.heading for one in found),
         released=found[0].released,
     )
+
+
+def frictions(scenarios: Sequence[Scenario], friction: float) -> list[float]:
+    """Friction of each car when the first has `friction`: possible cars differ in what they were calibrated to.
+
+    So "20 % more grip" is asked of all of them alike.
+    """
+    own = scenarios[0].car.tyre_friction
+    return [friction * scenario.car.tyre_friction / own for scenario in scenarios]
 
 
 def profile_of(trial: Trial, scenario: Scenario, friction: float, fallback_release: float) -> TurnProfile:

@@ -17,9 +17,10 @@ import numpy as np
 
 from optimisation.errors import SwingError
 from optimisation.sweep.engine import Engine
+from optimisation.sweep.threshold import FRICTION
 from optimisation.swing import planar, spatial
 from optimisation.swing.feedback import with_feedback
-from optimisation.swing.full_car import drive, profile_of, varied
+from optimisation.swing.full_car import drive, frictions, profile_of, varied
 from optimisation.swing.mesh import refine
 from optimisation.swing.options import Options, Told
 from optimisation.swing.polish import polished
@@ -31,7 +32,7 @@ from optimisation.swing.transcription import Member, Problem, SwingLimits, unifo
 from workbench.ensemble import load_ensemble
 from workbench.logs.schema import software_versions
 from workbench.range_of_motion import make_range_of_motion
-from workbench.scenario import Scenario
+from workbench.scenario import Scenario, default_values
 from workbench.swing_file import Provenance, SwingFile
 
 __all__ = ["Options", "optimise_swing"]
@@ -120,14 +121,16 @@ def _as_it_was(
 
 
 def _cars(scenario: Scenario, options: Options) -> tuple[Scenario, ...]:
-    """The scenario with its own car, and with those of the ensemble."""
+    """The scenario with its own car, and with those of the ensemble at as many times their own friction."""
     cars = [scenario]
     if options.members:
-        for member in load_ensemble(options.ensemble).likeliest(options.members):
-            sections: dict[str, dict[str, Any]] = {}
+        grip = scenario.car.tyre_friction / float(default_values()["car"]["tyre_friction"])
+        for member in load_ensemble(options.ensemble).drawn(options.members):
+            sections: dict[str, dict[str, Any]] = {"car": {"tyre_friction": scenario.car.tyre_friction}}
             for key, value in member.values.items():
                 section, _, entry = key.partition(".")
-                sections.setdefault(section, {})[entry] = value
+                times = grip if key == FRICTION else 1.0
+                sections.setdefault(section, {})[entry] = times * value if times != 1.0 else value
             cars.append(varied(scenario, **sections))
     return tuple(cars)
 
@@ -201,10 +204,10 @@ def _round(
 def _problem(search: Search, cars: tuple[Scenario, ...], options: Options, limits: SwingLimits) -> Problem:
     """The programme around the runs of all cars with the present swing."""
     members = []
-    for car in cars:
+    for car, friction in zip(cars, frictions(cars, search.friction), strict=True):
         here = varied(car, manoeuvre={"speed": search.speed})
-        trial = drive(here, search.swing, search.friction, all_signals=True)
-        profile = profile_of(trial, here, search.friction, here.manoeuvre.turn_start)
+        trial = drive(here, search.swing, friction, all_signals=True)
+        profile = profile_of(trial, here, friction, here.manoeuvre.turn_start)
         members.append(Member(ReducedCar.of(here), profile))
     speed, controller = members[0].profile.speed, cars[0].controller
     ends = {"friction": (1.0 - options.trust, 1.0 + options.trust)}

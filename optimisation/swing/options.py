@@ -33,7 +33,7 @@ class Options:
         solver: snopt or ipopt.
         iterations: of the solver; with the seed they make the search repeatable.
         warm_start: name or path of the swing that the search begins with, for the record.
-        members: likeliest cars of the `ensemble` that the swing must serve as well; 0 is the scenario's car alone.
+        members: cars drawn from the `ensemble` that the swing must serve as well; 0 is the scenario's car alone.
         polish: candidates that are driven to polish the swing on the full car; 0 is none.
         feedback: gains of a tracker are stored with the swing.
         wall_time: s, of the collocation; a polish has its own limit, the number of candidates.

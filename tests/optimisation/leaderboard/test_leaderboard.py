@@ -33,6 +33,7 @@ PLAN = Plan(
     speeds=(3.6, 4.5),
     friction=Climb(FRICTION, 0.3, 1.0, 0.1, 0.01),
     fine=Climb(FRICTION, 0.3, 1.0, 0.02, 0.01),
+    robust=Climb(FRICTION, 0.3, 1.0, 0.05, 0.01),
     top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.25),
     grip=1.0,
     map_speeds=(3.6, 4.5),

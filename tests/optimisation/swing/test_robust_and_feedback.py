@@ -1,0 +1,95 @@
+"""One swing for several cars, and gains that are made with the swing: what the cars are, and that both come out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimisation.errors import SwingError
+from optimisation.swing import full_car, optimise
+from optimisation.swing.full_car import Outcome, drive_all, varied
+from optimisation.swing.optimise import Options, optimise_swing
+from workbench.ensemble import load_ensemble
+from workbench.resources import model_path
+from workbench.scenario import Scenario, load_scenario
+from workbench.swing_file import SwingFile, read_swing
+
+SETTINGS = ("manoeuvre.speed=4.5", "manoeuvre.turn_start=1.6", "manoeuvre.duration=3.2", "simulation.step=0.004")
+
+
+def turn(*settings: str) -> Scenario:
+    return load_scenario("turn_swing", [*SETTINGS, "simulation.log_rate=250", *settings])
+
+
+def test_every_car_has_as_many_times_its_own_friction() -> None:
+    own = turn().car.tyre_friction
+    scenario = turn(f"car.tyre_friction={1.2 * own!r}")
+    cars = optimise._cars(scenario, Options(members=3))
+    members = load_ensemble().drawn(3)
+    assert len(cars) == 1 + len(members)
+    for car, member in zip(cars[1:], members, strict=True):
+        assert car.car.tyre_friction == pytest.approx(1.2 * float(member.values["car.tyre_friction"]))
+        assert car.car.com_height == pytest.approx(float(member.values["car.com_height"]))
+        assert car.manoeuvre == scenario.manoeuvre
+
+
+def test_a_swing_for_several_cars_is_as_good_as_on_the_worst_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    cars = [varied(turn(), car={"tyre_friction": friction}) for friction in (0.6, 0.9)]
+    driven = []
+
+    def drive(_scenario: Scenario, _swing: Any, friction: float) -> Outcome:
+        driven.append(friction)
+        return Outcome(friction < 1.0, True, friction, 1.0 - friction / 10, 2.0 + friction)
+
+    monkeypatch.setattr(full_car, "drive", drive)
+    monkeypatch.setattr(full_car, "outcome", lambda found: found)
+    worst = drive_all(cars, None, 0.7)
+    assert driven == pytest.approx([0.7, 1.05])
+    assert (worst.clean, worst.survived) == (False, True)
+    assert (worst.peak_roll, worst.heading, worst.released) == pytest.approx((1.05, 0.895, 2.7))
+
+
+def with_figures(**found: float) -> SwingFile:
+    swing = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
+    return swing.model_copy(update={"provenance": swing.provenance.model_copy(update={"found": found})})
+
+
+def test_gains_are_made_where_the_swing_was_seen_to_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Scenario] = []
+
+    def make(swing: SwingFile, scenario: Scenario) -> SwingFile:
+        asked.append(scenario)
+        return swing.model_copy(update={"name": "with gains"})
+
+    monkeypatch.setattr(optimise, "with_feedback", make)
+    swing = with_figures(survived_friction=0.72, survived_speed_m_per_s=4.2)
+    assert optimise._with_gains(swing, turn(), print).name == "with gains"
+    assert (asked[0].car.tyre_friction, asked[0].manoeuvre.speed) == (0.72, 4.2)
+
+
+def test_a_swing_without_gains_is_kept_and_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> SwingFile:
+        raise SwingError("the car rolls over")
+
+    monkeypatch.setattr(optimise, "with_feedback", refuse)
+    told: list[str] = []
+    swing = with_figures()
+    assert optimise._with_gains(swing, turn(), told.append) == swing
+    assert told == ["no feedback: the car rolls over"]
+
+
+@pytest.mark.slow
+def test_two_cars_get_one_swing_with_gains_that_both_survive() -> None:
+    scenario = turn("controller.swing_speed=6.0", "car.tyre_friction=0.65")
+    options = Options(members=1, rounds=1, starts=1, knots=21, threshold=0.5, bound=0.02, feedback=True)
+    swing = optimise_swing(scenario, options, name="both")
+    cars = optimise._cars(varied(scenario, tail={"mode": "swing"}), options)
+    assert len(cars) == 2
+    found = drive_all(cars, swing, float(swing.provenance.found["survived_friction"]))
+    assert found.clean
+    assert found.peak_roll == pytest.approx(float(swing.provenance.found["peak_roll_rad"]), abs=0.02)
+    gains = swing.gains.feedback
+    assert gains is not None
+    assert np.all(np.isfinite(gains.roll_gains))
