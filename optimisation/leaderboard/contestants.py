@@ -40,6 +40,10 @@ class Contestant:
         nearest = min(self.choices, key=lambda other: (abs(other - speed), other))
         return (*self.settings, *self.choices[nearest])
 
+    def made_for(self, speed: float) -> bool:
+        """Whether it may be asked for a turn at a speed (m/s): swings are for the speeds that they were made for."""
+        return not self.swings or not self.choices or speed in self.choices
+
 
 NO_TAIL = Contestant("no tail", ("tail.mode=none",))
 HELD = Contestant("held", ("tail.mode=held",))

@@ -54,6 +54,7 @@ FRICTION_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
 ROBUST_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, 2 * FRICTION_STEP)
 FINE_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
 SPEED_CLIMB = Climb(SPEED, 2.5, 8.0, 0.5, 0.1)
+NEAR_CLIMB = Climb(FRICTION, 0.3, 1.3, FRICTION_STEP, FRICTION_STEP)
 FIRST_SPEED = 3.5
 """m/s; where the climb over speed begins."""
 
@@ -64,7 +65,8 @@ class Plan:
 
     Attributes:
         speeds: of the turns, m/s; the middle one is also that of maps and robustness.
-        friction: climb of the critical friction; `fine` that at the fine step, `robust` that under perturbations.
+        friction: climb of the critical friction; at the fine step `fine` from the published swing's upwards, and `near`
+            where the ordinary step is expected to be right; `robust` under perturbations.
         top_speed: climb of the highest speed at `grip` times the car's own friction.
         map_speeds, map_frictions: nodes of the survival map, the latter as shares of the car's own friction.
         step: of the plant, s; `fine_step` that of claims.
@@ -75,6 +77,7 @@ class Plan:
     speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
     friction: Climb = FRICTION_CLIMB
     fine: Climb = FINE_CLIMB
+    near: Climb = NEAR_CLIMB
     robust: Climb = ROBUST_CLIMB
     top_speed: Climb = SPEED_CLIMB
     grip: float = 1.1
@@ -157,10 +160,11 @@ def _best_swing(contestants: Sequence[Contestant], claims: pd.DataFrame, plan: P
     for contestant in contestants:
         playing = [setting.partition("=")[2] for setting in contestant.at(plan.middle_speed)]
         played = [swing for swing in contestant.swings if swing in playing]
-        row = claims[(claims["controller"] == contestant.name) & (claims["speed_m_per_s"] == plan.middle_speed)].iloc[0]
-        rank = (bool(row["heading_ratio"] >= LEAST_HEADING), float(row["critical_friction"]))
-        if played and rank > best[0]:
-            best = (rank, played)
+        here = claims[(claims["controller"] == contestant.name) & (claims["speed_m_per_s"] == plan.middle_speed)]
+        for row in here.to_dict("records"):
+            rank = (bool(row["heading_ratio"] >= LEAST_HEADING), float(row["critical_friction"]))
+            if played and rank > best[0]:
+                best = (rank, played)
     return best[1]
 
 
@@ -203,18 +207,23 @@ class _Measurer:
         """By controller and speed on the own car at the fine step."""
         self._engine.stage = "claims at the fine step"
         plan = self._plan
-        turns = [(c, OWN_CAR, v) for c in contestants for v in plan.speeds]
+        turns = [(c, OWN_CAR, v) for c in contestants for v in plan.speeds if c.made_for(v)]
         coarse = self._climbs(turns)
         at = {(c.name, v): one for (c, _, v), one in zip(turns, coarse, strict=True)}
         thesis = [(THESIS, OWN_CAR, v) for v in plan.speeds]
         starts = [at[THESIS.name, v].survived or plan.friction.low for v in plan.speeds]
-        fine = dict(zip(plan.speeds, self._climbs(thesis, starts, fine=True), strict=True))
-        starts = [
-            min(one.survived or plan.friction.low, fine[v].survived or plan.friction.high)
-            for (_, _, v), one in zip(turns, coarse, strict=True)
-        ]
-        found = self._climbs(turns, starts, fine=True)
-        rows = self._compared(turns, found, plan.fine_step)
+        fine = dict(zip(plan.speeds, self._climbs(thesis, starts, plan.near), strict=True))
+        found: dict[int, Reached] = {}
+        for how in (plan.near, plan.fine):
+            places, begin = [], []
+            for place, ((_, _, v), one) in enumerate(zip(turns, coarse, strict=True)):
+                reference, here = fine[v].survived or plan.friction.low, one.survived or plan.friction.low
+                beyond = here > reference + plan.friction.grid
+                if beyond == (how is plan.fine):
+                    places.append(place)
+                    begin.append(reference if beyond else here)
+            found |= dict(zip(places, self._climbs([turns[k] for k in places], begin, how), strict=True))
+        rows = self._compared(turns, [found[place] for place in range(len(turns))], plan.fine_step)
         for row, one, (_, _, speed) in zip(rows, coarse, turns, strict=True):
             row["critical_friction_at_the_ordinary_step"] = _number(one.survived)
             row["step_s"] = plan.fine_step
@@ -224,17 +233,19 @@ class _Measurer:
     def critical_frictions(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
         """By controller, member and speed, with heading change over the reference's at the common friction."""
         self._engine.stage = "critical friction"
-        turns = [(c, m, v) for m in self._members for v in self._plan.speeds for c in contestants]
+        speeds = self._plan.speeds
+        turns = [(c, m, v) for m in self._members for v in speeds for c in contestants if c.made_for(v)]
         return make_frame(self._compared(turns, self._climbs(turns), self._plan.step))
 
     def _climbs(
         self,
         turns: Sequence[tuple[Contestant, Member, float]],
         starts: Sequence[float] | None = None,
-        fine: bool = False,
+        fine: Climb | None = None,
     ) -> list[Reached]:
+        """At the ordinary step from each car's own friction on; `fine` is a climb at the fine step."""
         plan = self._plan
-        step, how = (plan.fine_step, plan.fine) if fine else (plan.step, plan.friction)
+        step, how = (plan.step, plan.friction) if fine is None else (plan.fine_step, fine)
         cases = [Case(c.name, SCENARIO, self._settings(c, m, v, step)) for c, m, v in turns]
         begin = [self._own_friction(m) for _, m, _ in turns] if starts is None else starts
         return climb(cases, begin, how, self._engine)
@@ -288,7 +299,8 @@ class _Measurer:
     def own_friction(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
         """Runs at each car's own friction."""
         self._engine.stage = "own friction"
-        keys = [(c, m, v) for m in self._members for c in contestants for v in self._plan.speeds]
+        speeds = self._plan.speeds
+        keys = [(c, m, v) for m in self._members for c in contestants for v in speeds if c.made_for(v)]
         rows = self._runs([(c, m, v, self._own_friction(m)) for c, m, v in keys], self._plan.step)
         wanted = ("outcome", "clean", "error", *OUTCOMES)
         return make_frame(

@@ -33,6 +33,7 @@ PLAN = Plan(
     speeds=(3.6, 4.5),
     friction=Climb(FRICTION, 0.3, 1.0, 0.1, 0.01),
     fine=Climb(FRICTION, 0.3, 1.0, 0.02, 0.01),
+    near=Climb(FRICTION, 0.3, 1.0, 0.01, 0.01),
     robust=Climb(FRICTION, 0.3, 1.0, 0.05, 0.01),
     top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.25),
     grip=1.0,
@@ -128,6 +129,7 @@ def test_swings_of_one_kind_are_one_controller_that_plays_the_nearest(tmp_path: 
         paths.append(str(write_swing(swing, tmp_path / f"made_{speed:g}.yaml")))
     (kind,) = swing_players(paths)
     assert kind.name == "optimised roll and pitch"
+    assert [kind.made_for(speed) for speed in (3.6, 4.5, 6.0)] == [True, False, True]
     for speed, path in ((3.6, paths[0]), (4.5, paths[0]), (5.5, paths[1]), (8.0, paths[1])):
         assert f"controller.swing_file={path}" in kind.at(speed)
 
