@@ -68,7 +68,8 @@ class Plan:
         friction: climb of the critical friction; at the fine step `fine` from the published swing's upwards, and `near`
             where the ordinary step is expected to be right; `robust` under perturbations.
         top_speed: climb of the highest speed at `grip` times the car's own friction.
-        map_speeds, map_frictions: nodes of the survival map, the latter as shares of the car's own friction.
+        map_speeds: of the survival map.
+        map_strides: its frictions, in strides of the climb above the car's own.
         step: of the plant, s; `fine_step` that of claims.
         perturbed: whether the robustness is measured.
         fixed, releases: roll rates and yaw rates of release tried for the best fixed speed, rad/s.
@@ -82,7 +83,7 @@ class Plan:
     top_speed: Climb = SPEED_CLIMB
     grip: float = 1.1
     map_speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
-    map_frictions: tuple[float, ...] = (1.0, 1.1, 1.2, 1.3, 1.4)
+    map_strides: tuple[int, ...] = (0, 1, 2, 3, 4)
     step: float = 0.002
     fine_step: float = FINE_STEP
     perturbed: bool = True
@@ -99,7 +100,7 @@ QUICK = Plan(
     speeds=(4.5,),
     top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.5),
     map_speeds=(3.6, 4.5, 6.0),
-    map_frictions=(1.0, 1.2, 1.4),
+    map_strides=(0, 2, 4),
     fine_step=0.002,
     perturbed=False,
     fixed=(6.0, 7.0),
@@ -118,8 +119,8 @@ class Leaderboard:
         runs: at each car's own friction, by member and speed.
         speeds: highest speed by member.
         map: outcome over speed and friction, on the own car.
-        robustness: critical friction under perturbations, on the own car at the middle speed: 8 rad/s, and the best
-            swing in every way that it can be tracked.
+        robustness: critical friction under perturbations, on the own car at the middle speed, of the best swing in
+            every way that it can be tracked.
         contestants: in order.
     """
 
@@ -146,8 +147,8 @@ def measure(plan: Plan, swings: Sequence[str], members: Sequence[Member], engine
     contestants.insert(3, board.best_fixed_speed())
     claims = board.claims(contestants)
     frictions = board.critical_frictions(contestants)
-    players = [THESIS, *(way for swing in _best_swing(contestants, claims, plan) for way in trackings_of(swing))]
-    robustness = board.robustness(players) if plan.perturbed else pd.DataFrame()
+    players = [way for swing in _best_swing(contestants, claims, plan) for way in trackings_of(swing)]
+    robustness = board.robustness(players) if plan.perturbed and players else pd.DataFrame()
     runs = board.own_friction(contestants)
     speeds = board.highest_speeds(contestants)
     survival = board.survival_map(contestants)
@@ -333,9 +334,9 @@ class _Measurer:
     def survival_map(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
         """Outcome over speed and friction on the own car."""
         self._engine.stage = "survival map"
-        climbing, own = self._plan.friction, self._own_friction(OWN_CAR)
-        places = dict.fromkeys(climbing.index(share * own) for share in self._plan.map_frictions)
-        frictions = [climbing.value(place) for place in places]
+        climbing = self._plan.friction
+        first, stride = climbing.index(self._own_friction(OWN_CAR)), round(climbing.stride / climbing.grid)
+        frictions = [climbing.value(first + count * stride) for count in self._plan.map_strides]
         keys = [(c, OWN_CAR, v, mu) for c in contestants for v in self._plan.map_speeds for mu in frictions]
         rows = []
         for (c, _, v, mu), row in zip(keys, self._runs(keys, self._plan.step), strict=True):
