@@ -22,6 +22,10 @@ def leaderboard(
     members: Annotated[
         int | None, typer.Option(help="Only that many members, drawn by weight; 0: the own car alone.", min=0)
     ] = None,
+    speed: Annotated[
+        list[float] | None, typer.Option(help="Speed of the turn, m/s; may be repeated.", min=1.0, max=8.0)
+    ] = None,
+    robustness: Annotated[bool, typer.Option(help="Also play the best swing with what was not planned.")] = True,
     quick: Annotated[bool, typer.Option("--quick", help="One speed, coarse searches, no robustness.")] = False,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-4, max=0.005)] = 0.002,
     replays: Annotated[bool, typer.Option(help="Write a replay of each controller.")] = True,
@@ -48,7 +52,9 @@ def leaderboard(
     standard_contestants(swings)
     cars = load_ensemble(ensemble)
     chosen = cars.members if members is None else cars.drawn(members) if members else ()
-    plan = replace(QUICK if quick else Plan(), step=step)
+    plan = replace(QUICK if quick else Plan(perturbed=robustness), step=step)
+    if speed:
+        plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
     serial = workers == 1 and scheduler is None
     with nullcontext(SerialEngine()) if serial else open_engine(workers, scheduler) as engine:
         board, files = make_leaderboard(

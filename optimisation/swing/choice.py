@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from optimisation.swing.candidate import Reference
-from optimisation.swing.full_car import FINE_STEP, LEAST_HEADING, unbroken_friction, varied
+from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, unbroken_friction, varied
 from optimisation.swing.options import Told
 from workbench.scenario import Scenario
 from workbench.swing_file import SwingFile
@@ -64,6 +64,8 @@ def choose(
     told(f"at {1000 * step:g} ms the published swing is clean to {common.friction:.4f}, turns {common.heading:.3f} rad")
     best: Claim | None = None
     for place, swing in enumerate(swings[:FINALISTS]):
+        if best is not None and best.friction > highest - 0.5 * FRICTION_STEP:
+            break  # nothing better can come
         row = unbroken_friction(fine, swing, common.friction, max(highest, common.friction))
         heading = row.runs[0][1].heading / common.heading
         told(f"  finalist {place + 1}: clean to {row.value:.4f}, heading {heading:.1%}")
