@@ -9,7 +9,6 @@ Run as `python -m tests.benchmarks.rearming_drive PORTS_FILE [SETTING...]`; ende
 from __future__ import annotations
 
 import contextlib
-import gc
 import signal
 import sys
 import time
@@ -18,6 +17,7 @@ from pathlib import Path
 from hardware.drive.guard import CarGuard, Stage
 from hardware.drive.loop import PERIOD, wait_until
 from hardware.drive.pilots import ManualPilot
+from hardware.latency import prefer_latency
 from hardware.protocol.radio import RadioMode
 from hardware.wiring.base import CarCommand
 from hardware.wiring.car_ports import read_ports
@@ -38,8 +38,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         car.start()
-        gc.collect()
-        gc.freeze()
+        prefer_latency()
         due = time.monotonic()
         while True:
             now = time.monotonic()
