@@ -75,9 +75,10 @@ class Console:
         return page
 
     def leave(self, page: int) -> None:
-        """A page has gone."""
+        """A page has gone; a car that it drove goes to rest."""
         del self._clocks[page]
         if self._seats.controller == page:
+            self.radio.rest()
             self._record.add("controller_gone")
         self._seats.leave(page)
 

@@ -1,6 +1,7 @@
 """The console's end of the operator's radio: passes on what a page sent, repeats an emergency stop, hears reports.
 
-Heartbeats are never made here: without a page that lives the radio is silent, and the car's dead-man acts.
+Heartbeats are never made here: without a page that lives the radio is silent, and the car's dead-man acts. A connection
+that ends says sooner that the page has gone: the car is sent to rest at once.
 """
 
 from __future__ import annotations
@@ -91,6 +92,12 @@ class OperatorRadio:
         self.mode = RadioMode.IDLE
         self._stop_due = now + _REPEAT
         self._send([make_emergency_stop()])
+
+    def rest(self) -> None:
+        """Sends a car that is driven back to rest, once and without a heartbeat: whoever drove it has gone."""
+        if self.mode is not RadioMode.IDLE:
+            self.mode = RadioMode.IDLE
+            self._send([*self._stops(), make_command(IDLE)])
 
     def reset(self) -> None:
         """Forgets the emergency stop, by hand only. The car keeps its own until it is armed anew."""

@@ -108,6 +108,17 @@ def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, 
     assert link.sent[-1] == [OperatorCommand(RadioMode.IDLE), Heartbeat(3)]
 
 
+def test_a_car_that_is_driven_is_sent_to_rest_once_and_never_by_a_heartbeat(radio, link):
+    radio.rest()
+    assert link.sent == []
+    link.report(REPORT, 1.0)
+    radio.turn(1.0)
+    radio.beat(1, MANUAL, 1.0)
+    radio.rest()
+    radio.rest()
+    assert link.sent[1:] == [[OperatorCommand(RadioMode.IDLE)]]
+
+
 def test_report_survives_the_frame_and_wrong_ones_are_refused():
     assert decode_report(make_report(REPORT)) == REPORT
     assert decode_report(make_report(CarReport(False, True, RadioMode.AUTO))).operator_age == math.inf

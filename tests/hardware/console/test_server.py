@@ -175,6 +175,7 @@ def test_beats_are_passed_on_one_for_one_and_none_is_invented(served):
     time.sleep(0.3)  # the page is frozen: open, but silent
     assert len(served.sent(Heartbeat)) == 5
     page.socket.close()
+    eventually(lambda: served.sent(OperatorCommand)[-1] == OperatorCommand(RadioMode.IDLE))
     time.sleep(0.2)
     assert len(served.sent(Heartbeat)) == 5
 
