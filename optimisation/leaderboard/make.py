@@ -59,7 +59,7 @@ def make_leaderboard(
     how = (
         f"{cars}; speeds {', '.join(f'{speed:g}' for speed in plan.speeds)} m/s; step {1000 * plan.step:g} ms, of the "
         f"claims {1000 * plan.fine_step:g} ms; critical friction on a grid of {plan.friction.grid:g}; highest speed at "
-        f"{plan.grip:g} times the friction of each car."
+        f"{plan.grip:g} times the friction of the own car."
     )
     return board, write_leaderboard(out, board, films, how)
 

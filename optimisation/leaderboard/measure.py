@@ -117,7 +117,7 @@ class Leaderboard:
         claims: on the own car at the fine step, by speed: what may be claimed.
         frictions: critical friction by member and speed, with the heading compared at the common friction.
         runs: at each car's own friction, by member and speed.
-        speeds: highest speed by member.
+        speeds: highest speed on the own car.
         map: outcome over speed and friction, on the own car.
         robustness: critical friction under perturbations, on the own car at the middle speed, of the best swing in
             every way that it can be tracked.
@@ -313,10 +313,10 @@ class _Measurer:
         )
 
     def highest_speeds(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
-        """By controller and member, at `grip` times the car's own friction, with the swings for the middle speed."""
+        """By controller on the own car, at `grip` times its friction, with the swings for the middle speed."""
         self._engine.stage = "highest speed"
         plan = self._plan
-        keys = [(c, m) for m in self._members for c in contestants]
+        keys = [(c, OWN_CAR) for c in contestants]
         cases, frictions = [], []
         for c, m in keys:
             frictions.append(float(f"{plan.grip * self._own_friction(m):.4g}"))

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from optimisation.errors import SwingError
+from optimisation.swing.planar import INPUTS, linearise
 from optimisation.swing.planar import STATES as PLANAR_STATES
-from optimisation.swing.planar import linearise
 from optimisation.swing.profile import turn_profile
 from optimisation.swing.reduced_car import ReducedCar
 from workbench.controllers.swing_law import SwingState
@@ -32,6 +32,10 @@ from workbench.trial import run_trial
 
 FEEDBACK_NAMES: tuple[FeedbackState, ...] = ("car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate")
 _PLANAR_ORDER = tuple(PLANAR_STATES.index(name) for name in ("roll", "roll_rate", "tail_roll", "tail_roll_rate"))
+MOST_RATIO = 0.8
+"""Sideways over vertical force of the front tyres up to which the model is linearised. Beyond it a car that lifts its
+inner wheels loads its outer ones so much that the rigid model's inertia against rolling vanishes and changes its sign;
+in the car suspension and tyres give way."""
 _NOISES = ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")
 
 
@@ -136,11 +140,18 @@ def with_feedback(
     profile = turn_profile(nominal.run_log, car, nominal.release, quiet.car.tyre_friction)
     side = 1.0 if swing.direction == "left" else -1.0
     planar = side * nominal.truth[: len(states)]
-    A, B = linearise(planar, side * torque[:, None], profile.at(time), car)
+    inputs = profile.at(time)
+    ratio = INPUTS.index("front_ratio")
+    inputs[:, ratio] = np.clip(inputs[:, ratio], -MOST_RATIO, MOST_RATIO)
+    A, B = linearise(planar, side * torque[:, None], inputs, car)
     order = list(_PLANAR_ORDER)
     A, B = discretise(A[:, order][:, :, order], B[:, order], 1.0 / quiet.controller.rate)
     Q = weights.state_cost
     gains = lqr_gains(A, B, Q, weights.torque**-2.0, weights.at_end * Q)
+    if not np.all(np.isfinite(gains)):
+        raise SwingError(
+            f"swing {swing.name}: no gains: the planar model does not hold along this run; allowed: less friction"
+        )
     feedback = Feedback(
         states=FEEDBACK_NAMES,
         time_s=tuple(time.tolist()),

@@ -92,6 +92,18 @@ def test_feedback_keeps_a_car_flatter_on_more_grip_than_it_was_made_for(tracked:
     assert roll["torque"] < 0.75 * roll["joint_pd"]
 
 
+def test_gains_stay_finite_where_grip_and_lifted_wheels_undo_the_inertia_of_the_planar_model() -> None:
+    swing = read_swing(model_path("swings/roll_4_5.yaml"))
+    found = swing.provenance.found
+    friction = float(found["survived_friction"]) - 0.0125
+    edge = load_scenario(
+        "turn_swing", ["manoeuvre.speed=4.5", "manoeuvre.duration=3.4", f"car.tyre_friction={friction}"]
+    )
+    feedback = with_feedback(swing, edge).gains.feedback
+    assert feedback is not None
+    assert np.max(np.abs(feedback.roll_gains)) < 2000.0
+
+
 def test_command(tmp_path: Path) -> None:
     def call(*words: object) -> Result:
         return CliRunner().invoke(build_app(), ["feedback", *map(str, words)], catch_exceptions=False)
