@@ -92,7 +92,6 @@ def kill_times(kills: int) -> list[float]:
                 operator = OperatorPage(open_page(), session)
                 began = time.monotonic()
                 if len(found) < kills and _drives_ahead(operator, session, began):
-                    time.sleep(0.5)
                     killed = time.monotonic()
                     process.kill()
                     wait_for(lambda since=killed: _since(session, "throttle_neutral", since), 10.0, "neutral throttle")
@@ -114,7 +113,8 @@ def _drives_ahead(operator: OperatorPage, session: ConsoleSession, began: float)
         wait_for(lambda: _since(session, "throttle_on", began), 10.0, "throttle")
     except (PageTimeoutError, AssertionError):
         return False
-    return True
+    time.sleep(0.5)
+    return not _since(session, "throttle_neutral", began)
 
 
 def _show_view(page: Any, shown: bool) -> None:
