@@ -67,7 +67,7 @@ def ballast(mass: float, settings: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def read_mount(frame: pd.DataFrame) -> Findings:
-    """Yaw rate, heading change and the tail's yaw impulse of every case."""
+    """Yaw rate, heading change and the tail's yaw impulse of every case; of runs that were survived."""
     reference = ran(frame[(frame["block"] == "no tail") & (frame["outcome"] == "survived")])
     headings = {hold: band(rows, "heading_change_rad")[1] for hold, rows in by_value(reference, HOLD)}
     published = headings.get(STEERING[0], float("nan"))
@@ -76,7 +76,7 @@ def read_mount(frame: pd.DataFrame) -> Findings:
         (case, *group) for case in frame["block"].unique() for group in by_value(frame[frame["block"] == case], HOLD)
     ]
     for case, hold, part in cases:
-        runs = ran(part)
+        runs = ran(part[part["outcome"] == "survived"])
         heading = band(runs, "heading_change_rad")[1]
         rows.append(
             {
@@ -95,7 +95,8 @@ def read_mount(frame: pd.DataFrame) -> Findings:
         Picture(
             "heading",
             _heading_figure(rows, published),
-            "Heading change over the duration of the steering; dashed: the tailless car with the published 0.5 s.",
+            "Heading change over the duration of the steering, where the car survived; dashed: the tailless car with "
+            "the published 0.5 s.",
             "Heading change of each case over the steering duration",
         ),
         Picture(
