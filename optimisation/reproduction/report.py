@@ -40,9 +40,11 @@ def write_report(
         settings: overrides that all runs share, such as a shorter run.
 
     Raises:
-        UserError: wrong number of members, or the folder holds runs of other parameters.
+        UserError: wrong number of members, one that is no possible car, or the folder holds runs of other parameters.
     """
     members = ensemble.drawn(number)
+    for member in members:
+        ensemble.scenario(member, "turn_swing")
     varied = {key for member in ensemble.members for key in member.values}
     store = RunStore(out, load_scenario("turn_none"), varied, force=force)
     evidence = gather(members, store, engine, say, settings)

@@ -166,6 +166,7 @@ def load_study(path: Path) -> Study:
         if found != STUDY_SCHEMA:
             raise SweepError(f"{path}: schema: {found!r} is not read by this version; allowed is {STUDY_SCHEMA!r}")
         data.setdefault("name", path.stem)
+        _refuse_empty_factors(path, data)
         study = Study.model_validate(_in_blocks(data))
     except ScenarioError as error:
         raise SweepError(str(error)) from None
@@ -173,6 +174,16 @@ def load_study(path: Path) -> Study:
         raise SweepError(str(explain(error, str(path), Study))) from None
     check_factors(study, str(path))
     return study
+
+
+def _refuse_empty_factors(path: Path, data: dict[str, Any]) -> None:
+    """One sentence for the mistake that the schema would answer with one per kind of factor."""
+    blocks = data.get("blocks", [data])
+    for block in blocks if isinstance(blocks, list) else []:
+        grid = block.get("grid") if isinstance(block, dict) else None
+        for name, values in grid.items() if isinstance(grid, dict) else ():
+            if values in ([], {}, None):
+                raise SweepError(f"{path}: grid: {name}: {values!r} is no value; allowed: at least one")
 
 
 def check_factors(study: Study, where: str) -> None:

@@ -9,12 +9,13 @@ from optimisation.reproduction.report import write_report
 from optimisation.reproduction.rows import change_row, figure_row, share_row
 from tests.optimisation.calibration.made_up_car import MadeUpEngine
 from workbench.ensemble import load_ensemble
+from workbench.errors import UserError
 
 HALF = np.array([0.5, 0.5])
 
 
 class TailedToo(MadeUpEngine):
-    """The made-up car with the keys that a provisional ensemble leaves out, and a held tail."""
+    """The made-up car with a held tail too."""
 
     def row(self, task):
         given = {setting.partition("=")[0] for setting in task.settings}
@@ -112,3 +113,11 @@ def test_a_row_says_when_the_car_never_reached_its_turn(tmp_path: Path) -> None:
 def test_a_wrong_number_of_members_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="0 members of"):
         write_report(load_ensemble("car"), 0, tmp_path, TailedToo(), lambda line: None, replays=False)
+
+
+def test_a_member_that_is_no_possible_car_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    plain = load_ensemble("car")
+    wrong = replace(plain.members[0], values={"car.gyration_roll": 0.45})
+    with pytest.raises(UserError, match=rf"member '{wrong.name}': .*gyration_roll: 0\.45"):
+        write_report(replace(plain, members=(wrong,)), 1, tmp_path / "out", TailedToo(), lambda line: None)
+    assert not (tmp_path / "out").exists()

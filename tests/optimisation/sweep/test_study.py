@@ -56,7 +56,7 @@ def test_small_and_large_numbers_reach_the_scenario_as_numbers(tmp_path):
         ("grid:\n  car.tyre_frction: [0.5]\n", "'car.tyre_frction': no such number; did you mean 'car.tyre_friction'"),
         ("grid:\n  cars.mass: [5.0]\n", "'cars' is no section; did you mean 'car'"),
         ("grid:\n  speed: [5.0]\n", "'speed': allowed is section.key"),
-        ("grid:\n  car.mass: []\n", "blocks.0.grid.car.mass"),
+        ("grid:\n  car.mass: []\n", "grid: car.mass: [] is no value; allowed: at least one"),
         ("grid:\n  car.mass: {first: 5.0, last: 6.0, number: 0}\n", "number: 0"),
         ("grid:\n  car.mass: [.nan]\n", "nan"),
         ("sample: {number: 4, factors: {}}\n", "factors"),
