@@ -51,6 +51,7 @@ def made_again(swing: SwingFile) -> SwingFile:
     made_from = swing.provenance
     assert made_from.scenario is not None
     options = {key: value for key, value in made_from.options.items() if key not in ("polish", "feedback")}
+    options["rounds"] = made_from.found.get("rounds", options["rounds"])  # those after it brought nothing
     if "warm_start" in options:
         again = find_swing(str(options["warm_start"]))
     else:
