@@ -124,13 +124,14 @@ def _cars(scenario: Scenario, options: Options) -> tuple[Scenario, ...]:
     """The scenario with its own car, and with those of the ensemble at as many times their own friction."""
     cars = [scenario]
     if options.members:
-        grip = scenario.car.tyre_friction / float(default_values()["car"]["tyre_friction"])
+        own = float(default_values()["car"]["tyre_friction"])
         for member in load_ensemble(options.ensemble).drawn(options.members):
-            sections: dict[str, dict[str, Any]] = {"car": {"tyre_friction": scenario.car.tyre_friction}}
+            sections: dict[str, dict[str, Any]] = {"car": {}}
             for key, value in member.values.items():
                 section, _, entry = key.partition(".")
-                times = grip if key == FRICTION else 1.0
-                sections.setdefault(section, {})[entry] = times * value if times != 1.0 else value
+                sections.setdefault(section, {})[entry] = value
+            friction = float(member.values.get(FRICTION, own)) * scenario.car.tyre_friction / own
+            sections["car"]["tyre_friction"] = friction
             cars.append(varied(scenario, **sections))
     return tuple(cars)
 
