@@ -117,7 +117,7 @@ def test_bad_swings_are_refused_before_anything_runs(tmp_path: Path) -> None:
         assert result.stderr.count("\n") == 1
     heavy = thesis().model_copy(update={"car": {"car.mass": 7.5}})
     result = call(write_swing(heavy, tmp_path / "heavy.yaml"), "--out", tmp_path / "out")
-    assert "car.mass: made for 7.5, the scenario has 6" in result.stderr
+    assert "car.mass: made for 7.5, the scenario has 7.51" in result.stderr
     result = call("thesis_8_rad_per_s", "--tracking", "feedback", "--out", tmp_path / "out")
     assert "gains.feedback: missing" in result.stderr
     assert not (tmp_path / "out").exists()

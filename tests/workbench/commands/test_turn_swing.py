@@ -37,7 +37,7 @@ def test_a_swing_for_another_car_needs_to_be_asked_for(call: Callable, refused: 
     thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
     path = write_swing(SwingFile.model_validate(thesis.model_dump() | {"car": {"car.mass": 7.0}}), tmp_path / "a.yaml")
     message = refused("turn", "--swing", path, *SHORT)
-    assert "car.mass: made for 7, the scenario has 6; allowed: the same car, or --other-car" in message
+    assert "car.mass: made for 7, the scenario has 7.51; allowed: the same car, or --other-car" in message
     assert call("turn", "--swing", path, "--other-car", *SHORT).exit_code == 0
 
 
