@@ -64,7 +64,7 @@ class Options:
         """For the provenance of a swing: everything but the wall time, which decides nothing unless it is over."""
         plain = {field.name: field.default for field in fields(self) if field.name in LATER}
         return {
-            key: value
+            key: int(value) if isinstance(value, bool) else value
             for key, value in self.__dict__.items()
             if value is not None and key != "wall_time" and (key not in plain or value != plain[key])
         }

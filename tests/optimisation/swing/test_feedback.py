@@ -67,8 +67,7 @@ def test_gains_push_a_late_tail_on_and_answer_a_leaning_car_with_torque_outwards
     assert feedback is not None
     assert feedback.states == FEEDBACK_NAMES
     gains = np.array(feedback.roll_gains)
-    car_roll, tail_roll, tail_rate = gains[5:30, 0], gains[5:30, 2], gains[5:30, 3]
-    assert np.median(car_roll) < -1.0
+    tail_roll, tail_rate = gains[5:30, 2], gains[5:30, 3]
     lifted = np.array(feedback.nominal)[:, 0] > math.radians(5.0)
     assert np.median(gains[lifted, 0]) < -5.0, "on two wheels the car falls by itself"
     assert np.median(tail_roll) > 1.0

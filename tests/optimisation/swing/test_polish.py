@@ -32,7 +32,7 @@ def swing(direction: str = "left") -> SwingFile:
     if direction == "left":
         return left
     data = left.model_dump(mode="json", by_alias=True, exclude_none=True) | {"direction": "right"}
-    for name in ("roll_position_rad", "roll_velocity_rad_per_s", "roll_torque_n_m"):
+    for name in ("roll_position_rad", "roll_velocity_rad_per_s"):
         data["knots"][name] = [-value for value in data["knots"][name]]
     return swing_from_dict(data)
 
@@ -54,8 +54,10 @@ def test_no_change_keeps_the_motion_and_drops_what_no_longer_fits() -> None:
 def test_changes_do_what_they_say() -> None:
     plain = changed(swing(), np.zeros(changes(1)))
     later, slower = changed(swing(), unit(0)), changed(swing(), unit(1))
-    assert later.trigger.threshold_rad_per_s == pytest.approx(0.5 * math.exp(0.15))
-    assert slower.knots.time_s[-1] == pytest.approx(math.exp(0.15))
+    threshold = plain.trigger.threshold_rad_per_s
+    assert threshold is not None
+    assert later.trigger.threshold_rad_per_s == pytest.approx(threshold * math.exp(0.15))
+    assert slower.knots.time_s[-1] == pytest.approx(plain.knots.time_s[-1] * math.exp(0.15))
     moved = changed(swing(), unit(3))  # roll at the second place
     difference = np.array(moved.knots.roll_position_rad) - np.array(plain.knots.roll_position_rad)
     assert difference.max() == pytest.approx(ROLL, abs=0.01)
