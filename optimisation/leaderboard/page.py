@@ -158,7 +158,7 @@ def _cell(name: str, value: float) -> str:
         return f"{value:+.1%}" if name.startswith("gain") else f"{value:.1%}" if "percent" in name else f"{value:.0%}"
     if name.endswith("_rad"):
         return f"{np.degrees(value):.1f}"
-    return f"{value:.3f}" if "friction" in name else f"{value:.2f}"
+    return f"{value:.4f}" if "friction" in name else f"{value:.2f}"
 
 
 def plot_frictions(frictions: pd.DataFrame) -> Figure:

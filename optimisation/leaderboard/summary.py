@@ -46,9 +46,6 @@ def summarise_board(board: Leaderboard) -> pd.DataFrame:
         mine = runs[(runs["controller"] == name) & runs["clean"].fillna(False).astype(bool)]
         for column in OUTCOMES:
             row[f"median_{column}"] = _median(mine[column], mine["weight"]) if len(mine) else math.nan
-        if len(board.robustness):
-            found = board.robustness[board.robustness["controller"] == name]["critical_friction"]
-            row["worst_critical_friction_perturbed"] = float(found.min()) if len(found) else math.nan
         rows.append(row)
     return make_frame(rows)
 
