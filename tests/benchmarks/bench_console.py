@@ -52,7 +52,8 @@ def press_latencies(presses: int, shown: bool, seed: int = 1) -> list[float]:
 
     A press counts if both motors were on when it came: a computer that stands still stops the car by itself.
     """
-    wait, found = random.Random(seed), []
+    wait = random.Random(seed)
+    found: list[float] = []
     with _car() as session, _browser() as (_, open_page):
         operator = OperatorPage(open_page(), session)
         page = operator.page
