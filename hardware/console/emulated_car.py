@@ -57,7 +57,7 @@ class EmulatedCarProcess:
         command += ["--parent", str(os.getpid())]  # killed or not, it does not leave an emulator behind
         self._emulator = self._run([*command, *(["--view"] if self._show else [])])
         ready, end = self._folder / READY_FILE, time.monotonic() + _START_TIME
-        while not ready.exists():
+        while not _is_ready(ready, self._emulator.pid):
             if self._emulator.poll() is not None:
                 out = self._emulator.stdout.read() if self._emulator.stdout else ""
                 raise HardwareError(_last_line(out) or "the emulator ended")
@@ -136,3 +136,11 @@ class EmulatedCarProcess:
 def _last_line(text: str) -> str:
     lines = [line for line in text.splitlines() if line.strip()]
     return lines[-1].removeprefix("error: ") if lines else ""
+
+
+def _is_ready(path: Path, pid: int) -> bool:
+    """Whether that emulator says so, not an earlier one in the same folder."""
+    try:
+        return bool(json.loads(path.read_text(encoding="utf-8"))["pid"] == pid)
+    except FileNotFoundError:
+        return False

@@ -57,6 +57,7 @@ class OperatorRadio:
         self.stopped_by = ""
         self.confirmed = False
         self.mode = RadioMode.IDLE
+        self._rested = False
         self.report: CarReport | None = None
         self.rejected = 0
 
@@ -74,27 +75,35 @@ class OperatorRadio:
         return self.report is not None and self.report.armed and self.report_age(now) <= REPORT_SILENCE
 
     def beat(self, count: int, command: OperatorCommand, now: float) -> None:
-        """Passes a page's heartbeat and command on; a car at rest leaves it only when it has reported that it is armed.
+        """Passes a page's heartbeat and command on.
+
+        A car at rest leaves it only when it has just reported that it is armed, and only for a mode that was chosen
+        after that: the page itself must have asked for rest since the last mode that was not passed on.
 
         Raises:
             FrameError: a value that no frame carries.
         """
-        allowed = not self.stopped and (self.mode is not RadioMode.IDLE or self.armed(now))
+        leaves = self._rested and self.armed(now)
+        allowed = not self.stopped and (self.mode is not RadioMode.IDLE or leaves)
         passed = command if allowed else IDLE
+        if command.mode is RadioMode.IDLE:
+            self._rested = True
+        elif not allowed:
+            self._rested = False
         frames = [make_command(passed), make_heartbeat(count)]
         self.mode = passed.mode
         self._send([*self._stops(), *frames])
 
     def stop(self, by: str, now: float) -> None:
         """Sends an emergency stop at once and until the car reports it."""
-        if not self.stopped:
-            self.stopped_by, self.confirmed = by, False
-        self.mode = RadioMode.IDLE
+        self.stopped_by, self.confirmed = self.stopped_by or by, False
+        self.mode, self._rested = RadioMode.IDLE, False
         self._stop_due = now + _REPEAT
         self._send([make_emergency_stop()])
 
     def rest(self) -> None:
         """Sends a car that is driven back to rest, once and without a heartbeat: whoever drove it has gone."""
+        self._rested = False
         if self.mode is not RadioMode.IDLE:
             self.mode = RadioMode.IDLE
             self._send([*self._stops(), make_command(IDLE)])
@@ -119,7 +128,7 @@ class OperatorRadio:
             self.rejected += 1
             return
         self._heard = arrival
-        self.confirmed = self.confirmed or (self.stopped and self.report.stopped)
+        self.confirmed = self.stopped and self.report.stopped  # a car that is armed anew under a stop is stopped again
 
     def _stops(self) -> list[bytes]:
         return [make_emergency_stop()] if self.stopped and not self.confirmed else []

@@ -13,7 +13,7 @@ const get = (id) => document.getElementById(id);
 const seconds = () => performance.now() / 1000;
 const sliders = new Sliders(get("sliders"));
 const plots = makePlots(get("plots"));
-let socket = null, state = null, count = 0, mode = "rest", pads = 0, padStop = false, problem = "", wasArmed = false;
+let socket = null, state = null, count = 0, mode = "rest", pads = 0, padStop = false, problem = "", wasArmed = false, pendingStop = "";
 
 function send(message) {
   if (!socket || socket.readyState !== WebSocket.OPEN) return false;
@@ -24,7 +24,10 @@ function send(message) {
 function stop(by) {
   const sent = send({type: "stop", by});
   setMode("rest");
-  if (!sent) problem = "Not connected: the stop cannot be sent. The car stops by itself; use its power switch.";
+  if (!sent) {
+    pendingStop = by;
+    problem = "Not connected: the stop is sent when the connection is back. Use the car's power switch.";
+  }
   get("stop").classList.add("pressed");
 }
 
@@ -104,6 +107,7 @@ function lose(text, again = true) {
 function hear(message) {
   if (message.type === "welcome") {
     problem = "";
+    if (pendingStop && send({type: "stop", by: pendingStop})) pendingStop = "";
     sliders.setLimits(message.limits);
     get("view").hidden = !message.view;
     get("show-view").dataset.url = message.view ?? "";
@@ -114,7 +118,7 @@ function hear(message) {
     state = message;
     const radio = state.radio, now = seconds();
     for (const plot of plots) plot.add(now, radio.heard ? radio.report : null);
-    if (mode !== "rest" && (radio.stopped_by || !state.controls || (wasArmed && radio.heard && !radio.armed))) setMode("rest");
+    if (mode !== "rest" && (radio.stopped_by || !state.controls || (wasArmed && !radio.armed))) setMode("rest");
     wasArmed = radio.armed;
   }
   show();
@@ -218,7 +222,7 @@ get("record").addEventListener("change", (event) => send({type: "log", on: event
 get("centre").addEventListener("click", () => sliders.centre());
 get("show-view").addEventListener("change", showView);
 get("step-go").addEventListener("click", () =>
-  sliders.startStep(stepChannel(), Number(get("step-size").value) || 0, Number(get("step-time").value) || 0, seconds()));
+  sliders.startStep(stepChannel(), Number(get("step-size").value) || 0, Math.min(Number(get("step-time").value) || 0, Number(get("step-time").max)), seconds()));
 for (const input of document.querySelectorAll("input[name=step-channel]"))
   input.addEventListener("change", () => setText("step-unit", stepChannel() === "throttle" ? "%" : "°"));
 get("modes").addEventListener("keydown", (event) => {  // an arrow only moves on, Space chooses: the next mode may be AUTO

@@ -33,7 +33,8 @@ class Sliders {
       place.append(row);
       this.rows[channel.key] = {channel, input, output};
       input.addEventListener("input", () => this.show());
-      if (channel.springs) input.addEventListener("pointerup", () => { input.value = 0; this.show(); });
+      const letGo = channel.springs ? ["pointerup", "pointercancel", "lostpointercapture"] : [];  // whoever ended it
+      for (const end of letGo) input.addEventListener(end, () => { input.value = 0; this.show(); });
     }
     this.setLimits({});
   }

@@ -16,6 +16,7 @@ from workbench.errors import UserError
 
 CAR = 7
 MANUAL = OperatorCommand(RadioMode.MANUAL, 0.25, -0.125, 0.5, -1.0)
+REST = OperatorCommand(RadioMode.IDLE)
 REPORT = CarReport(
     True, False, RadioMode.MANUAL, (0, 0, 3, 0, 6, 0), 0.5, -0.25, 1.0, -1.5, 2.0, -3.0, 3.5, 0.0625, "no fix"
 )
@@ -58,8 +59,9 @@ def test_a_radio_without_pages_is_silent(radio, link):
 def test_an_armed_car_gets_the_command_and_the_counter_of_the_page(radio, link):
     link.report(REPORT, 1.0)
     radio.turn(1.0)
+    radio.beat(299, REST, 1.1)
     radio.beat(300, MANUAL, 1.1)
-    assert link.sent == [[MANUAL, Heartbeat(300 % 256)]]
+    assert link.sent == [[REST, Heartbeat(299 % 256)], [MANUAL, Heartbeat(300 % 256)]]
 
 
 @pytest.mark.parametrize(
@@ -97,6 +99,7 @@ def test_a_beat_may_replace_a_stop_that_waits_and_carries_it(radio, link):
 def test_a_stop_stays_until_it_is_reset_and_a_reset_alone_does_not_drive(radio, link):
     link.report(REPORT, 1.0)
     radio.turn(1.0)
+    radio.beat(0, REST, 1.0)
     radio.beat(1, MANUAL, 1.0)
     radio.stop("gamepad", 1.1)
     radio.turn(1.2)
@@ -113,10 +116,36 @@ def test_a_car_that_is_driven_is_sent_to_rest_once_and_never_by_a_heartbeat(radi
     assert link.sent == []
     link.report(REPORT, 1.0)
     radio.turn(1.0)
+    radio.beat(0, REST, 1.0)
     radio.beat(1, MANUAL, 1.0)
     radio.rest()
     radio.rest()
-    assert link.sent[1:] == [[OperatorCommand(RadioMode.IDLE)]]
+    assert link.sent[2:] == [[REST]]
+
+
+def test_a_mode_that_was_chosen_before_the_car_was_armed_is_not_obeyed_after(radio, link):
+    radio.beat(1, REST, 0.9)
+    radio.beat(2, MANUAL, 0.95)
+    link.report(REPORT, 1.0)
+    radio.turn(1.0)
+    radio.beat(3, MANUAL, 1.0)
+    assert all(MANUAL not in frames for frames in link.sent)
+    radio.beat(4, REST, 1.05)
+    radio.beat(5, MANUAL, 1.1)
+    assert link.sent[-1] == [MANUAL, Heartbeat(5)]
+
+
+def test_a_car_that_is_armed_anew_under_a_stop_is_stopped_again(radio, link):
+    radio.stop("key", 1.0)
+    link.report(CarReport(False, True, RadioMode.IDLE), 1.1)
+    radio.turn(1.1)
+    assert radio.confirmed
+    link.report(CarReport(True, False, RadioMode.IDLE), 5.0)
+    radio.turn(5.0)
+    assert not radio.confirmed
+    assert link.sent[-1] == [EmergencyStop()]
+    radio.stop("key", 5.01)
+    assert not radio.confirmed
 
 
 def test_report_survives_the_frame_and_wrong_ones_are_refused():

@@ -167,7 +167,8 @@ def test_beats_are_passed_on_one_for_one_and_none_is_invented(served):
     page = served.page(served.enter())
     served.link.report(ARMED, time.monotonic())
     page.state(lambda state: state["radio"]["armed"])
-    for _ in range(5):
+    page.beat()
+    for _ in range(4):
         page.beat(mode="manual", throttle=0.25, steering=0.5)
     eventually(lambda: len(served.sent(Heartbeat)) == 5)
     assert [beat.counter for beat in served.sent(Heartbeat)] == [1, 2, 3, 4, 5]
@@ -193,8 +194,10 @@ def test_second_page_is_read_only_but_may_stop_the_car(served):
     assert len(served.sent(Heartbeat)) == 1
     second.say(type="stop", by="key")
     assert first.state(lambda state: state["radio"]["stopped_by"])["radio"]["stopped_by"] == "key"
+    sent = len(served.sent(OperatorCommand))
     first.socket.close()
     second.state(lambda state: state["can_take"])
+    assert len(served.sent(OperatorCommand)) == sent  # it was at rest: nothing to take back
     second.say(type="take")
     second.state(lambda state: state["controls"])
 
