@@ -74,7 +74,8 @@ def ensemble_text(result: Calibration) -> str:
     cars = result.values
     for place in result.kept:
         values = ", ".join(f"{key}: {_number(value)}" for key, value in cars[place].items())
-        lines.append(f"- {{name: {member_name(place)}, weight: {weights[place]:.6f}, values: {{{values}}}}}")
+        weight = _number(float(weights[place]))
+        lines.append(f"- {{name: {member_name(place)}, weight: {weight}, values: {{{values}}}}}")
     return "\n".join(lines) + "\n"
 
 

@@ -127,7 +127,10 @@ class RunStore:
         """Rows by name; a last line that an interruption cut off is dropped from the file."""
         if not self.path.exists():
             return {}
-        lines = self.path.read_text(encoding="utf-8").splitlines()
+        text = self.path.read_text(encoding="utf-8")
+        if text and not text.endswith("\n"):  # cut off exactly before the end of a line, or within it
+            self.path.write_text(text + "\n", encoding="utf-8")
+        lines = text.splitlines()
         rows = []
         for number, text in enumerate(lines):
             try:

@@ -5,6 +5,7 @@ metrics after the car's zero-phase filters. The turns are those of the simulatio
 car's AUTO sequence: the thesis gives throttle, not speed, for those.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -127,4 +128,6 @@ def relative_discrepancy(metric: str, discrepancy: dict[str, Discrepancy]) -> fl
 
 
 def _ratio(difference: float, variance: float) -> float:
-    return difference / float(np.sqrt(variance)) if variance > 0.0 else float("inf") * np.sign(difference)
+    if variance > 0.0:
+        return difference / float(np.sqrt(variance))
+    return math.copysign(math.inf, difference) if math.isfinite(difference) else math.nan

@@ -125,11 +125,15 @@ def _search(
 
 def describe(found: Threshold, unit: str) -> list[str]:
     """Lines that say what a search came to."""
+    from optimisation.sweep.threshold import TIPPED
+
     search = found.search
     suffix = f" {unit}" if unit else ""
     name = search.factor
-    if found.flipped is None:
-        lines = [f"{name}: no flip from {search.low:g} to {search.high:g}{suffix}"]
+    if found.flipped is None and found.survived is None:
+        lines = [f"{name}: no run from {search.low:g} to {search.high:g}{suffix} came to its turn"]
+    elif found.flipped is None:
+        lines = [f"{name}: no flip from {search.low:g} to {search.high:g}{suffix}; survives up to {found.survived:g}"]
     elif found.survived is None:
         lines = [f"{name}: flips at {found.flipped:g}{suffix} already, the lowest value"]
     else:
@@ -137,6 +141,10 @@ def describe(found: Threshold, unit: str) -> list[str]:
             f"{name}: survives up to {found.survived:g}{suffix}, flips at {found.flipped:g}{suffix} "
             f"(tolerance {search.tolerance:g}, {len(found.outcomes)} runs)"
         ]
+        if found.flipped - found.survived > search.tolerance + 1e-9:
+            lines[0] += f"; the values between them, {found.flipped - found.survived:.3g} apart, told nothing"
+    if over := [value for value, outcome in found.outcomes.items() if outcome == TIPPED]:
+        lines.append(f"{len(over)} run(s) tipped over before their turn, the first at {over[0]:g}: no evidence of it")
     for first, last in found.islands:
         where = f"at {first:g}" if first == last else f"from {first:g} to {last:g}"
         lines.append(f"island: survives again {where}{suffix} (scan step {search.scan:g})")

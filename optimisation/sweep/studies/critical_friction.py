@@ -74,6 +74,7 @@ def friction_rows(frame: pd.DataFrame, setups: Mapping[str, Setup]) -> list[dict
                 "low_5_percent": float(five),
                 "high_95_percent": float(ninety_five),
                 "outside_the_range": sum(step.survived is None or step.flipped is None for step in steps),
+                "without_a_result": int(np.count_nonzero(np.isnan(middles))),
                 "step": steps[0].words if len(steps) == 1 else "",
                 "members_with_islands": sum(bool(step.islands) for step in steps),
                 "heading_change_rad": band(upright, "heading_change_rad")[1] if len(upright) else None,
@@ -88,13 +89,14 @@ def read_friction(
 ) -> Findings:
     """The cases in order of their critical friction, and the plot."""
     rows = friction_rows(frame, setups)
-    best = max(rows, key=lambda row: row["critical_friction"])
+    best = max(rows, key=lambda row: -np.inf if np.isnan(row["critical_friction"]) else row["critical_friction"])
     step = float(np.diff(np.unique(frame[FRICTION]))[0]) if frame[FRICTION].nunique() > 1 else float("nan")
     said = (
         f"The highest critical friction has {best['case']!r}: {best['critical_friction']:.3f}; the grid resolves "
         f"{step:.2f}, so differences below that are none.",
         "The critical friction is the middle between the last friction survived and the first flip; a value at the end "
-        "of the range is only a bound (column outside_the_range).",
+        "of the range is only a bound (column outside_the_range). Cars whose runs failed or tipped over before their "
+        "turn up to the end of the range are left out (column without_a_result).",
         f"Heading change and peak roll are those at a friction of {REFERENCE_FRICTION:g}, where survived. A car that "
         "turns less far survives more easily.",
         *sentences,

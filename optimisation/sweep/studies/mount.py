@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from optimisation.sweep.engine import SweepError
 from optimisation.sweep.studies.reading import band, by_value, ran, survived_share
 from optimisation.sweep.studies.report import Findings, Picture
 from optimisation.sweep.study import Block, Range, Study, Value
@@ -33,7 +34,13 @@ HOLD, MOUNT = "manoeuvre.turn_hold", "tail.mount_x"
 
 
 def mount_study(settings: Sequence[str] = (), ensemble: str | None = None, members: int | None = None) -> Study:
-    """Cars without tail, with it held and swung, over mount, ballast and steering duration."""
+    """Cars without tail, with it held and swung, over mount, ballast and steering duration.
+
+    Raises:
+        SweepError: an ensemble is given: the ballast is added to the one car of the settings.
+    """
+    if ensemble is not None:
+        raise SweepError(f"mount: --ensemble {ensemble}: the ballast cases are made for one car; allowed: --set")
     common = (f"{SPEED}={STUDY_SPEED}", *settings)
     steering: dict[str, list[Value] | Range] = {HOLD: list[Value](STEERING)}
     blocks = [

@@ -84,10 +84,12 @@ class Step:
         return f"{self.survived:.4g} to {self.flipped:.4g}{beyond}"
 
     def middle(self, low: float, high: float) -> float:
-        """Of survived and flipped; `low` and `high` where it lies outside the range."""
+        """Of survived and flipped; an end of the range where the step lies beyond it, NaN where no run tells."""
+        if self.survived is not None and self.flipped is not None:
+            return 0.5 * (self.survived + self.flipped)
         if self.survived is None:
-            return low
-        return high if self.flipped is None else 0.5 * (self.survived + self.flipped)
+            return float("nan") if self.flipped is None else low
+        return high if np.isclose(self.survived, high) else float("nan")
 
 
 def step_along(frame: pd.DataFrame, factor: str) -> Step:
@@ -133,12 +135,19 @@ class Probability:
 
 
 def rollover_probability(frame: pd.DataFrame) -> Probability:
-    """Share of the runs that flipped; NaN without runs."""
+    """Share of the runs that flipped; NaN without runs.
+
+    Members of an ensemble share their samples: the runs are worth no more than members, and no more than samples.
+    """
     frame = ran(frame)
     if frame.empty:
         return Probability(float("nan"), 0.0, 1.0, 0, 0.0)
     weights = weights_of(frame)
     effective = float(weights.sum() ** 2 / np.sum(weights**2))
+    if "member" in frame.columns and frame["member"].notna().any():
+        members = frame.groupby("member")["weight"].agg(["first", "size"])
+        worth = float(members["first"].sum() ** 2 / np.sum(members["first"] ** 2))
+        effective = min(effective, worth, float(members["size"].max()))
     share = 1.0 - survived_share(frame)
     whole = max(1, round(effective))
     interval = binomtest(round(share * whole), whole).proportion_ci(CONFIDENCE, "exact")

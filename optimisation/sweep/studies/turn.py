@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from optimisation.sweep.studies.reading import (
+    Step,
     band,
     by_value,
     ran,
@@ -64,11 +65,15 @@ def turn_study(settings: Sequence[str] = (), ensemble: str | None = None, member
 
 
 def read_turn(frame: pd.DataFrame) -> Findings:
-    """Threshold of the speed for every tail mode and tail speed, with islands and the band of an ensemble."""
+    """Threshold of the speed for every tail mode and tail speed, with islands and the band of an ensemble.
+
+    A member that flips at every speed counts as 0 m/s, one that never flips as the fastest speed it survived; both are
+    counted in `outside_the_range`.
+    """
     rows = []
     for mode, tail_speed, part in _cases(frame):
         steps, weights = steps_of_members(part, SPEED)
-        survived = [np.nan if step.survived is None else step.survived for step in steps]
+        survived = [_highest_survived(step) for step in steps]
         low, middle, high = weighted_quantiles(survived, weights, (0.05, 0.5, 0.95))
         rows.append(
             {
@@ -79,6 +84,7 @@ def read_turn(frame: pd.DataFrame) -> Findings:
                 "high_95_percent": float(high),
                 "step": steps[0].words if len(steps) == 1 else "",
                 "members_with_islands": sum(bool(step.islands) for step in steps),
+                "outside_the_range": sum(step.survived is None or step.flipped is None for step in steps),
                 "members": len(steps),
                 "survived_share": survived_share(part),
             }
@@ -103,6 +109,12 @@ def read_turn(frame: pd.DataFrame) -> Findings:
     return Findings(
         rows, _sentences(frame), pictures, ("block", SPEED, TAIL_SPEED, "outcome", "clean", "peak_roll_rad")
     )
+
+
+def _highest_survived(step: Step) -> float:
+    if step.survived is not None:
+        return step.survived
+    return np.nan if step.flipped is None else 0.0
 
 
 def _sentences(frame: pd.DataFrame) -> tuple[str, ...]:

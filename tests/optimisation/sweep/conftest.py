@@ -5,7 +5,7 @@ import pytest
 from optimisation.sweep.engine import open_engine
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def engine():
     with open_engine(2) as opened:
         yield opened

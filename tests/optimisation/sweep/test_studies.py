@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -144,3 +145,22 @@ def test_mistakes_in_a_goal_table_are_named(tmp_path, text, said):
     with pytest.raises(UserError) as raised:
         load_goals(goals(tmp_path, text))
     assert said in str(raised.value)
+
+
+def test_a_car_that_tells_nothing_has_no_threshold_and_one_that_always_survives_a_bound():
+    assert np.isnan(reading.Step(0.5, None, (), (0.55, 0.6)).middle(0.5, 0.95))
+    assert np.isnan(reading.Step(None, None, ()).middle(0.5, 0.95))
+    assert reading.Step(None, 0.5, ()).middle(0.5, 0.95) == 0.5
+    assert reading.Step(0.95, None, ()).middle(0.5, 0.95) == 0.95
+
+
+def test_runs_of_an_ensemble_are_worth_no_more_than_its_members():
+    members = [name for name in "abcd" for _ in range(64)]
+    frame = pd.DataFrame({"member": members, "weight": 0.25})
+    frame["outcome"] = np.where(frame["member"] == "a", "flipped", "survived")
+    found = reading.rollover_probability(frame)
+    assert found.value == pytest.approx(0.25)
+    assert found.effective == pytest.approx(4.0)
+    assert found.high > 0.7
+    with pytest.raises(UserError, match="made for one car"):
+        mount.mount_study(ensemble="car")
