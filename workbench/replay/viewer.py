@@ -26,6 +26,11 @@ _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
 """Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go."""
 
 
+_KEPT: list[Meshcat] = []
+"""Every viewer of this process, until it ends. Drake aborts the process when another thread than its maker's destroys
+one, and Python's garbage collector runs in whatever thread it is due, such as those of a sweep's engine."""
+
+
 def open_meshcat(port: int | None = None) -> Meshcat:
     """Starts a viewer on 127.0.0.1, with a floor and a camera that sees a whole run from the side.
 
@@ -54,12 +59,14 @@ def _start(port: int | None) -> Meshcat:
     level = log.level
     log.setLevel(logging.WARNING)  # the address is told by whoever wants a visitor
     try:
-        return Meshcat(MeshcatParams(host=HOST, port=port))
+        meshcat = Meshcat(MeshcatParams(host=HOST, port=port))
     except RuntimeError as error:
         place = f"port {port} of {HOST} is in use" if port is not None else f"no free port on {HOST}"
         raise UserError(f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})") from error
     finally:
         log.setLevel(level)
+    _KEPT.append(meshcat)
+    return meshcat
 
 
 def _set_lights(meshcat: Meshcat) -> None:

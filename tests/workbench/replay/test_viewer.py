@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import logging
+import threading
 
 import numpy as np
 import pytest
@@ -16,6 +18,16 @@ def test_viewer_is_on_this_machine_only_and_quiet(caplog: pytest.LogCaptureFixtu
         meshcat = open_meshcat()
     assert meshcat.web_url().startswith("http://127.0.0.1:")
     assert caplog.records == []
+
+
+def test_a_viewer_may_be_forgotten_while_another_thread_collects_garbage() -> None:
+    """Drake aborts the process where that thread destroys it."""
+    cycle: dict[str, object] = {"viewer": open_meshcat()}
+    cycle["self"] = cycle
+    del cycle
+    thread = threading.Thread(target=gc.collect)
+    thread.start()
+    thread.join()
 
 
 def test_port_in_use_is_one_clear_error() -> None:
