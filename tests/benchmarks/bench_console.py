@@ -41,7 +41,7 @@ def bench_emergency_stop_of_the_page() -> Iterator[BenchRow]:
 
 
 def bench_killed_browser() -> Iterator[BenchRow]:
-    """From SIGKILL of the browser to the neutral throttle of the car: the dead-man."""
+    """From SIGKILL of the browser, which ends its connection, to the neutral throttle; the dead-man stands behind."""
     times = kill_times(KILLS)
     yield BenchRow("console_killed_browser_to_throttle_0_median", float(np.median(times)), "s")
     yield BenchRow("console_killed_browser_to_throttle_0_max", max(times), "s", "<= 0.3")

@@ -202,6 +202,23 @@ def test_second_page_is_read_only_but_may_stop_the_car(served):
     second.state(lambda state: state["controls"])
 
 
+def test_a_page_that_looks_on_takes_nothing_from_the_car_when_it_goes(served):
+    cookie = served.enter()
+    first, second = served.page(cookie), served.page(cookie)
+    served.link.report(ARMED, time.monotonic())
+    first.state(lambda state: state["radio"]["armed"])
+    first.beat()
+    first.beat(mode="manual", throttle=0.25)
+    eventually(lambda: len(served.sent(OperatorCommand)) == 2)
+    second.state()
+    second.socket.close()
+    time.sleep(0.2)
+    assert served.sent(OperatorCommand)[-1].mode is RadioMode.MANUAL
+    assert len(served.sent(OperatorCommand)) == 2
+    first.socket.close()
+    eventually(lambda: served.sent(OperatorCommand)[-1].mode is RadioMode.IDLE)
+
+
 def test_stop_goes_out_at_once_and_stays_until_it_is_reset(served):
     page = served.page(served.enter())
     page.state()
