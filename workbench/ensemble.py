@@ -75,14 +75,6 @@ class Ensemble:
         """Effective sample size 1 / sum(w^2): how many equally likely members it is worth."""
         return float(1.0 / np.sum(self.weights**2))
 
-    def likeliest(self, number: int) -> tuple[Member, ...]:
-        """The `number` likeliest members with their weights scaled to sum to 1; all of them if there are fewer."""
-        if number < 1:
-            raise EnsembleError(f"{number} members of {self.path}: allowed: 1 to {len(self.members)}")
-        chosen = sorted(self.members, key=lambda member: -member.weight)[:number]
-        total = sum(member.weight for member in chosen)
-        return tuple(Member(member.name, member.weight / total, member.values) for member in chosen)
-
     def drawn(self, number: int) -> tuple[Member, ...]:
         """`number` members that stand for all: drawn by weight, evenly over the weights in the order of the file.
 

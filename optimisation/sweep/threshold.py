@@ -10,15 +10,13 @@ The values that are run do not depend on the number of workers, so neither does 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from optimisation.sweep.engine import Engine, SerialEngine, SweepError
-from optimisation.sweep.store import make_frame
 from optimisation.sweep.task import RunTask, tipped_before_turn
 from workbench.scenario import load_scenario
 
@@ -192,25 +190,6 @@ def find_thresholds(
         _run(cases, search.factor, wanted, outcomes, engine, done)
         wanted = {place: values for place in wanted if (values := _next_values(outcomes[place], search.tolerance))}
     return [_threshold(search, found) for found in outcomes]
-
-
-def survival_map(
-    scenario: str,
-    settings: Sequence[str],
-    speeds: Sequence[float],
-    frictions: Sequence[float],
-    engine: Engine | None = None,
-    done: Callable[[int, dict[str, Any]], None] | None = None,
-) -> pd.DataFrame:
-    """Outcome over speed x friction: one row per run with the two factors and everything that `evaluate` gives."""
-    points = [{SPEED: float(speed), FRICTION: float(friction)} for speed in speeds for friction in frictions]
-    tasks = [RunTask(f"{place:06d}", scenario, (*settings, *_settings(point))) for place, point in enumerate(points)]
-    rows = (engine or SerialEngine()).rows(tasks, done)
-    return make_frame([point | row for point, row in zip(points, rows, strict=True)])
-
-
-def _settings(point: Mapping[str, float]) -> Iterable[str]:
-    return (f"{name}={value!r}" for name, value in point.items())
 
 
 def _run(

@@ -81,14 +81,6 @@ def test_a_member_whose_values_do_not_go_together_is_named(tmp_path: Path) -> No
         ensemble.scenario(ensemble.members[1], "turn_none")
 
 
-def test_the_likeliest_members_keep_their_ratio(tmp_path: Path) -> None:
-    ensemble = load_ensemble(written(tmp_path, TEXT))
-    assert [member.name for member in ensemble.likeliest(1)] == ["a"]
-    assert sum(member.weight for member in ensemble.likeliest(5)) == pytest.approx(1.0)
-    with pytest.raises(EnsembleError, match="0 members of"):
-        ensemble.likeliest(0)
-
-
 def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
     ensemble = load_ensemble(written(tmp_path, TEXT))
     members = tuple(Member(str(place), weight, {}) for place, weight in enumerate((0.1, 0.55, 0.02, 0.33)))

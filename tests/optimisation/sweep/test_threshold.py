@@ -13,7 +13,6 @@ from optimisation.sweep.threshold import (
     Search,
     critical_friction,
     find_thresholds,
-    survival_map,
 )
 from workbench.errors import UserError
 
@@ -110,17 +109,6 @@ def test_impossible_search_is_refused(changes, said):
 def test_scenario_that_cannot_be_resolved_is_refused_before_any_run():
     with pytest.raises(UserError, match=r"car\.mass"):
         critical_friction("turn_none", ["car.mass=-1"], MadeUp(lambda friction: True, FRICTION))
-
-
-def test_map_has_a_row_per_point():
-    engine = MadeUp(lambda friction: friction < 0.6, FRICTION)
-    table = survival_map("turn_none", [], [3.0, 4.0], [0.5, 0.7], engine)
-    assert table[[SPEED, FRICTION, "outcome"]].to_numpy().tolist() == [
-        [3.0, 0.5, "survived"],
-        [3.0, 0.7, "flipped"],
-        [4.0, 0.5, "survived"],
-        [4.0, 0.7, "flipped"],
-    ]
 
 
 @pytest.mark.slow
