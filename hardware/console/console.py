@@ -122,6 +122,7 @@ class Console:
         car = self._car
         return {
             "type": "state",
+            "time": now,
             "controls": self._seats.controller == page,
             "can_take": self._seats.controller != page and self._seats.free(now),
             "radio": radio_state(self.radio, now),

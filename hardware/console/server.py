@@ -27,7 +27,7 @@ _TURN, _SHOW = 0.01, 0.05
 """s between two looks at the radio; between two states that a page gets."""
 _MOST_BYTES = 4096
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
-_PAGES = ("index.html", "console.css", "console.js", "inputs.js", "plots.js")
+_PAGES = ("index.html", "console.css", "console.js", "inputs.js", "news.js", "plots.js")
 Say = Callable[[str], None]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import http.server
 import threading
+import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -15,8 +16,8 @@ import pytest
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from hardware.console.server import open_socket
-from hardware.protocol.radio import Heartbeat
-from tests.hardware.console.test_server import Served, eventually
+from hardware.protocol.radio import EmergencyStop, Heartbeat
+from tests.hardware.console.test_server import ARMED, Served, eventually
 
 pytestmark = pytest.mark.realtime
 
@@ -43,6 +44,36 @@ def served(tmp_path: Path) -> Iterator[Served]:
 
 def shown(page: Any) -> str:
     return page.inner_text("body")
+
+
+def show_armed(page: Any, served: Served) -> None:
+    """The car reports that it is armed until the page shows it."""
+    end = time.monotonic() + 10.0
+    while page.inner_text("#car") != "ARMED":
+        assert time.monotonic() < end
+        served.link.report(ARMED, time.monotonic())
+        time.sleep(0.05)
+
+
+def readings(page: Any) -> list[str]:
+    """What the boxes above and the plots show of car and console."""
+    texts = [page.inner_text(name) for name in ("#car", "#heard-mode", "#link", "#seat")]
+    return [*texts, *page.locator(".plot b").all_inner_texts()]
+
+
+NO_PLOTS = ["–", "–", "roll (solid) – pitch (dashed) –", "roll (solid) – pitch (dashed) –"]
+
+
+@contextlib.contextmanager
+def stalled(served: Served) -> Iterator[None]:
+    """The console stands still, its connections open."""
+    release = threading.Event()
+    served.console.turn = lambda _: release.wait(60.0)  # type: ignore[method-assign,assignment,return-value]
+    try:
+        yield
+    finally:
+        release.set()
+        del served.console.turn
 
 
 def test_a_wrong_and_a_used_token_are_refused_in_words(page: Any, served: Served) -> None:
@@ -79,12 +110,45 @@ def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(page: Any, t
     first = Served(tmp_path)
     page.goto(first.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
+    show_armed(page, first)
     first.close()
     eventually(lambda: "connection to the console is lost" in shown(page) or "does not answer" in shown(page))
     with contextlib.closing(Served(tmp_path / "second", open_socket(first.port))) as second:
         eventually(lambda: "was started again" in shown(page))
+        assert readings(page) == ["not connected", "–", "no link", "not connected", *NO_PLOTS]
         assert page.is_disabled("#arm")
         assert second.sent(Heartbeat) == []
+
+
+def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, served: Served) -> None:
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    show_armed(page, served)
+    page.locator("input[value=manual]").evaluate("box => box.click()")
+    assert page.evaluate("mode") == "manual"
+    with stalled(served):
+        eventually(lambda: readings(page) == ["not known", "–", "no link", "not known", *NO_PLOTS])
+        assert page.evaluate("socket.readyState") == 1
+        assert page.evaluate("mode") == "rest"
+        assert "silent for" in page.inner_text("#banner")
+        assert "not known" in page.inner_text("#faults")
+        assert all(page.is_disabled(name) for name in ("#arm", "input[value=manual]", "#record"))
+        page.keyboard.press("Escape")
+        assert "has not answered" in page.inner_text("#banner")
+    eventually(lambda: served.sent(EmergencyStop))
+    eventually(lambda: "EMERGENCY STOP by key" in page.inner_text("#banner"))
+    assert readings(page)[3] == "controls"
+
+
+def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page: Any, served: Served) -> None:
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    page.evaluate("socket.close()")
+    eventually(lambda: page.evaluate("state === null"))
+    page.keyboard.press("Escape")
+    assert "not connected" in page.inner_text("#banner")
+    eventually(lambda: served.sent(EmergencyStop))
+    eventually(lambda: "EMERGENCY STOP by key" in page.inner_text("#banner"))
 
 
 def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: Path) -> None:

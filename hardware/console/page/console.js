@@ -1,7 +1,7 @@
 // The operator's page. Its heartbeat is made here, in the page's own timer: what stops the page stops the heartbeat.
 "use strict";
 
-const BEAT_MS = 50, PAD_MS = 20, LATE = 0.2;
+const BEAT_MS = 50, PAD_MS = 20, LOOK_MS = 100, LATE = 0.2;
 const CHANNELS_OF = {rest: [], manual: ["throttle", "steering", "pitch", "roll"], control: ["throttle", "steering"], auto: []};
 const NOTES = {
   rest: "Rest: throttle 0. The other modes are free once the car is armed.",
@@ -13,6 +13,7 @@ const get = (id) => document.getElementById(id);
 const seconds = () => performance.now() / 1000;
 const sliders = new Sliders(get("sliders"));
 const plots = makePlots(get("plots"));
+const news = new News();
 let socket = null, state = null, count = 0, mode = "rest", pads = 0, padStop = false, problem = "", wasArmed = false, pendingStop = "";
 
 function send(message) {
@@ -22,20 +23,17 @@ function send(message) {
 }
 
 function stop(by) {
-  const sent = send({type: "stop", by});
+  pendingStop = by;  // until the console says that it has it; sent again when a connection is lost before that
+  send({type: "stop", by});
   setMode("rest");
-  if (!sent) {
-    pendingStop = by;
-    problem = "Not connected: the stop is sent when the connection is back. Use the car's power switch.";
-  }
-  get("stop").classList.add("pressed");
+  show();
 }
 
 function setMode(wanted) {
   if (wanted === mode) return;
   mode = wanted;
   sliders.centre();
-  const seen = state?.radio.report;
+  const seen = news.report(seconds());
   if (mode === "manual" && seen) sliders.set({pitch: seen.tail_pitch ?? 0, roll: seen.tail_roll ?? 0});  // the tail stays
   document.querySelector(`input[name=mode][value=${mode}]`).checked = true;
   get("mode-note").textContent = NOTES[mode];
@@ -98,26 +96,28 @@ async function connect() {
 
 function lose(text, again = true) {
   socket = state = null;
+  news.forget();
   problem = text;
   setMode("rest");
-  show();
+  setView("");
+  look();
   if (again) setTimeout(connect, 1000);
 }
 
 function hear(message) {
   if (message.type === "welcome") {
     problem = "";
-    if (pendingStop && send({type: "stop", by: pendingStop})) pendingStop = "";
+    if (pendingStop) send({type: "stop", by: pendingStop});
     sliders.setLimits(message.limits);
-    get("view").hidden = !message.view;
-    get("show-view").dataset.url = message.view ?? "";
-    showView();
+    setView(message.view ?? "");
   } else if (message.type === "refused") {
     problem = message.text;
   } else {
     state = message;
     const radio = state.radio, now = seconds();
-    for (const plot of plots) plot.add(now, radio.heard ? radio.report : null);
+    news.hear(state, now);
+    if (radio.stopped_by) pendingStop = "";
+    for (const plot of plots) plot.add(now, news.report(now));
     if (mode !== "rest" && (radio.stopped_by || !state.controls || (wasArmed && !radio.armed))) setMode("rest");
     wasArmed = radio.armed;
   }
@@ -130,26 +130,37 @@ function setText(id, text) {
   if (get(id).textContent !== text) get(id).textContent = text;
 }
 
+// What does not come from the console: time goes by.
+function look() {
+  const now = seconds();
+  if (!news.current(now)) {
+    setMode("rest");  // the car has heard nothing from here for longer than it waits
+    for (const plot of plots) plot.add(now, null);
+  }
+  show();
+}
+
 function show() {
-  const radio = state?.radio, controls = Boolean(state?.controls), stopped = Boolean(radio?.stopped_by);
-  const report = radio?.heard ? radio.report : null;
-  const armed = Boolean(radio?.armed);
-  setText("car", !report ? "not heard" : report.stopped ? "STOPPED" : armed ? "ARMED" : "not armed");
-  get("car-box").className = report?.stopped ? "stopped" : armed ? "armed" : "";
+  const now = seconds(), known = news.current(now), report = news.report(now), radio = known?.radio;
+  const controls = Boolean(known?.controls), stopped = Boolean(radio?.stopped_by);
+  const armed = Boolean(radio?.armed && report);
+  const unknown = !state ? "not connected" : "not known";
+  setText("car", !known ? unknown : !report ? "not heard" : report.stopped ? "STOPPED" : armed ? "ARMED" : "not armed");
+  get("car-box").className = !known ? "unknown" : report?.stopped ? "stopped" : armed ? "armed" : "";
   setText("heard-mode", report ? report.mode : "–");
-  const age = report ? radio.link_age : null;
+  const age = report ? radio.link_age + news.age(now) : null;
   setText("link", age === null ? "no link" : `${Math.round(age * 1000)} ms${age > LATE ? " LATE" : ""}`);
   get("link-box").className = age === null || age > LATE ? "late" : "";
-  setText("seat", !state ? "not connected" : controls ? "controls" : "read-only");
-  showFaults(report);
-  get("stop").classList.toggle("pressed", stopped);
-  showBanner(radio, stopped);
-  get("take").hidden = !state?.can_take;
-  const car = state?.car;
+  setText("seat", !known ? unknown : controls ? "controls" : "read-only");
+  showFaults(known, report);
+  get("stop").classList.toggle("pressed", stopped || Boolean(pendingStop));
+  showBanner(known);
+  get("take").hidden = !known?.can_take;
+  const car = known?.car;
   get("arm").disabled = !controls || !car || car.driving || stopped || mode !== "rest";
   get("disarm").disabled = !controls || !car?.driving;
   get("reset").disabled = !controls || !stopped || mode !== "rest";
-  setText("said", !state ? "" : car ? (car.said ? `Drive: ${car.said}` : "Arm starts a drive: it checks the car first.")
+  setText("said", !known ? "" : car ? (car.said ? `Drive: ${car.said}` : "Arm starts a drive: it checks the car first.")
     : "This car is armed beside it, with aerodima drive.");
   for (const input of document.querySelectorAll("input[name=mode]"))
     input.disabled = !controls || stopped || (input.value !== "rest" && !armed && mode === "rest");
@@ -158,15 +169,14 @@ function show() {
   get("step-go").disabled = !controls || !CHANNELS_OF[mode].includes(stepChannel());
   get("centre").disabled = !controls;
   get("record").disabled = !controls;
-  const recording = state?.recording;
-  if (recording) {
-    get("record").checked = recording.on;
-    setText("record-note", recording.error || (recording.on ? `writing ${recording.path}` : ""));
-  }
+  const recording = known?.recording;
+  get("record").checked = Boolean(recording?.on);
+  setText("record-note", recording ? recording.error || (recording.on ? `writing ${recording.path}` : "") : unknown);
 }
 
-function showFaults(report) {
-  const lines = report ? report.faults.map((entry) => `${entry.source}: ${entry.fault}`) : ["the car is not heard"];
+function showFaults(known, report) {
+  const lines = !known ? ["not known: the console is not heard"] : !report ? ["the car is not heard"]
+    : report.faults.map((entry) => `${entry.source}: ${entry.fault}`);
   if (report?.text) lines.unshift(report.text);
   const text = lines.length ? lines : ["none"];
   if (get("faults").dataset.text === text.join("\n")) return;
@@ -174,13 +184,29 @@ function showFaults(report) {
   get("faults").replaceChildren(...text.map((line) => Object.assign(document.createElement("li"), {textContent: line})));
 }
 
-function showBanner(radio, stopped) {
-  const confirmed = radio?.confirmed ? "the car has reported it" : "sending until the car reports it";
-  const text = stopped ? `EMERGENCY STOP by ${radio.stopped_by}: ${confirmed}.` : problem
-    || (state && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "");
+function bannerText(known) {
+  const radio = known?.radio, power = "If the car does not stop, cut its power.";
+  if (pendingStop && !state) return `EMERGENCY STOP pressed, but not connected: it is sent when the connection is back. ${power}`;
+  if (pendingStop) return `EMERGENCY STOP pressed; the console has not answered yet. ${power}`;
+  if (radio?.stopped_by)
+    return `EMERGENCY STOP by ${radio.stopped_by}: ${radio.confirmed ? "the car has reported it" : "sending until the car reports it"}.`;
+  if (state && !known)
+    return `The console has been silent for ${Math.floor(news.age(seconds()))} s: what it showed is old and is not shown. The mode is rest.`;
+  if (problem) return problem;
+  return known && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "";
+}
+
+function showBanner(known) {
+  const text = bannerText(known);
   get("banner").hidden = !text;
-  get("banner").className = stopped ? "stopped" : "";
+  get("banner").className = pendingStop || known?.radio.stopped_by ? "stopped" : "";
   setText("banner", text);
+}
+
+function setView(url) {
+  get("view").hidden = !url;
+  get("show-view").dataset.url = url;
+  showView();
 }
 
 function showView() {
@@ -217,7 +243,7 @@ window.addEventListener("blur", () => setTimeout(() => {  // the view must not k
   if (document.activeElement?.tagName === "IFRAME") { document.activeElement.blur(); window.focus(); }
 }));
 for (const name of ["arm", "disarm", "reset", "take"])
-  get(name).addEventListener("click", () => { problem = ""; send({type: name}); });
+  get(name).addEventListener("click", () => { problem = pendingStop = ""; send({type: name}); });
 get("record").addEventListener("change", (event) => send({type: "log", on: event.target.checked}));
 get("centre").addEventListener("click", () => sliders.centre());
 get("show-view").addEventListener("change", showView);
@@ -237,6 +263,7 @@ for (const input of document.querySelectorAll("input[name=mode]"))
 
 setInterval(beat, BEAT_MS);
 setInterval(lookAtGamepads, PAD_MS);
+setInterval(look, LOOK_MS);
 (function draw() {
   for (const plot of plots) plot.draw(seconds());
   setTimeout(() => requestAnimationFrame(draw), 60);

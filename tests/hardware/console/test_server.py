@@ -34,9 +34,9 @@ class Served:
         self.listener = listener or open_socket(0)
         self.port = self.listener.getsockname()[1]
         self.access = Access(self.port)
-        console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car)
+        self.console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car)
         config = uvicorn.Config(
-            make_app(console, self.access, self.said.append),
+            make_app(self.console, self.access, self.said.append),
             log_level="error",
             ws="websockets-sansio",
             timeout_graceful_shutdown=1,
@@ -135,7 +135,7 @@ def test_token_opens_once_and_the_cookie_afterwards(served):
 
 def test_pages_name_nothing_outside(served):
     cookie = served.enter().partition(";")[0]
-    for name in ("", "console.css", "console.js", "inputs.js", "plots.js"):
+    for name in ("", "console.css", "console.js", "inputs.js", "news.js", "plots.js"):
         body = served.get(f"/{name}", Cookie=cookie).body
         assert "http://" not in body
         assert "https://" not in body
