@@ -3,11 +3,14 @@
 Candidates are ranked by feasibility first: leaves its limits, rolls over at the common friction, turns too little,
 rolls over at the target friction (the earlier the worse), touches the ground there, does so at a friction between the
 common one and the target or rolls beyond the margin, and then by the car's peak roll and by what it turns too much.
+Where several cars must survive, each at as many times what it survives with the published swing, a candidate must turn
+far enough with all of them before any is driven at its target, and its rank is halfway between their worst and their mean.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +22,9 @@ from workbench.range_of_motion import ground_clearance
 from workbench.scenario import Scenario, default_values, scenario_from_dict
 from workbench.swing_file import SwingFile
 
-HEADING_MARGIN = 0.005
-"""What a candidate must have on top, so that another step of the plant does not undo it."""
+HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02
+"""What a candidate must have on top, so that another step of the plant does not undo it; the second with several cars,
+since the swing is meant for others as well."""
 LOST = 0.6
 """Roll at which a car that rolls over counts as lost, rad; the later, the better its rank."""
 LOWEST, HIGHEST = 0.3, 1.2
@@ -88,52 +92,105 @@ class Reference:
 
 
 @dataclass(frozen=True)
+class Car:
+    """A car and its turn as a resolved scenario, small enough to send anywhere, with what it is compared with."""
+
+    scenario: dict[str, Any]
+    reference: Reference
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Car:
+        """With the published swing driven for its reference; errors as `Reference.of`."""
+        return cls(scenario.resolved(), Reference.of(scenario))
+
+
+def shares(cars: Sequence[Car], friction: float) -> list[float]:
+    """Friction of each car at as many times what it survives with the published swing as the first has at `friction`."""
+    return [friction * car.reference.friction / cars[0].reference.friction for car in cars]
+
+
+@dataclass(frozen=True)
 class Score:
     """What a candidate is worth.
 
     Attributes:
         cost: rank among the candidates of a generation, lower is better.
-        heading: share of the reference's heading change; NaN when the common friction is not survived.
-        clean: at the target friction and below it, within the margin of the roll.
+        heading: share of the reference's heading change, the least of all cars; NaN when a common friction is not
+            survived.
+        clean: at the target friction and below it, within the margin of the roll, with all cars.
         peak_roll: the largest there, rad.
+        headings: of each car, once all of them turn far enough.
     """
 
     cost: float
     heading: float = math.nan
     clean: bool = False
     peak_roll: float = math.nan
+    headings: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A changed swing (None: it leaves its limits) with the turn it is tried in, small enough to send anywhere.
+    """A changed swing (None: it leaves its limits) with the cars that it is tried on.
 
-    `heading` is its share of the reference's heading change if that is known already; else it is driven for.
+    `target` is the friction aimed at of the first car, see `shares` for the others. `headings` are the shares of the
+    references' heading changes if they are known already; else they are driven for.
     """
 
     swing: SwingFile | None
-    scenario: dict[str, Any]
-    reference: Reference
+    cars: tuple[Car, ...]
     target: float
-    heading: float | None = None
+    headings: tuple[float, ...] = ()
 
 
 def score(candidate: Candidate) -> Score:
-    """Drives the full car with a candidate: at the common friction, at the target and, if clean there, between them."""
-    if candidate.swing is None:
+    """Drives the cars with a candidate: at the common friction, at the target and, if clean there, between them."""
+    swing = candidate.swing
+    if swing is None:
         return Score(6.0)
-    scenario = scenario_from_dict(candidate.scenario)
-    heading = candidate.heading
-    if heading is None:
-        common = outcome(drive(scenario, candidate.swing, candidate.reference.friction))
-        if not common.clean:
-            return Score(5.0 + common.peak_roll / math.pi)
-        heading = common.heading / candidate.reference.heading
-    if heading < LEAST_HEADING + HEADING_MARGIN:
-        return Score(4.0 + LEAST_HEADING + HEADING_MARGIN - heading, heading)
-    # The more a car turns, the more it rolls: what it turns too much is friction that it gave away.
-    more = heading - LEAST_HEADING - HEADING_MARGIN
-    trial = drive(scenario, candidate.swing, candidate.target)
+    margin = HEADING_MARGIN if len(candidate.cars) == 1 else HEADING_MARGIN_OF_MANY
+    least = LEAST_HEADING + margin
+    headings = candidate.headings
+    if not headings:
+        first = [_turning(car, swing, least) for car in candidate.cars]
+        headings = tuple(one.heading for one in first)
+        if any(one.cost > _TURNS for one in first):
+            return Score(_joint([one.cost for one in first]), min(headings))
+    targets = shares(candidate.cars, candidate.target)
+    found = [
+        _surviving(car, swing, target, heading, heading - least)
+        for car, target, heading in zip(candidate.cars, targets, headings, strict=True)
+    ]
+    return Score(
+        _joint([one.cost for one in found]),
+        min(headings),
+        all(one.clean for one in found),
+        max(one.peak_roll for one in found),
+        headings,
+    )
+
+
+_TURNS = 4.0
+"""Cost of a car that turns far enough, before more is known."""
+
+
+def _joint(costs: Sequence[float]) -> float:
+    return 0.5 * (max(costs) + sum(costs) / len(costs))
+
+
+def _turning(car: Car, swing: SwingFile, least: float) -> Score:
+    """At the common friction: whether the car survives and turns at least that share of the reference."""
+    common = outcome(drive(scenario_from_dict(car.scenario), swing, car.reference.friction))
+    if not common.clean:
+        return Score(5.0 + common.peak_roll / math.pi)
+    heading = common.heading / car.reference.heading
+    return Score(_TURNS + max(least - heading, 0.0), heading)
+
+
+def _surviving(car: Car, swing: SwingFile, target: float, heading: float, more: float) -> Score:
+    """At the target and below; the more a car turns, the more it rolls, so `more` is friction that it gave away."""
+    scenario = scenario_from_dict(car.scenario)
+    trial = drive(scenario, swing, target)
     found = outcome(trial)
     if not found.survived:
         beyond = trial.run_log.time[np.abs(trial.run_log.signal("roll_truth_rad")) > LOST]
@@ -143,8 +200,8 @@ def score(candidate: Candidate) -> Score:
     if not found.clean:
         return Score(1.5 + found.peak_roll / math.pi + more, heading, False, found.peak_roll)
     rolled = found.peak_roll
-    for friction in between(candidate.reference.friction, candidate.target):
-        below = outcome(drive(scenario, candidate.swing, friction))
+    for friction in between(car.reference.friction, target):
+        below = outcome(drive(scenario, swing, friction))
         rolled = max(rolled, below.peak_roll)
         if not below.clean:
             return Score(1.0 + rolled / math.pi + more, heading, False, rolled)

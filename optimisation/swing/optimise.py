@@ -98,8 +98,8 @@ def optimise_swing(
     if not options.rounds:
         swing = _as_it_was(swing, name, options, scenario_name, settings, search.speed)
     if options.polish:
-        here = varied(turn, manoeuvre={"speed": search.speed})
-        swing = polished(swing, here, options, engine=engine, checkpoint=checkpoint, told=told)
+        turns = _cars(varied(turn, manoeuvre={"speed": search.speed}), options)
+        swing = polished(swing, turns, options, engine=engine, checkpoint=checkpoint, told=told)
     if options.feedback:
         swing = _with_gains(swing, cars[0], told)
     if checkpoint is not None:

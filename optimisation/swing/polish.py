@@ -5,7 +5,8 @@ the highest friction that the published swing survives as well, the heading chan
 swing's (design section 10). A reduced model is driven by the yaw motion of a run and cannot know this; so the changes
 of `shape` are searched on the full car itself, ranked as `candidate` says. The target friction rises whenever the best
 candidate is clean at it. The search runs at the scenario's step; the last candidates to reach a target are then driven
-at the fine step over an unbroken row of frictions, and what is best there is what is claimed (`choice`).
+at the fine step over an unbroken row of frictions, and what is best there is what is claimed (`choice`). With several
+cars all of them must survive and turn.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from optimisation.errors import SwingError
 from optimisation.sweep.engine import Engine, SerialEngine
-from optimisation.swing.candidate import Candidate, Reference, Score, score
+from optimisation.swing.candidate import Candidate, Car, Score, score
 from optimisation.swing.choice import choose
 from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP
 from optimisation.swing.options import Options, Told
@@ -30,7 +31,7 @@ from optimisation.swing.shape import changed, changes
 from workbench.atomic_write import write_atomically
 from workbench.errors import SwingFileError
 from workbench.range_of_motion import RangeOfMotion, make_range_of_motion
-from workbench.scenario import Scenario
+from workbench.scenario import Scenario, scenario_from_dict
 from workbench.swing_curve import swing_at
 from workbench.swing_file import SwingFile
 
@@ -44,6 +45,9 @@ FIRST_PITCH = (0.5, 0.5, 0.5, 0.4, 0.2, 0.0)
 """Pitch that a polish with two joints begins with, in units of the change: forwards, which loads the front axle."""
 WIDEST = 4.0
 """Largest change, in its unit."""
+SPIN = 1.5
+"""Heading change (rad) with the published swing from which on a possible car counts as spinning: its rear axle slid out,
+so that there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
 PATIENCE, NARROWER = 2, 0.4
 """Generations without a better candidate after which the search begins again around the best one, narrower by this."""
 
@@ -71,8 +75,7 @@ class Polished:
 
 def polish(
     swing: SwingFile,
-    scenario: Scenario,
-    reference: Reference,
+    cars: Sequence[Car],
     *,
     evaluations: int,
     seed: int,
@@ -89,12 +92,11 @@ def polish(
 
     Args:
         swing: to begin with.
-        scenario: car and turn.
-        reference: see `Reference`.
+        cars: that must survive the turn with it; the path of the tail is kept free of the first one.
         evaluations: how many candidates at most; whole generations are driven.
         seed: of CMA-ES; the same seed tries the same candidates.
         dof: 2 moves pitch too, and keeps the tail free of the car.
-        target: first friction aimed at; by default the reference's.
+        target: first friction aimed at with the first car; by default that of its reference.
         begin: changes to begin with; by default none, or `FIRST_PITCH` with two joints.
         sigma: of the first generation, in units of the changes.
         engine: where the cars are driven.
@@ -117,16 +119,15 @@ def polish(
     options = {"seed": np.nan, "randn": lambda *shape: generator.standard_normal(shape), "verbose": -9}
     options |= {"bounds": [-WIDEST, WIDEST]}
     search = cma.CMAEvolutionStrategy(first, sigma, options)
-    aim = reference.friction if target is None else target
-    free_of = make_range_of_motion(scenario) if dof == 2 else None
-    plain = scenario.resolved()
+    aim = cars[0].reference.friction if target is None else target
+    free_of = make_range_of_motion(scenario_from_dict(cars[0].scenario)) if dof == 2 else None
     scores: list[Score] = []
 
-    def tried(points: Sequence[FloatArray], heading: float | None = None) -> list[Score]:
+    def tried(points: Sequence[FloatArray], headings: tuple[float, ...] = ()) -> list[Score]:
         begun = len(scores)
         found = list(known[begun : begun + len(points)])
         missing = [
-            Candidate(_allowed(swing, x, dof, free_of), plain, reference, aim, heading) for x in points[len(found) :]
+            Candidate(_allowed(swing, x, dof, free_of), tuple(cars), aim, headings) for x in points[len(found) :]
         ]
         found += engine.call(score, missing)
         scores.extend(found)
@@ -145,10 +146,10 @@ def polish(
             best = replace(best, earlier=(best.x, *best.earlier))
         while one.clean:
             best = Polished(point, aim, one.heading, one.peak_roll, earlier=best.earlier)
-            told(f"  {len(scores)} cars: clean at friction {aim:.4f}, heading {one.heading:.1%} of the reference's")
+            told(f"  {len(scores)} candidates: clean at friction {aim:.4f}, heading {one.heading:.1%} of the reference's")
             aim += FRICTION_STEP
-            (one,) = tried([point], one.heading)
-        told(f"  {len(scores)} cars: best at friction {aim:.4f} has rank {one.cost:.3f}, heading {one.heading:.1%}")
+            (one,) = tried([point], one.headings)
+        told(f"  {len(scores)} candidates: best at friction {aim:.4f} has rank {one.cost:.3f}, heading {one.heading:.1%}")
         if best.friction and idle >= PATIENCE:
             sigma, idle = NARROWER * sigma, 0
             search = cma.CMAEvolutionStrategy(best.x, sigma, options)
@@ -157,7 +158,7 @@ def polish(
 
 def polished(
     swing: SwingFile,
-    scenario: Scenario,
+    scenarios: Sequence[Scenario],
     options: Options,
     *,
     engine: Engine | None = None,
@@ -168,19 +169,17 @@ def polished(
 
     Args:
         swing: to begin with.
-        scenario: car and turn, as published but for speed and car.
+        scenarios: cars and their turn, as published but for speed and car; the first is the swing's own.
         options: of the search; `polish`, `seed` and `dof` are used.
         engine: where the cars are driven.
         checkpoint: of the search; candidates are kept beside it until the polish is over.
         told: progress, line by line.
     """
-    reference = Reference.of(scenario)
-    told(
-        f"polish: the published swing is clean to friction {reference.friction:.4f}, turns {reference.heading:.3f} rad"
-    )
+    engine = engine or SerialEngine()
+    cars = _comparable(engine.call(Car.of, scenarios), told)
     path = None if checkpoint is None else checkpoint.with_suffix(".polish.json")
     found = polish(
-        swing, scenario, reference, evaluations=options.polish, seed=options.seed, dof=options.dof,
+        swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof,
         sigma=FIRST_SPREAD if options.rounds else CLOSE_SPREAD, engine=engine,
         known=_known(path), keep=lambda scores: _keep(path, scores), told=told,
     )  # fmt: skip
@@ -191,23 +190,40 @@ def polished(
         return swing
     points = (found.x, *found.earlier)
     shaped = [changed(swing, x, options.dof) for x in points]
-    claim = choose(shaped, scenario, reference, found.friction, told=told)
+    claim = choose(shaped, cars, found.friction, engine=engine, told=told)
     if claim is None:
         told("polish: no candidate turns far enough at the fine step: kept the swing as it was")
         return swing
     facts = {
         "polish_changes": " ".join(f"{value:.9g}" for value in points[claim.place]),
-        "polish_cars": found.evaluations,
+        "polish_candidates": found.evaluations,
         "fine_step_s": FINE_STEP,
-        "reference_friction": round(claim.reference.friction, 6),
+        "reference_friction": round(claim.references[0].friction, 6),
         "heading_ratio": round(claim.heading, 6),
-        "survived_friction": round(claim.friction, 6),
+        "survived_friction": round(claim.rows[0].friction, 6),
         "peak_roll_rad": round(claim.peak_roll, 6),
     }
+    if len(cars) > 1:
+        facts["gain_by_car"] = " ".join(f"{gain - 1.0:+.4f}" for gain in claim.gains)
     best = shaped[claim.place]
     kept = {key: value for key, value in best.provenance.found.items() if key != "heading_rad"}  # before the polish
     provenance = best.provenance.model_copy(update={"found": kept | facts})
     return best.model_copy(update={"provenance": provenance})
+
+
+def _comparable(cars: Sequence[Car], told: Told) -> list[Car]:
+    """The first car, and those of the others that turn with the published swing and do not spin."""
+    kept = []
+    for number, car in enumerate(cars, start=1):
+        one = car.reference
+        spins = number > 1 and one.heading > SPIN
+        told(
+            f"polish, car {number}: the published swing is clean to friction {one.friction:.4f}, turns "
+            f"{one.heading:.3f} rad{', which is a spin: left out' if spins else ''}"
+        )
+        if not spins:
+            kept.append(car)
+    return kept
 
 
 def _allowed(swing: SwingFile, x: FloatArray, dof: int, free_of: RangeOfMotion | None) -> SwingFile | None:
@@ -228,7 +244,8 @@ def _known(path: Path | None) -> list[Score]:
     if path is None or not path.exists():
         return []
     try:
-        return [Score(**row) for row in json.loads(path.read_text(encoding="utf-8"))]
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        return [Score(**(row | {"headings": tuple(row.get("headings", ()))})) for row in rows]
     except (ValueError, TypeError):
         raise SwingError(f"{path}: is no interrupted polish; allowed: remove it, or another --out") from None
 

@@ -13,10 +13,10 @@ import pytest
 from optimisation.errors import SwingError
 from optimisation.swing import candidate as candidate_module
 from optimisation.swing import full_car as full_car_module
-from optimisation.swing.candidate import Candidate, Reference, Score, between, most_roll, score
+from optimisation.swing.candidate import Candidate, Car, Reference, Score, between, most_roll, score, shares
 from optimisation.swing.choice import choose
 from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
-from optimisation.swing.polish import polish
+from optimisation.swing.polish import _comparable, polish
 from optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
 from workbench.errors import SwingFileError
 from workbench.resources import model_path
@@ -25,6 +25,10 @@ from workbench.swing_curve import swing_at
 from workbench.swing_file import SwingFile, read_swing, swing_from_dict
 
 REFERENCE = Reference(0.675, 0.767)
+
+
+def car(reference: Reference = REFERENCE) -> Car:
+    return Car(load_scenario("turn_swing").resolved(), reference)
 
 
 def swing(direction: str = "left") -> SwingFile:
@@ -82,7 +86,7 @@ def test_pitch_moves_with_two_joints_from_its_start_on() -> None:
 def test_a_change_beyond_the_limits_is_refused_and_ranks_last() -> None:
     with pytest.raises(SwingFileError, match="velocity"):
         changed(swing(), unit(1, -30.0))
-    assert score(Candidate(None, {}, REFERENCE, 0.7)).cost > 5.5
+    assert score(Candidate(None, (car(),), 0.7)).cost > 5.5
 
 
 def test_a_swing_without_a_yaw_rate_is_refused() -> None:
@@ -102,7 +106,7 @@ def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], Outcome]) -> Sc
 
     monkeypatch.setattr(candidate_module, "drive", drive)
     monkeypatch.setattr(candidate_module, "outcome", lambda trial: trial.found)
-    return score(Candidate(swing(), load_scenario("turn_swing").resolved(), REFERENCE, 0.8))
+    return score(Candidate(swing(), (car(),), 0.8))
 
 
 def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,6 +130,52 @@ def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -
     assert len(set(costs)) == len(costs)
     assert [one.clean for one in in_order] == [True] * 3 + [False] * 6
     assert in_order[7].heading == pytest.approx(0.70 / 0.767)
+
+
+def joint(monkeypatch: pytest.MonkeyPatch, *headings: float, lost: float = 2.0) -> tuple[Score, list[float]]:
+    """Score on cars that turn so far; the last one rolls over above the friction `lost`. And the frictions driven."""
+    driven: list[float] = []
+    cars = tuple(
+        Car(load_scenario("turn_swing", [f"car.mass={6.0 + place / 10}"]).resolved(), Reference(0.6 + place / 10, 1.0))
+        for place in range(len(headings))
+    )
+
+    def drive(scenario: Any, _swing: Any, friction: float) -> Any:
+        driven.append(friction)
+        place = round(10 * (scenario.car.mass - 6.0))
+        clean = place + 1 < len(headings) or friction < lost
+        log = SimpleNamespace(time=np.array([0.0, 3.0]), signal=lambda _name: np.array([0.0, 1.0]))
+        return SimpleNamespace(found=Outcome(clean, clean, 0.1, headings[place], 2.1), run_log=log)
+
+    monkeypatch.setattr(candidate_module, "drive", drive)
+    monkeypatch.setattr(candidate_module, "outcome", lambda trial: trial.found)
+    return score(Candidate(swing(), cars, 0.612)), driven
+
+
+def test_with_several_cars_all_must_turn_and_survive_each_at_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    all_well, driven = joint(monkeypatch, 1.0, 1.1)
+    assert all_well.clean
+    assert (all_well.heading, all_well.headings) == (1.0, (1.0, 1.1))
+    assert driven == pytest.approx([0.6, 0.7, 0.612, 0.714])  # 1.02 times what the published swing survives
+    one_short, driven = joint(monkeypatch, 1.0, 0.9)
+    assert driven == pytest.approx([0.6, 0.7])  # no target before all of them turn far enough
+    both_short, _ = joint(monkeypatch, 0.9, 0.9)
+    one_lost, _ = joint(monkeypatch, 1.0, 1.1, lost=0.71)
+    assert not one_lost.clean
+    assert all_well.cost < one_lost.cost < one_short.cost < both_short.cost
+    assert joint(monkeypatch, 0.96)[0].clean
+    assert not joint(monkeypatch, 0.96, 0.96)[0].clean  # several cars need a wider margin over 95 %
+
+
+def test_shares_follow_what_the_published_swing_survives() -> None:
+    assert shares([car(Reference(0.5, 1.0)), car(Reference(0.8, 1.0))], 0.6) == pytest.approx([0.6, 0.96])
+
+
+def test_a_car_that_spins_is_left_out_and_said_so_but_never_the_own_one() -> None:
+    lines: list[str] = []
+    cars = [car(Reference(0.6, heading)) for heading in (2.0, 0.8, 2.0)]
+    assert _comparable(cars, lines.append) == cars[:2]
+    assert [("left out" in line) for line in lines] == [False, False, True]
 
 
 def test_the_margin_of_the_roll_is_that_of_the_tail_on_the_ground_or_of_the_car_on_its_wheels() -> None:
@@ -158,12 +208,33 @@ def test_a_claim_is_an_unbroken_row_at_the_fine_step(monkeypatch: pytest.MonkeyP
     for module in (candidate_module, full_car_module):
         monkeypatch.setattr(module, "drive", drive)
         monkeypatch.setattr(module, "outcome", lambda found: found)
-    claim = choose((first, second, third), load_scenario("turn_swing"), Reference(0.7, 0.85), 0.825)
+    cars = [car(Reference(0.7, 0.85))]
+    claim = choose((first, second, third), cars, 0.825)
     assert claim is not None
-    assert (claim.place, claim.friction) == (1, pytest.approx(0.7625))
-    assert claim.reference.friction == pytest.approx(0.675)
+    assert (claim.place, claim.rows[0].friction) == (1, pytest.approx(0.7625))
+    assert claim.references[0].friction == pytest.approx(0.675)
+    assert claim.gains == (pytest.approx(0.7625 / 0.675),)
     assert claim.heading == pytest.approx(0.79 / 0.8)
-    assert choose((third,), load_scenario("turn_swing"), Reference(0.7, 0.85), 0.825) is None
+    assert choose((third,), cars, 0.825) is None
+
+
+def test_of_several_cars_the_least_gain_is_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first swing gains 30 % on one car and 2 % on the other, the second 6 % on both."""
+    first, second = (swing().model_copy(update={"name": str(n)}) for n in range(2))
+    cars = [Car(load_scenario("turn_swing", [f"car.mass={mass}"]).resolved(), Reference(0.5, 1.0)) for mass in (6, 7)]
+
+    def drive(scenario: Any, played: Any, friction: float) -> Outcome:
+        light = scenario.car.mass < 6.5
+        most = 0.505 if played is None else {"0": 0.66 if light else 0.515, "1": 0.54}[played.name]
+        return Outcome(friction < most, True, 0.1, 1.0, 2.1)
+
+    for module in (candidate_module, full_car_module):
+        monkeypatch.setattr(module, "drive", drive)
+        monkeypatch.setattr(module, "outcome", lambda found: found)
+    claim = choose((first, second), cars, 0.65)
+    assert claim is not None
+    assert claim.place == 1
+    assert claim.gains == pytest.approx((1.075, 1.075))
 
 
 class MadeUpCars:
@@ -193,7 +264,7 @@ class MadeUpCars:
 
 def run_polish(cars: Any, **changes_: Any) -> Any:
     options: dict[str, Any] = {"evaluations": 250, "seed": 4, "engine": cars} | changes_
-    return polish(swing(), load_scenario("turn_swing"), REFERENCE, **options)
+    return polish(swing(), [car()], **options)
 
 
 def test_it_finds_most_friction_that_turns_far_enough() -> None:
