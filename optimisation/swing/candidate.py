@@ -4,7 +4,7 @@ Candidates are ranked by feasibility first: leaves its limits, rolls over at the
 rolls over at the target friction (the earlier the worse), touches the ground there, does so at a friction between the
 common one and the target or rolls beyond the margin, and then by the car's peak roll and by what it turns too much.
 Where several cars must survive, each at as many times what it survives with the published swing, a candidate must turn
-far enough with all of them before any is driven at its target, and its rank is halfway between their worst and their mean.
+far enough with all of them before any is driven at its target; its rank is halfway between their worst and their mean.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Car:
 
 
 def shares(cars: Sequence[Car], friction: float) -> list[float]:
-    """Friction of each car at as many times what it survives with the published swing as the first has at `friction`."""
+    """Friction of each car, as many times what it survives with the published swing as `friction` is for the first."""
     return [friction * car.reference.friction / cars[0].reference.friction for car in cars]
 
 

@@ -46,7 +46,7 @@ FIRST_PITCH = (0.5, 0.5, 0.5, 0.4, 0.2, 0.0)
 WIDEST = 4.0
 """Largest change, in its unit."""
 SPIN = 1.5
-"""Heading change (rad) with the published swing from which on a possible car counts as spinning: its rear axle slid out,
+"""Heading change (rad) with the published swing beyond which a possible car counts as spinning: its rear axle slid out,
 so that there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
 PATIENCE, NARROWER = 2, 0.4
 """Generations without a better candidate after which the search begins again around the best one, narrower by this."""
@@ -146,10 +146,10 @@ def polish(
             best = replace(best, earlier=(best.x, *best.earlier))
         while one.clean:
             best = Polished(point, aim, one.heading, one.peak_roll, earlier=best.earlier)
-            told(f"  {len(scores)} candidates: clean at friction {aim:.4f}, heading {one.heading:.1%} of the reference's")
+            told(f"  {len(scores)} candidates: clean at friction {aim:.4f}, heading {one.heading:.1%} of the published")
             aim += FRICTION_STEP
             (one,) = tried([point], one.headings)
-        told(f"  {len(scores)} candidates: best at friction {aim:.4f} has rank {one.cost:.3f}, heading {one.heading:.1%}")
+        told(f"  {len(scores)} candidates: rank {one.cost:.3f} at friction {aim:.4f}, heading {one.heading:.1%}")
         if best.friction and idle >= PATIENCE:
             sigma, idle = NARROWER * sigma, 0
             search = cma.CMAEvolutionStrategy(best.x, sigma, options)
