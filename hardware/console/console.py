@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
@@ -52,6 +53,10 @@ class Console:
 
     Args:
         car: None where the car is armed beside it.
+
+    Attributes:
+        late_beats: heartbeats that were held up on their way and not passed on.
+        failure: why the console must end, in words; empty while it works.
     """
 
     def __init__(
@@ -61,7 +66,9 @@ class Console:
         self._seats = Seats()
         self._clocks: dict[int, BeatClock] = {}
         self._recorded: object = None
+        self._radio_fault = ""
         self.late_beats = 0
+        self.failure = ""
 
     @property
     def view(self) -> str | None:
@@ -85,14 +92,16 @@ class Console:
     def hear(self, page: int, message: Message, now: float) -> None:
         """Does what a page asks for.
 
-        Every page may stop the car; everything else is for the one that controls.
+        Every page may stop the car; everything else is for the one that controls, while the console has not failed.
 
         Raises:
             UserError: it may not be done, in words for the operator.
         """
         if isinstance(message, Stop):
             self.radio.stop(message.by, now)
-            self._record.add("stop", by=message.by, page=page)
+            self._record.add("stop", by=message.by, page=page, sent=not self.radio.fault(now))
+            return
+        if self.failure:
             return
         if not isinstance(message, Beat) and message.type == "take":
             if not self._seats.take(page, now):
@@ -112,10 +121,24 @@ class Console:
     def turn(self, now: float) -> None:
         """Every few milliseconds: hears the car, repeats a stop."""
         self.radio.turn(now)
+        fault = self.radio.fault(now)
+        if fault != self._radio_fault:
+            self._radio_fault = fault
+            self._record.add("radio", fault=fault)
         report = self.radio.report
         if report is not None and report is not self._recorded:
             self._recorded = report
             self._record.add("report", **radio_state(self.radio, now))
+
+    def fail(self, error: Exception) -> None:
+        """A part of the console has died: the car goes to rest if it still can be told, and the console must end."""
+        if self.failure:
+            return
+        self.failure = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        with contextlib.suppress(Exception):  # the radio may be what has died
+            self.radio.rest()
+        with contextlib.suppress(Exception):
+            self._record.add("failure", text=self.failure)
 
     def state(self, page: int, now: float) -> dict[str, Any]:
         """What a page shows, plain data."""
@@ -139,10 +162,11 @@ class Console:
             self.late_beats += 1
             return
         before = self.radio.mode
-        self.radio.beat(beat.count, beat.command, now)
+        sent = self.radio.beat(beat.count, beat.command, now)
         if self.radio.mode is not before:
             self._record.add("mode", mode=self.radio.mode.name)
-        self._record.add("command", **beat.model_dump(exclude={"type", "time"}))
+        if sent:
+            self._record.add("command", **beat.model_dump(exclude={"type", "time"}))
 
     def _request(self, request: str) -> None:
         if request == "reset":

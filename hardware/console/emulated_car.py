@@ -125,6 +125,7 @@ class EmulatedCarProcess:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            errors="replace",
         )
 
     def _listen(self, drive: subprocess.Popen[str]) -> None:

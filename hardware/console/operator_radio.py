@@ -21,8 +21,24 @@ REPORT_SILENCE = 0.5
 """s after which the last report says nothing about the car as it is."""
 
 
+_LOST_SHOWN = 1.0
+"""s for which a port that was lost counts as lost at least: one that comes back only to fail again is no link."""
+
+
 class Link(Protocol):
-    """What is needed of a `SerialLink`: bytes that are written replace bytes that still wait."""
+    """What is needed of a `SerialLink`: bytes that are written replace bytes that still wait.
+
+    Attributes:
+        error: why the port was lost last time. losses: how often it was.
+    """
+
+    error: str
+    losses: int
+
+    @property
+    def fault(self) -> str:
+        """Why bytes do not go through now, in words; empty while they do."""
+        ...
 
     def write(self, data: bytes) -> None:
         """Hands bytes to the port and returns at once."""
@@ -53,7 +69,8 @@ class OperatorRadio:
         self._link, self._receiver, self._escaped = link, receiver, escaped
         self._stream = ApiStream(escaped)
         self._stop_due = math.inf
-        self._heard = -math.inf
+        self._heard = self._lost = -math.inf
+        self._losses = link.losses
         self.stopped_by = ""
         self.confirmed = False
         self.mode = RadioMode.IDLE
@@ -70,12 +87,19 @@ class OperatorRadio:
         """Seconds since the car's last report; infinite before the first."""
         return now - self._heard
 
-    def armed(self, now: float) -> bool:
-        """Whether the car has just said that its motors take commands."""
-        return self.report is not None and self.report.armed and self.report_age(now) <= REPORT_SILENCE
+    def fault(self, now: float) -> str:
+        """Why nothing reaches the car from here, in words; empty while the port takes what is sent."""
+        if fault := self._link.fault:
+            return f"the radio's port is lost: {fault}"
+        return f"the radio's port was lost: {self._link.error}" if now - self._lost < _LOST_SHOWN else ""
 
-    def beat(self, count: int, command: OperatorCommand, now: float) -> None:
-        """Passes a page's heartbeat and command on.
+    def armed(self, now: float) -> bool:
+        """Whether the car has just said that its motors take commands, and can be reached."""
+        heard = self.report is not None and self.report.armed and self.report_age(now) <= REPORT_SILENCE
+        return heard and not self.fault(now)
+
+    def beat(self, count: int, command: OperatorCommand, now: float) -> bool:
+        """Passes a page's heartbeat and command on; whether the port took them, which it does not while it has a fault.
 
         A car at rest leaves it only when it has just reported that it is armed, and only for a mode that was chosen
         after that: the page itself must have asked for rest since the last mode that was not passed on.
@@ -83,6 +107,9 @@ class OperatorRadio:
         Raises:
             FrameError: a value that no frame carries.
         """
+        if self.fault(now):
+            self.mode, self._rested = RadioMode.IDLE, False
+            return False
         leaves = self._rested and self.armed(now)
         allowed = not self.stopped and (self.mode is not RadioMode.IDLE or leaves)
         passed = command if allowed else IDLE
@@ -93,6 +120,7 @@ class OperatorRadio:
         frames = [make_command(passed), make_heartbeat(count)]
         self.mode = passed.mode
         self._send([*self._stops(), *frames])
+        return True
 
     def stop(self, by: str, now: float) -> None:
         """Sends an emergency stop at once and until the car reports it."""
@@ -102,18 +130,24 @@ class OperatorRadio:
         self._send([make_emergency_stop()])
 
     def rest(self) -> None:
-        """Sends a car that is driven back to rest, once and without a heartbeat: whoever drove it has gone."""
+        """Sends a car that is driven back to rest, once and without a heartbeat: whoever drove it has gone.
+
+        A stop that the car has not reported yet goes out once more.
+        """
         self._rested = False
-        if self.mode is not RadioMode.IDLE:
-            self.mode = RadioMode.IDLE
-            self._send([*self._stops(), make_command(IDLE)])
+        frames = [*self._stops(), *([] if self.mode is RadioMode.IDLE else [make_command(IDLE)])]
+        self.mode = RadioMode.IDLE
+        if frames:
+            self._send(frames)
 
     def reset(self) -> None:
         """Forgets the emergency stop, by hand only. The car keeps its own until it is armed anew."""
         self.stopped_by, self.confirmed, self._stop_due = "", False, math.inf
 
     def turn(self, now: float) -> None:
-        """Hears what came and repeats a stop that is due."""
+        """Hears what came, looks at the port and repeats a stop that is due."""
+        if self._link.losses != self._losses:
+            self._losses, self._lost = self._link.losses, now
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
                 self._take(packet.data, arrival)

@@ -7,8 +7,9 @@ import contextlib
 import json
 import socket
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from importlib.resources import files
+from typing import Any
 from urllib.parse import urlsplit
 
 import uvicorn
@@ -25,6 +26,8 @@ from workbench.errors import HardwareError, UserError
 
 _TURN, _SHOW = 0.01, 0.05
 """s between two looks at the radio; between two states that a page gets."""
+_FAREWELL = 0.3
+"""s in which pages hear that the console has failed, before it ends."""
 _MOST_BYTES = 4096
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
 _PAGES = ("index.html", "console.css", "console.js", "inputs.js", "news.js", "plots.js")
@@ -45,11 +48,12 @@ def open_socket(port: int) -> socket.socket:
     return listener
 
 
-def make_app(console: Console, access: Access, say: Say) -> Starlette:
+def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]) -> Starlette:
     """The pages and the WebSocket of a console.
 
     Args:
         say: is told the next address when one has been used.
+        end: of the server; called when a part of the console has died.
     """
     pages = {name: files("hardware.console").joinpath("page", name).read_text(encoding="utf-8") for name in _PAGES}
     headers = _headers(console.view)
@@ -83,22 +87,31 @@ def make_app(console: Console, access: Access, say: Say) -> Starlette:
             await websocket.close(1008)  # before it is accepted: the browser gets status 403
             return
         await websocket.accept()
-        await _serve_page(console, websocket)
+        await _watched(console, _serve_page(console, websocket))
 
     @contextlib.asynccontextmanager
     async def turning(_: Starlette) -> AsyncIterator[None]:
-        task = asyncio.create_task(_turn(console))
+        tasks = [asyncio.create_task(_watched(console, _turn(console))), asyncio.create_task(_end(console, end))]
         yield
-        task.cancel()
+        for task in tasks:
+            task.cancel()
 
     routes = [Route("/", page), Route("/{name}", page), WebSocketRoute("/socket", connect)]
     return Starlette(routes=routes, lifespan=turning)
 
 
 def run_server(listener: socket.socket, console: Console, access: Access, say: Say) -> None:
-    """Serves until Ctrl-C; ends in order by SIGTERM too, which then does what it did before."""
+    """Serves until Ctrl-C; ends in order by SIGTERM too, which then does what it did before.
+
+    Raises:
+        HardwareError: a part of the console has died; pages were told, and the car was sent to rest.
+    """
+
+    def end() -> None:
+        server.should_exit = True
+
     config = uvicorn.Config(
-        make_app(console, access, say),
+        make_app(console, access, say, end),
         log_level="warning",
         ws="websockets-sansio",
         ws_max_size=_MOST_BYTES,
@@ -108,8 +121,26 @@ def run_server(listener: socket.socket, console: Console, access: Access, say: S
         server_header=False,
         timeout_graceful_shutdown=1,
     )
+    server = uvicorn.Server(config)
     with contextlib.suppress(KeyboardInterrupt):
-        uvicorn.Server(config).run(sockets=[listener])
+        server.run(sockets=[listener])
+    if console.failure:
+        raise HardwareError(f"the console has failed: {console.failure}")
+
+
+async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:
+    """Whatever dies by an exception that nobody meant ends the console: half of one is worse than none."""
+    try:
+        await task
+    except Exception as error:
+        console.fail(error)
+
+
+async def _end(console: Console, end: Callable[[], None]) -> None:
+    while not console.failure:
+        await asyncio.sleep(_TURN)
+    await asyncio.sleep(_FAREWELL)
+    end()
 
 
 async def _turn(console: Console) -> None:
@@ -138,19 +169,27 @@ async def _hear(console: Console, websocket: WebSocket, page: int) -> None:
     try:
         console.hear(page, read_message(event.get("text") or ""), time.monotonic())
     except UserError as error:
-        await _send(websocket.send_text, {"type": "refused", "text": str(error)})
+        await _send(websocket, {"type": "refused", "text": str(error)})
+    except Exception as error:
+        console.fail(error)
 
 
 async def _show(console: Console, websocket: WebSocket, page: int) -> None:
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the page has gone; `_serve_page` hears of it
-        await _send(websocket.send_text, console.welcome())
-        while True:
-            await _send(websocket.send_text, console.state(page, time.monotonic()))
-            await asyncio.sleep(_SHOW)
+    await _watched(console, _show_states(console, websocket, page))
+    await _send(websocket, {"type": "failed", "text": console.failure})
 
 
-async def _send(send: Callable[[str], Awaitable[None]], content: object) -> None:
-    await send(json.dumps(content, allow_nan=False))
+async def _show_states(console: Console, websocket: WebSocket, page: int) -> None:
+    await _send(websocket, console.welcome())
+    while not console.failure:
+        await _send(websocket, console.state(page, time.monotonic()))
+        await asyncio.sleep(_SHOW)
+
+
+async def _send(websocket: WebSocket, content: object) -> None:
+    text = json.dumps(content, allow_nan=False)
+    with contextlib.suppress(Exception):  # the page has gone, whatever that is called; `_serve_page` hears of it
+        await websocket.send_text(text)
 
 
 def _headers(view: str | None) -> dict[str, str]:

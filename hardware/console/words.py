@@ -25,6 +25,7 @@ def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
     age, report = radio.report_age(now), radio.report
     current = report is not None and age <= REPORT_SILENCE
     return {
+        "fault": radio.fault(now),
         "stopped_by": radio.stopped_by,
         "confirmed": radio.confirmed,
         "mode": _MODE_NAMES[radio.mode],

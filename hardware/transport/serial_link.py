@@ -123,6 +123,16 @@ class SerialLink:
         threads = all(thread.is_alive() for thread in self._threads)
         return self.connected and threads and time.monotonic() - self._alive < _THREAD_SILENT
 
+    @property
+    def fault(self) -> str:
+        """Why bytes do not go through now, in words; empty while they do."""
+        dead = next((thread.name for thread in self._threads if not thread.is_alive()), "")
+        if dead and not self._closing.is_set():
+            return f"its thread {dead} has died; start the program again"
+        if not self.connected:
+            return self.error
+        return "" if time.monotonic() - self._alive < _THREAD_SILENT else "its driver does not answer"
+
     def write(self, data: bytes) -> None:
         """Hands bytes to the sending thread and returns at once; they replace bytes that still wait."""
         with self._condition:

@@ -140,6 +140,33 @@ def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, serv
     assert readings(page)[3] == "controls"
 
 
+def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_not_sent(
+    page: Any, served: Served
+) -> None:
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    show_armed(page, served)
+    page.locator("input[value=manual]").evaluate("box => box.click()")
+    served.link.fault = "reading failed: there is no such device"
+    eventually(lambda: page.inner_text("#banner").startswith("RADIO FAULT: the radio's port is lost: reading failed"))
+    assert "radio of this console: the radio's port is lost" in page.inner_text("#faults")
+    assert page.evaluate("mode") == "rest"
+    assert page.inner_text("#car") != "ARMED"
+    page.keyboard.press("Escape")
+    eventually(lambda: "NOT SENT" in page.inner_text("#banner"))
+
+
+def test_a_console_that_dies_says_so_on_the_page(page: Any, tmp_path: Path) -> None:
+    with contextlib.closing(Served(tmp_path)) as served:
+        page.goto(served.access.url)
+        eventually(lambda: page.evaluate(IN_CONTROL))
+        served.console.turn = lambda _: 1 / 0  # type: ignore[method-assign,assignment,return-value]
+        eventually(lambda: "The console has failed and ends: ZeroDivisionError" in page.inner_text("#banner"))
+        eventually(lambda: page.inner_text("#car") == "not connected")
+        time.sleep(1.5)  # the page tries to connect again
+        assert "The console has failed" in page.inner_text("#banner")
+
+
 def test_a_stop_that_was_pressed_without_connection_is_sent_when_it_is_back(page: Any, served: Served) -> None:
     page.goto(served.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))

@@ -14,7 +14,7 @@ const seconds = () => performance.now() / 1000;
 const sliders = new Sliders(get("sliders"));
 const plots = makePlots(get("plots"));
 const news = new News();
-let socket = null, state = null, count = 0, mode = "rest", pads = 0, padStop = false, problem = "", wasArmed = false, pendingStop = "";
+let socket = null, state = null, count = 0, mode = "rest", pads = 0, padStop = false, problem = "", failure = "", wasArmed = false, pendingStop = "";
 
 function send(message) {
   if (!socket || socket.readyState !== WebSocket.OPEN) return false;
@@ -97,7 +97,7 @@ async function connect() {
 function lose(text, again = true) {
   socket = state = null;
   news.forget();
-  problem = text;
+  problem = failure || text;
   setMode("rest");
   setView("");
   look();
@@ -106,19 +106,21 @@ function lose(text, again = true) {
 
 function hear(message) {
   if (message.type === "welcome") {
-    problem = "";
+    problem = failure = "";
     if (pendingStop) send({type: "stop", by: pendingStop});
     sliders.setLimits(message.limits);
     setView(message.view ?? "");
   } else if (message.type === "refused") {
     problem = message.text;
+  } else if (message.type === "failed") {
+    failure = `The console has failed and ends: ${message.text}. The car is at rest if it could be told. Start the console again.`;
   } else {
     state = message;
     const radio = state.radio, now = seconds();
     news.hear(state, now);
     if (radio.stopped_by) pendingStop = "";
     for (const plot of plots) plot.add(now, news.report(now));
-    if (mode !== "rest" && (radio.stopped_by || !state.controls || (wasArmed && !radio.armed))) setMode("rest");
+    if (mode !== "rest" && (radio.stopped_by || radio.fault || !state.controls || (wasArmed && !radio.armed))) setMode("rest");
     wasArmed = radio.armed;
   }
   show();
@@ -178,6 +180,7 @@ function showFaults(known, report) {
   const lines = !known ? ["not known: the console is not heard"] : !report ? ["the car is not heard"]
     : report.faults.map((entry) => `${entry.source}: ${entry.fault}`);
   if (report?.text) lines.unshift(report.text);
+  if (known?.radio.fault) lines.unshift(`radio of this console: ${known.radio.fault}`);
   const text = lines.length ? lines : ["none"];
   if (get("faults").dataset.text === text.join("\n")) return;
   get("faults").dataset.text = text.join("\n");
@@ -188,10 +191,13 @@ function bannerText(known) {
   const radio = known?.radio, power = "If the car does not stop, cut its power.";
   if (pendingStop && !state) return `EMERGENCY STOP pressed, but not connected: it is sent when the connection is back. ${power}`;
   if (pendingStop) return `EMERGENCY STOP pressed; the console has not answered yet. ${power}`;
+  if (radio?.stopped_by && radio.fault && !radio.confirmed)
+    return `EMERGENCY STOP by ${radio.stopped_by} NOT SENT: ${radio.fault}. Cut the car's power.`;
   if (radio?.stopped_by)
     return `EMERGENCY STOP by ${radio.stopped_by}: ${radio.confirmed ? "the car has reported it" : "sending until the car reports it"}.`;
   if (state && !known)
     return `The console has been silent for ${Math.floor(news.age(seconds()))} s: what it showed is old and is not shown. The mode is rest.`;
+  if (radio?.fault) return `RADIO FAULT: ${radio.fault}. Nothing reaches the car, which stops by itself. The mode is rest.`;
   if (problem) return problem;
   return known && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "";
 }

@@ -1,6 +1,8 @@
 """What goes out on the operator's radio: nothing but what a page sent, and a stop until the car reports it."""
 
 import math
+import os
+import pty
 
 import pytest
 
@@ -12,6 +14,8 @@ from hardware.protocol.can_frame import FrameError
 from hardware.protocol.car_report import Asks, CarReport, decode_report, make_report
 from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
+from hardware.transport.serial_link import SerialLink, SerialSettings
+from tests.hardware.fake_can import wait_until
 from workbench.errors import UserError
 
 CAR = 7
@@ -25,6 +29,7 @@ REPORT = CarReport(
 class FakeLink:
     def __init__(self):
         self.sent, self.inbox = [], []
+        self.fault, self.error, self.losses = "", "", 0
 
     def write(self, data):
         packets = ApiStream().feed_transmits(data)
@@ -121,6 +126,59 @@ def test_a_car_that_is_driven_is_sent_to_rest_once_and_never_by_a_heartbeat(radi
     radio.rest()
     radio.rest()
     assert link.sent[2:] == [[REST]]
+
+
+def test_a_port_that_is_lost_takes_nothing_and_the_car_is_left_at_rest_when_it_is_back(radio, link):
+    link.report(REPORT, 1.0)
+    radio.turn(1.0)
+    assert radio.beat(1, REST, 1.0)
+    assert radio.beat(2, MANUAL, 1.05)
+    link.fault = link.error = "reading failed: there is no such device"
+    link.losses = 1
+    radio.turn(1.1)
+    assert radio.fault(1.1) == "the radio's port is lost: reading failed: there is no such device"
+    assert not radio.armed(1.1)
+    assert not radio.beat(3, MANUAL, 1.1)
+    assert (len(link.sent), radio.mode) == (2, RadioMode.IDLE)
+    link.fault = ""
+    radio.turn(1.3)
+    assert "was lost" in radio.fault(1.3), "a port that comes back to fail again is shown all the time"
+    link.report(REPORT, 2.2)
+    radio.turn(2.2)
+    assert radio.fault(2.2) == ""
+    assert radio.beat(4, MANUAL, 2.2)
+    assert link.sent[-1] == [REST, Heartbeat(4)]
+
+
+class DeadPort:
+    """A port whose reading ends the thread that reads."""
+
+    in_waiting = 0
+
+    def read(self, size=1):
+        raise SystemExit
+
+    def write(self, data):
+        return len(data)
+
+    def close(self):
+        pass
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_link_whose_thread_has_died_and_one_whose_device_has_gone_are_faults():
+    dead = SerialLink(DeadPort)
+    assert wait_until(lambda: "serial-receive has died" in OperatorRadio(dead).fault(0.0), 5.0)
+    assert not OperatorRadio(dead).beat(1, REST, 0.0)
+    dead.close()
+    master, slave = pty.openpty()
+    gone = SerialLink.open(SerialSettings(os.ttyname(slave)))
+    radio = OperatorRadio(gone)
+    assert radio.fault(0.0) == ""
+    os.close(slave)
+    os.close(master)
+    assert wait_until(lambda: "there is no such device" in radio.fault(0.0), 5.0), radio.fault(0.0)
+    gone.close()
 
 
 def test_a_mode_that_was_chosen_before_the_car_was_armed_is_not_obeyed_after(radio, link):

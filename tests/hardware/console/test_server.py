@@ -5,6 +5,7 @@ import http.client
 import json
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import uvicorn
@@ -16,11 +17,12 @@ from hardware.console.access import Access
 from hardware.console.console import Console, Limits
 from hardware.console.operator_radio import OperatorRadio
 from hardware.console.record import ConsoleRecord
-from hardware.console.server import make_app, open_socket
+from hardware.console.server import make_app, open_socket, run_server
 from hardware.protocol.car_report import CarReport
 from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from tests.hardware.console.test_operator_radio import CAR, FakeLink
 from workbench.cli import build_app
+from workbench.errors import HardwareError
 
 ARMED = CarReport(True, False, RadioMode.IDLE, operator_age=0.02)
 
@@ -36,7 +38,7 @@ class Served:
         self.access = Access(self.port)
         self.console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car)
         config = uvicorn.Config(
-            make_app(self.console, self.access, self.said.append),
+            make_app(self.console, self.access, self.said.append, self.end),
             log_level="error",
             ws="websockets-sansio",
             timeout_graceful_shutdown=1,
@@ -45,8 +47,11 @@ class Served:
         self.thread = threading.Thread(target=lambda: self.server.run(sockets=[self.listener]))
         self.thread.start()
 
-    def close(self):
+    def end(self):
         self.server.should_exit = True
+
+    def close(self):
+        self.end()
         self.thread.join(10)
         self.listener.close()
 
@@ -238,6 +243,62 @@ def test_stop_goes_out_at_once_and_stays_until_it_is_reset(served):
     assert len(served.sent(EmergencyStop)) == stops
     events = [json.loads(line)["event"] for line in served.record.read_text().splitlines()]
     assert {"stop", "report", "command", "reset"} <= set(events)
+
+
+def test_what_a_lost_port_does_not_take_is_not_recorded_as_sent(served):
+    page = served.page(served.enter())
+    page.say(type="log", on=True)
+    served.link.report(ARMED, time.monotonic())
+    page.state(lambda state: state["radio"]["armed"] and state["recording"]["on"])
+    page.beat()
+    page.beat(mode="manual", throttle=0.25)
+    eventually(lambda: len(served.sent(OperatorCommand)) == 2)
+    served.link.fault = "there is no such device"
+    told = page.state(lambda state: state["radio"]["fault"])["radio"]
+    assert (told["fault"], told["armed"]) == ("the radio's port is lost: there is no such device", False)
+    page.beat(mode="manual", throttle=0.5)
+    page.say(type="stop", by="key")
+    page.state(lambda state: state["radio"]["stopped_by"])
+    lines = [json.loads(line) for line in served.record.read_text().splitlines()]
+    assert [line["throttle"] for line in lines if line["event"] == "command"] == [0.0, 0.25]
+    assert [line["fault"] for line in lines if line["event"] == "radio"] == [told["fault"]]
+    assert [line["sent"] for line in lines if line["event"] == "stop"] == [False]
+    assert len(served.sent(Heartbeat)) == 2
+
+
+def die(*_):
+    raise ZeroDivisionError("in a part of the console")
+
+
+@pytest.mark.parametrize("part", ["turn", "state", "welcome", "hear"])
+def test_a_part_of_the_console_that_dies_sends_the_car_to_rest_says_so_and_ends_it(tmp_path, part):
+    with contextlib.closing(Served(tmp_path)) as served:
+        cookie = served.enter()
+        page = served.page(cookie)
+        served.link.report(ARMED, time.monotonic())
+        page.state(lambda state: state["radio"]["armed"])
+        page.beat()
+        page.beat(mode="auto")
+        eventually(lambda: served.sent(OperatorCommand)[-1:] == [OperatorCommand(RadioMode.AUTO)])
+        setattr(served.console, part, die)
+        if part == "welcome":
+            served.page(cookie)
+        elif part == "hear":
+            page.beat(mode="auto")
+        told = page.until(lambda message: message["type"] == "failed")
+        assert told["text"] == "ZeroDivisionError: in a part of the console"
+        assert served.sent(OperatorCommand)[-1] == OperatorCommand(RadioMode.IDLE)
+        served.thread.join(10)
+        assert not served.thread.is_alive()
+
+
+def test_a_console_that_has_failed_ends_with_its_reason(tmp_path):
+    console = Console(OperatorRadio(FakeLink(), CAR), ConsoleRecord(tmp_path / "record.jsonl"), Limits(0.5, 1.0, 2.0))
+    console.turn = die
+    with contextlib.closing(open_socket(0)) as listener, ThreadPoolExecutor(1) as thread:
+        served = thread.submit(run_server, listener, console, Access(listener.getsockname()[1]), print)
+        with pytest.raises(HardwareError, match="has failed: ZeroDivision"):
+            served.result(10)
 
 
 def test_nonsense_from_a_page_is_one_line_and_ends_nothing(served):
