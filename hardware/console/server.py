@@ -30,7 +30,7 @@ _FAREWELL = 0.3
 """s in which pages hear that the console has failed, before it ends."""
 _MOST_BYTES = 4096
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
-_PAGES = ("index.html", "console.css", "console.js", "inputs.js", "news.js", "plots.js")
+_PAGES = ("index.html", "console.css", "console.js", "gamepads.js", "inputs.js", "news.js", "plots.js")
 Say = Callable[[str], None]
 
 

@@ -15,6 +15,15 @@ from hardware.emulator.folder import EVENTS_FILE
 
 SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
 """Half the load of a step of 2 ms for a machine that runs car, drive and browser."""
+GAMEPADS = """
+window.fakePads = [];
+navigator.getGamepads = () => window.fakePads;
+window.makePad = (id, index = 0, mapping = "standard") => ({
+  id, index, mapping, connected: true, axes: [0, 0, 0, 0],
+  buttons: Array.from({length: 17}, () => ({pressed: false, value: 0})),
+});
+"""
+"""Script that gives a page gamepads: `fakePads`, filled by `makePad`."""
 _TRIES = 5
 
 

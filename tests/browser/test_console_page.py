@@ -16,7 +16,8 @@ import pytest
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from hardware.console.server import open_socket
-from hardware.protocol.radio import EmergencyStop, Heartbeat
+from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from tests.browser.console_session import GAMEPADS
 from tests.hardware.console.test_server import ARMED, Served, eventually
 
 pytestmark = pytest.mark.realtime
@@ -194,6 +195,85 @@ def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: 
         assert "WebGL is off" in page.inner_text("#view")
         assert page.locator("iframe").count() == 0
         eventually(lambda: served.sent(Heartbeat))
+
+
+@pytest.fixture
+def gamepads(page: Any, served: Served) -> Any:
+    """A page of an armed car that stays armed, with gamepads that the test plugs in."""
+    page.add_init_script(GAMEPADS)
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    hear = served.console.turn
+
+    def turn(now: float) -> None:
+        served.link.report(ARMED, now)
+        hear(now)
+
+    served.console.turn = turn  # type: ignore[method-assign]
+    eventually(lambda: page.inner_text("#car") == "ARMED")
+    return page
+
+
+def plug(page: Any, *pads: str) -> None:
+    page.evaluate(f"() => {{ fakePads = [{', '.join(f'makePad({pad})' for pad in pads)}]; }}")
+    page.wait_for_timeout(100.0)
+
+
+def drive_by_gamepad(page: Any) -> None:
+    page.check("#use-gamepad")
+    page.locator("input[value=manual]").evaluate("box => box.click()")
+    assert page.evaluate("mode") == "manual"
+
+
+def steering(page: Any) -> float:
+    page.wait_for_timeout(100.0)
+    return float(page.evaluate("sliders.values(seconds()).steering"))
+
+
+@pytest.mark.parametrize("mapping", ["''", "'xr-standard'"])
+def test_a_gamepad_of_another_layout_neither_drives_nor_stops(gamepads: Any, served: Served, mapping: str) -> None:
+    plug(gamepads, f"'odd one', 0, {mapping}")
+    assert gamepads.is_disabled("#use-gamepad")
+    assert "odd one has no standard layout: not used" in gamepads.inner_text("#gamepad")
+    gamepads.evaluate("() => { fakePads[0].buttons[1].pressed = true; fakePads[0].axes[0] = -1; }")
+    assert steering(gamepads) == 0.0
+    assert served.sent(EmergencyStop) == []
+    plug(gamepads, f"'odd one', 0, {mapping}", "'good one', 1")
+    drive_by_gamepad(gamepads)
+    gamepads.evaluate("() => { fakePads[0].axes[0] = -1; }")
+    assert steering(gamepads) == 0.0
+    gamepads.evaluate("() => { fakePads[1].axes[0] = -1; }")
+    assert steering(gamepads) == pytest.approx(0.5, abs=0.02)
+
+
+def test_of_two_gamepads_the_first_that_is_touched_drives_and_the_other_may_stop(gamepads: Any, served: Served) -> None:
+    plug(gamepads, "'one', 0", "'two', 1")
+    assert gamepads.is_disabled("#use-gamepad")
+    assert "the first one that is touched drives" in gamepads.inner_text("#gamepad")
+    gamepads.evaluate("() => { fakePads[1].buttons[0].pressed = true; }")
+    eventually(lambda: gamepads.is_enabled("#use-gamepad"))
+    assert "ignored: one" in gamepads.inner_text("#gamepad")
+    drive_by_gamepad(gamepads)
+    gamepads.evaluate("() => { fakePads[0].axes[0] = 1; fakePads[1].axes[0] = -1; }")
+    assert steering(gamepads) > 0.4
+    gamepads.evaluate("() => { fakePads[0].buttons[1].pressed = true; }")
+    eventually(lambda: served.sent(EmergencyStop))
+
+
+def test_an_unplugged_gamepad_means_rest_and_the_other_does_not_take_over(gamepads: Any, served: Served) -> None:
+    plug(gamepads, "'one', 0")
+    drive_by_gamepad(gamepads)
+    plug(gamepads, "'one', 0", "'two', 1")
+    gamepads.evaluate("() => { fakePads[1].axes[0] = -1; }")
+    assert steering(gamepads) == 0.0
+    assert gamepads.evaluate("mode") == "manual"
+    plug(gamepads, "'one', 0")
+    assert gamepads.evaluate("mode") == "manual", "the one that is ignored may go"
+    plug(gamepads, "'two', 1")
+    eventually(lambda: gamepads.evaluate("mode") == "rest")
+    assert not gamepads.is_checked("#use-gamepad")
+    assert "unplugged" in gamepads.inner_text("#banner")
+    eventually(lambda: served.sent(OperatorCommand)[-1].mode is RadioMode.IDLE)
 
 
 def test_without_the_gamepad_interface_the_page_works(page: Any, served: Served) -> None:

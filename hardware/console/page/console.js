@@ -13,8 +13,8 @@ const get = (id) => document.getElementById(id);
 const seconds = () => performance.now() / 1000;
 const sliders = new Sliders(get("sliders"));
 const plots = makePlots(get("plots"));
-const news = new News();
-let socket = null, state = null, count = 0, mode = "rest", pads = 0, padStop = false, problem = "", failure = "", wasArmed = false, pendingStop = "";
+const news = new News(), gamepads = new Gamepads();
+let socket = null, state = null, count = 0, mode = "rest", padStops = 0, problem = "", failure = "", wasArmed = false, pendingStop = "";
 
 function send(message) {
   if (!socket || socket.readyState !== WebSocket.OPEN) return false;
@@ -51,28 +51,23 @@ function beat() {
 // -- gamepad
 
 function lookAtGamepads() {
-  const found = connectedGamepads();
-  const pressed = found.some((pad) => pad.buttons[PAD.stop]?.pressed);
-  if (pressed && !padStop) stop("gamepad");
-  padStop = pressed;
-  const using = get("use-gamepad");
-  if (using.checked && found.length !== 1) {
+  const gone = gamepads.look(), driver = gamepads.driver(), using = get("use-gamepad");
+  const pressed = gamepads.stopsPressed;
+  if (pressed > padStops) stop("gamepad");
+  padStops = pressed;
+  if (using.checked && (gone || !driver)) {
     using.checked = false;
     if (mode !== "rest") {
       setMode("rest");
-      problem = found.length ? "Two gamepads: the mode is rest." : "The gamepad was unplugged: the mode is rest.";
+      problem = "The gamepad that drove was unplugged: the mode is rest.";
     }
   }
-  using.disabled = found.length !== 1;
+  using.disabled = !driver;
   if (using.checked && CHANNELS_OF[mode].length) {
-    const values = gamepadValues(found[0], sliders.rows);
+    const values = gamepadValues(driver, sliders.rows);
     if (values) sliders.set(values); else setMode("rest");
   }
-  if (found.length === pads) return;
-  pads = found.length;
-  get("gamepad").textContent = pads === 0 ? "no gamepad: press a button on it"
-    : pads === 1 ? `${found[0].id}: left stick steers, triggers drive, right stick moves the tail`
-    : `${pads} gamepads: unplug all but one; the stop button works on each`;
+  setText("gamepad", gamepads.words);
 }
 
 // -- connection

@@ -1,4 +1,4 @@
-// What the operator's hands do: sliders, a step input, exactly one gamepad.
+// What the operator's hands do with sliders and a step input.
 "use strict";
 
 const CHANNELS = [
@@ -7,8 +7,6 @@ const CHANNELS = [
   {key: "pitch", name: "Tail pitch", ends: ["back", "forward"], unit: "°", scale: 180 / Math.PI, limit: 0.5},
   {key: "roll", name: "Tail roll", ends: ["left", "right"], unit: "°", scale: 180 / Math.PI, limit: 0.5},
 ];
-const DEAD_ZONE = 0.08;
-const PAD = {stop: 1, ahead: 7, back: 6, steering: 0, roll: 2, pitch: 3};
 
 // Sliders show per cent and degrees with right positive; values are -1 to 1 and rad with left positive for steering.
 class Sliders {
@@ -87,24 +85,4 @@ class Sliders {
       input.setAttribute("aria-valuetext", output.textContent);
     }
   }
-}
-
-function connectedGamepads() {
-  return navigator.getGamepads ? [...navigator.getGamepads()].filter((pad) => pad && pad.connected) : [];
-}
-
-// Values of the sliders from a gamepad of the standard layout; null if its axes are no numbers.
-function gamepadValues(pad, rows) {
-  const axis = (index) => {
-    const value = pad.axes[index] ?? 0;
-    return Math.abs(value) < DEAD_ZONE ? 0 : value;
-  };
-  const pressed = (index) => pad.buttons[index]?.value ?? 0;
-  const values = {
-    throttle: pressed(PAD.ahead) - pressed(PAD.back),
-    steering: -axis(PAD.steering) * rows.steering.channel.limit,
-    pitch: -axis(PAD.pitch) * rows.pitch.channel.limit,
-    roll: axis(PAD.roll) * rows.roll.channel.limit,
-  };
-  return Object.values(values).every(Number.isFinite) ? values : null;
 }

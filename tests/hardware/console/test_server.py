@@ -140,7 +140,7 @@ def test_token_opens_once_and_the_cookie_afterwards(served):
 
 def test_pages_name_nothing_outside(served):
     cookie = served.enter().partition(";")[0]
-    for name in ("", "console.css", "console.js", "inputs.js", "news.js", "plots.js"):
+    for name in ("", "console.css", "console.js", "gamepads.js", "inputs.js", "news.js", "plots.js"):
         body = served.get(f"/{name}", Cookie=cookie).body
         assert "http://" not in body
         assert "https://" not in body
