@@ -32,7 +32,9 @@ def swing(
     threshold: Annotated[float | None, typer.Option(help="Yaw rate that releases the swing, rad/s.")] = None,
     wait: Annotated[float, typer.Option(help="Fixed rest after the release, s; 0 leaves it free.", min=0.0)] = 0.0,
     torque: Annotated[float | None, typer.Option(help="Torque limit, N m; the motor's by default.")] = None,
-    rounds: Annotated[int, typer.Option(help="Most rounds of profile, solution, full car.", min=0, max=20)] = 4,
+    rounds: Annotated[
+        int, typer.Option(help="Most rounds of profile, solution, full car; 0: only polish.", min=0, max=20)
+    ] = 4,
     bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
     solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
     members: Annotated[int, typer.Option(help="Cars drawn from the ensemble to serve as well.", min=0)] = 0,

@@ -25,7 +25,7 @@ from optimisation.swing.mesh import refine
 from optimisation.swing.options import Options, Told
 from optimisation.swing.polish import polished
 from optimisation.swing.reduced_car import ReducedCar
-from optimisation.swing.result import swing_file
+from optimisation.swing.result import even_swing, swing_file
 from optimisation.swing.search import Search, begin, keep, resumed, run
 from optimisation.swing.solve import Solution, best_of, multi_start
 from optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
@@ -86,8 +86,12 @@ def optimise_swing(
         scenario = varied(scenario, controller={"trigger_yaw_rate": options.threshold})
     cars = _cars(varied(scenario, tail={"mode": "swing"}), options)
     limits = SwingLimits.of(ReducedCar.of(cars[0]), options.dof, options.torque)
+    if not options.rounds and not options.polish and warm_start is None:
+        raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --polish")
     if not options.rounds and warm_start is None:
-        raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --warm-start and --polish")
+        warm_start = even_swing(
+            name, cars[0], length=options.length, knots=options.knots, provenance={"source": SOURCE}
+        )
     search = resumed(checkpoint, cars[0], options) or begin(cars, options, warm_start, told)
     while not search.finished and search.rounds < options.rounds and time.perf_counter() < deadline:
         _round(search, cars, options, limits, name, scenario_name, settings, deadline, told)

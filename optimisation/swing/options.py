@@ -27,7 +27,7 @@ class Options:
         threshold: yaw rate that releases the swing, rad/s; None keeps the scenario's.
         wait: the tail rests this long after the release, s; 0 leaves it free.
         torque: limit of each motor, N m; None is the motor's.
-        rounds: at most this many; 0 only polishes a warm start.
+        rounds: at most this many; 0 only polishes: a warm start, or an even swing with the scenario's rate and release.
         trust: how far friction or speed may go beyond those of the profile's run in one round, as a share.
         bound: largest collocation error, rad.
         solver: snopt or ipopt.

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from optimisation.errors import SwingError
 from optimisation.swing.optimise import Options, optimise_swing
-from optimisation.swing.result import swing_file
+from optimisation.swing.result import RAMP, even_swing, swing_file
 from optimisation.swing.solve import solve
 from optimisation.swing.start import random_start
 from optimisation.swing.transcription import ANGLE
@@ -57,6 +57,31 @@ def test_a_swing_file_holds_the_found_motion_and_is_mirrored_for_a_right_turn(tm
 def test_wrong_input_is_refused_before_the_first_run(settings: list[str], options: dict, words: str) -> None:
     with pytest.raises(SwingError, match=words):
         optimise_swing(load_scenario("turn_swing", settings), Options(**options), name="x")
+
+
+def even(*settings: str, length: float = 1.0) -> SwingFile:
+    scenario = load_scenario("turn_swing", ["controller.trigger_yaw_rate=0.7", *settings])
+    return even_swing("even", scenario, length=length, knots=41, provenance={"source": "test"})
+
+
+def test_an_even_swing_goes_from_side_to_side_at_its_rate() -> None:
+    swing = even("controller.swing_speed=7.0")
+    time = np.linspace(0.0, 1.0, 400)
+    point = swing_at(swing, time)
+    assert point.roll_position[0] == pytest.approx(-np.pi / 2)
+    assert point.roll_position[-1] == pytest.approx(np.pi / 2)
+    assert np.all(np.diff(point.roll_position) >= -1e-3)
+    assert swing_at(swing, 0.25).roll_velocity == pytest.approx(7.0, abs=1e-6)
+    assert swing_at(swing, 0.25).roll_position == pytest.approx(-np.pi / 2 + 7.0 * (0.25 - RAMP / 2), abs=1e-6)
+    assert swing.trigger.threshold_rad_per_s == 0.7
+    right = even("controller.swing_speed=7.0", "manoeuvre.direction=right")
+    assert right.knots.roll_position_rad == pytest.approx([-angle for angle in swing.knots.roll_position_rad])
+
+
+@pytest.mark.parametrize(("rate", "length"), [("3.0", 1.0), ("7.0", 0.4), ("40.0", 1.0)])
+def test_an_even_swing_that_cannot_arrive_or_asks_too_much_of_the_motor_is_refused(rate: str, length: float) -> None:
+    with pytest.raises(SwingError, match=rf"controller\.swing_speed: {float(rate):g} rad/s; allowed .* rad/s"):
+        even(f"controller.swing_speed={rate}", length=length)
 
 
 def test_a_warm_start_for_another_car_says_which_parameters_differ() -> None:
