@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from hardware.console.emulated_car import EmulatedCarProcess
     from hardware.console.record import ConsoleRecord
     from hardware.wiring.car_ports import ConsoleDevice
+    from workbench.scenario import Scenario
 
 
 def register(app: typer.Typer) -> None:
@@ -56,12 +57,16 @@ def console(
     from hardware.console.server import open_socket
     from hardware.wiring.base import WIRINGS
     from hardware.wiring.car_ports import ConsoleDevice
+    from workbench.scenario import load_scenario
 
     chosen = next((name for name in WIRINGS if name == wiring), None)
     if chosen is None:
         raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
-    listener, recording = open_socket(port), ConsoleRecord(record)
-    car = None if emulate is None else EmulatedCarProcess(emulate, settings or [], chosen, out, view)
+    words = settings or []
+    scenario = load_scenario(emulate or "auto_turn", words)
+    listener, recording, car = open_socket(port), ConsoleRecord(record), None
+    if emulate is not None:
+        car = EmulatedCarProcess(emulate, words, scenario.tail.mode != "none", chosen, out, view)
     with listener:
         try:
             if car is not None:
@@ -69,7 +74,7 @@ def console(
                 car.start(typer.echo)
                 ports = car.ports
             device = _device(ports) if ports else ConsoleDevice.model_validate(_radio(radio, receiver))
-            _serve(listener, device, recording, car, emulate, settings or [])
+            _serve(listener, device, recording, car, scenario)
         finally:
             if car is not None:
                 car.close()
@@ -94,18 +99,15 @@ def _serve(
     device: ConsoleDevice,
     recording: ConsoleRecord,
     car: EmulatedCarProcess | None,
-    scenario: str | None,
-    settings: list[str],
+    scenario: Scenario,
 ) -> None:
     from hardware.console.access import Access
     from hardware.console.console import Console, Limits
     from hardware.console.operator_radio import OperatorRadio
     from hardware.console.server import run_server
     from hardware.transport.serial_link import SerialLink
-    from workbench.scenario import load_scenario
 
-    car_of = load_scenario(scenario or "auto_turn", settings)
-    limits = Limits(car_of.servo.limit, car_of.tail.pitch_limit, car_of.tail.roll_limit)
+    limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
     link = SerialLink.open(device.settings)
     try:
         served = Console(OperatorRadio(link, device.receiver, device.escaped), recording, limits, car)

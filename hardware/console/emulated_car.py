@@ -29,15 +29,22 @@ class EmulatedCarProcess:
 
     Args:
         scenario, settings: as the two commands take them.
+        has_tail: the scenario's car has tail motors, whose watchdog is to be tested.
         folder: new or empty; gets the emulator's files and `drive_N.parquet`.
         view: show the car in Meshcat.
     """
 
     def __init__(
-        self, scenario: str, settings: Sequence[str], wiring: WiringName, folder: Path, view: bool = True
+        self,
+        scenario: str,
+        settings: Sequence[str],
+        has_tail: bool,
+        wiring: WiringName,
+        folder: Path,
+        view: bool = True,
     ) -> None:
         self._scenario = [scenario, *(word for setting in settings for word in ("--set", setting))]
-        self._wiring, self._folder, self._show = wiring, folder, view
+        self._has_tail, self._wiring, self._folder, self._show = has_tail, wiring, folder, view
         self._environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state")}
         self._emulator: subprocess.Popen[str] | None = None
         self._drive: subprocess.Popen[str] | None = None
@@ -65,6 +72,10 @@ class EmulatedCarProcess:
                 raise HardwareError(f"the emulator is not ready after {_START_TIME:g} s")
             time.sleep(_LOOK)
         self.view = json.loads(ready.read_text(encoding="utf-8"))["view"]
+        if self._has_tail:
+            self._test_watchdog(say)
+
+    def _test_watchdog(self, say: Callable[[str], None]) -> None:
         say("testing its watchdog")
         for left in reversed(range(_TESTS)):
             test = self._run([*self._drive_command(), "--watchdog-test"])

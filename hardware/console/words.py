@@ -41,20 +41,26 @@ def _report_state(report: CarReport) -> dict[str, Any]:
     return {
         "stopped": report.stopped,
         "mode": _MODE_NAMES[report.mode],
+        "has_tail": report.has_tail,
         "faults": [
             {"source": source.replace("_", " "), "fault": _fault_name(source, code)}
             for source, code in zip(STATUS_SOURCES, report.faults, strict=True)
-            if code not in (SourceFault.NONE,) and not (source not in _MOTORS and code == SourceFault.NOT_FITTED)
+            if code != SourceFault.NONE and not (code == SourceFault.NOT_FITTED and _may_lack(source, report))
         ],
         "text": report.text,
         "yaw_rate": _finite(report.yaw_rate),
         "roll": _finite(report.roll),
-        "tail_pitch": _finite(report.tail_pitch),
-        "tail_roll": _finite(report.tail_roll),
-        "torque_pitch": _finite(report.torque_pitch),
-        "torque_roll": _finite(report.torque_roll),
+        "tail_pitch": _finite(report.tail_pitch) if report.has_tail else None,
+        "tail_roll": _finite(report.tail_roll) if report.has_tail else None,
+        "torque_pitch": _finite(report.torque_pitch) if report.has_tail else None,
+        "torque_roll": _finite(report.torque_roll) if report.has_tail else None,
         "speed": _finite(report.speed),
     }
+
+
+def _may_lack(source: str, report: CarReport) -> bool:
+    """Whether 1 says "not fitted" of this source; of a motor it is a fault."""
+    return source not in _MOTORS or not report.has_tail
 
 
 def _fault_name(source: str, code: int) -> str:

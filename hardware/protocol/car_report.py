@@ -1,8 +1,8 @@
 """What the car tells the operator by radio, 20 times per second: armed, faults, and what the plots show.
 
 Class 4, packed little-endian: class, sequence, flags (1 armed, 2 the emergency stop came, 4 and 8 what the car asks the
-operator for), mode last heard, fault codes of `workbench.ports.STATUS_SOURCES`, eight 32-bit floats, then the worst
-fault in words. 42 to 100 bytes, as many as the smallest modules carry.
+operator for, 16 the car has no tail), mode last heard, fault codes of `workbench.ports.STATUS_SOURCES`, eight 32-bit
+floats, then the worst fault in words. 42 to 100 bytes, as many as the smallest modules carry.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ _HEAD = struct.Struct("<BBBB6B8f")
 _MOST_BYTES = 100
 _ARMED, _STOPPED = 1, 2
 _ASKS_SHIFT = 2
+_NO_TAIL = 16
 _NUMBERS = 8
 
 
@@ -40,13 +41,14 @@ class CarReport:
     """One report.
 
     Attributes:
-        armed: the motors take commands. stopped: the operator's emergency stop came and stays.
+        armed: the car takes commands. stopped: the operator's emergency stop came and stays.
         mode: of the last command that the car heard.
         faults: codes of tail pitch, tail roll, sail, imu, speed, operator; 0 for none.
         yaw_rate: rad/s. roll: of the chassis, rad. tail_pitch, tail_roll: rad. torque_pitch, torque_roll: N m.
         speed: m/s. operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
         asks: what the operator must do before the car drives.
+        has_tail: the car has tail motors; without them their faults, angles and torques say nothing.
     """
 
     armed: bool
@@ -63,11 +65,13 @@ class CarReport:
     operator_age: float = math.inf
     text: str = ""
     asks: Asks = Asks.NOTHING
+    has_tail: bool = True
 
 
 def make_report(report: CarReport, sequence: int = 0) -> bytes:
     """The bytes of a report; the sequence is taken modulo 256."""
     flags = _ARMED * report.armed | _STOPPED * report.stopped | report.asks << _ASKS_SHIFT
+    flags |= _NO_TAIL * (not report.has_tail)
     numbers = (
         report.yaw_rate,
         report.roll,
@@ -95,11 +99,13 @@ def decode_report(data: bytes) -> CarReport:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
     if mode not in tuple(RadioMode):
         raise FrameError(f"car report: mode {mode}; allowed: {', '.join(str(item.value) for item in RadioMode)}")
-    asks = flags >> _ASKS_SHIFT
+    asks = (flags & ~_NO_TAIL) >> _ASKS_SHIFT
     if asks not in tuple(Asks):
-        raise FrameError(f"car report: flags {flags}; allowed is less than {(max(Asks) + 1) << _ASKS_SHIFT}")
+        most = (max(Asks) + 1) << _ASKS_SHIFT
+        raise FrameError(f"car report: flags {flags}; allowed is less than {most}, and {_NO_TAIL} more without a tail")
     faults, numbers = rest[:-_NUMBERS], rest[-_NUMBERS:]
     if any(math.isnan(number) for number in numbers):
         raise FrameError(f"car report with NaN: {numbers}")
     report = CarReport(bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers)
-    return replace(report, text=data[_HEAD.size :].decode(errors="ignore"), asks=Asks(asks))
+    text = data[_HEAD.size :].decode(errors="ignore")
+    return replace(report, text=text, asks=Asks(asks), has_tail=not flags & _NO_TAIL)

@@ -111,6 +111,8 @@ class Wiring(Protocol):
     def arm(self) -> None:
         """Begins to switch the tail motors on; they take commands when `armed` of the status is 1.
 
+        A car without a tail is armed at once: servo and throttle take commands.
+
         Raises:
             HardwareError: no watchdog test is recorded for this wiring, or a motor or the bus has a fault.
         """

@@ -13,9 +13,14 @@ _UNKNOWN_FAULT = 255
 
 
 class CarReporter:
-    """One car's reports."""
+    """One car's reports.
 
-    def __init__(self) -> None:
+    Args:
+        has_tail: the car has tail motors.
+    """
+
+    def __init__(self, has_tail: bool = True) -> None:
+        self._has_tail = has_tail
         self._due = 0.0
         self._sequence = 0
 
@@ -27,10 +32,10 @@ class CarReporter:
             return
         self._due = now + PERIOD
         self._sequence += 1
-        radio.report(make_report(report_of(reading, radio.stopped, asks), self._sequence))
+        radio.report(make_report(report_of(reading, radio.stopped, asks, self._has_tail), self._sequence))
 
 
-def report_of(reading: CarReading, stopped: bool, asks: Asks = Asks.NOTHING) -> CarReport:
+def report_of(reading: CarReading, stopped: bool, asks: Asks = Asks.NOTHING, has_tail: bool = True) -> CarReport:
     """What a reading tells the operator; `stopped`: the emergency stop came; `asks`: what is wanted of the operator."""
     status, tail = STATUS.read(reading.status), TAIL_STATE.read(reading.tail_state)
     imu, torque = IMU.read(reading.imu), TAIL_TORQUE.read(reading.tail_torque)
@@ -50,4 +55,5 @@ def report_of(reading: CarReading, stopped: bool, asks: Asks = Asks.NOTHING) -> 
         operator_age=status.operator_age,
         text=reading.fault_text or _REST_FIRST * (asks is Asks.REST),
         asks=asks,
+        has_tail=has_tail,
     )

@@ -73,7 +73,7 @@ class WiredCar:
         self.name: WiringName = name
         self._settings = motors
         self._mounting, self._safety = mounting, safety
-        self._open_devices, self.authorise = open_devices, authorise
+        self._open_devices, self._authorise = open_devices, authorise
         self.devices: Devices | None = None
         self.group: MotorGroup | None = None
         self._port: ListeningPort | None = None
@@ -82,12 +82,18 @@ class WiredCar:
         self.asks = Asks.NOTHING
         self.traffic_error = ""
         self._sail = SailRate()
-        self._reporter = CarReporter()
+        self._reporter = CarReporter(has_tail=bool(motors))
+        self._released = False  # by hand; what stands for `armed` where there are no motors
         self._tail_seen = np.zeros((2, 3))
         self._imu_seen = (math.nan, self.reading.imu)
         self._speed_seen = self.reading.speed
 
     # -- from off to armed
+
+    def authorise(self) -> None:
+        """Raises `HardwareError` where the tail's motors may not be switched on; a car without a tail has none."""
+        if self._settings:
+            self._authorise()
 
     def start(self) -> None:
         """Opens everything. See `Wiring.start`."""
@@ -103,6 +109,7 @@ class WiredCar:
         self.authorise()
         if devices.teensy.fault:
             raise HardwareError(devices.teensy.fault_text)
+        self._released = True
         if not self._settings:
             return
         if devices.watchdog is not None:
@@ -116,12 +123,14 @@ class WiredCar:
 
     def disarm(self, now: float) -> None:
         """Switches the motors off. See `Wiring.disarm`; after `stop` they are."""
+        self._released = False
         if self.devices is not None and self.group is not None:
             self.group.set_exit(now)
 
     def reset(self, now: float) -> None:
         """Forgets faults and the operator's stop, by hand only. See `Wiring.reset`."""
         devices, group = self._open()
+        self._released = False
         group.reset(now)
         if devices.radio is not None:
             devices.radio.clear_stop()
@@ -230,7 +239,7 @@ class WiredCar:
             ages["speed"], faults["speed"] = devices.gps.age(now), self._gps_fault(devices.gps, now)[0]
         if devices.radio is not None:
             ages["operator"], faults["operator"] = devices.radio.age(now), self._operator_fault(devices, now)[0]
-        values = {"armed": float(bool(group.motors) and group.ready)}
+        values = {"armed": float(group.ready if group.motors else self._released)}
         for source in ("tail_pitch", "tail_roll", "sail", "imu", "speed", "operator"):
             values[f"{source}_age"] = ages.get(source, 0.0)
             values[f"{source}_fault"] = float(faults.get(source, SourceFault.NOT_FITTED))

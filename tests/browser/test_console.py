@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -95,6 +96,23 @@ def test_an_unplugged_gamepad_leaves_the_car_at_rest(operator: OperatorPage, ses
     assert "unplugged" in page.inner_text("#banner")
     operator.until("!state.car.driving")
     assert "left MANUAL for IDLE" in page.evaluate("state.car.said")
+
+
+def test_a_car_without_a_tail_is_driven_from_the_page(page: Any, tmp_path: Path) -> None:
+    with ConsoleSession(tmp_path, "--no-view", "--set", "tail.mode=none") as session:
+        operator = OperatorPage(page, session)
+
+        def drive() -> None:
+            page.fill("#slider-throttle", "20")
+            page.fill("#slider-steering", "-15")
+            operator.reach("state.radio.report.speed > 0.2 && state.radio.report.yaw_rate > 0.05")
+
+        operator.drive(drive)
+        assert page.is_hidden("#slider-roll")
+        assert page.inner_text("#faults") == "none"
+        page.locator("input[value=rest]").evaluate("box => box.click()")
+        operator.until("!state.car.driving")
+        assert page.evaluate("state.car.said") == "ended: the operator left MANUAL for IDLE"
 
 
 def test_second_page_looks_on(operator: OperatorPage, session: ConsoleSession, browser: Any) -> None:

@@ -7,6 +7,7 @@ import http.server
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import pytest
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from hardware.console.server import open_socket
+from hardware.protocol.car_report import CarReport
 from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from tests.browser.console_session import GAMEPADS
 from tests.hardware.console.test_server import ARMED, Served, eventually
@@ -54,6 +56,16 @@ def show_armed(page: Any, served: Served) -> None:
         assert time.monotonic() < end
         served.link.report(ARMED, time.monotonic())
         time.sleep(0.05)
+
+
+def report_all_the_time(served: Served, report: CarReport) -> None:
+    hear = served.console.turn
+
+    def turn(now: float) -> None:
+        served.link.report(report, now)
+        hear(now)
+
+    served.console.turn = turn  # type: ignore[method-assign]
 
 
 def readings(page: Any) -> list[str]:
@@ -197,19 +209,31 @@ def test_without_webgl_the_view_says_so_and_the_rest_works(page: Any, tmp_path: 
         eventually(lambda: served.sent(Heartbeat))
 
 
+def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_tail(page: Any, served: Served) -> None:
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    assert page.is_visible("#slider-roll")
+    page.check("input[value=pitch]")
+    report_all_the_time(served, replace(ARMED, has_tail=False, faults=(1, 1, 0, 0, 0, 0)))
+    eventually(lambda: page.is_hidden("#slider-roll") and page.inner_text("#car") == "ARMED")
+    assert "This car has no tail" in page.inner_text("#drive")
+    assert page.inner_text("#faults") == "none"
+    assert page.locator(".plot:visible").count() == 2
+    assert page.evaluate("stepChannel()") == "steering"
+    page.locator("input[value=manual]").evaluate("box => box.click()")
+    page.fill("#slider-throttle", "20")
+    page.fill("#slider-steering", "-10")
+    eventually(lambda: any(sent.throttle == pytest.approx(0.2) for sent in served.sent(OperatorCommand)))
+    eventually(lambda: served.sent(OperatorCommand)[-1].steering > 0.1)
+
+
 @pytest.fixture
 def gamepads(page: Any, served: Served) -> Any:
     """A page of an armed car that stays armed, with gamepads that the test plugs in."""
     page.add_init_script(GAMEPADS)
     page.goto(served.access.url)
     eventually(lambda: page.evaluate(IN_CONTROL))
-    hear = served.console.turn
-
-    def turn(now: float) -> None:
-        served.link.report(ARMED, now)
-        hear(now)
-
-    served.console.turn = turn  # type: ignore[method-assign]
+    report_all_the_time(served, ARMED)
     eventually(lambda: page.inner_text("#car") == "ARMED")
     return page
 

@@ -9,12 +9,16 @@ const NOTES = {
   control: "Control: you drive, the tail swings by its law.",
   auto: "Auto: the car runs its sequence. Rest ends it.",
 };
+const TAIL = ["pitch", "roll"];
 const get = (id) => document.getElementById(id);
 const seconds = () => performance.now() / 1000;
 const sliders = new Sliders(get("sliders"));
 const plots = makePlots(get("plots"));
 const news = new News(), gamepads = new Gamepads();
 let socket = null, state = null, count = 0, mode = "rest", padStops = 0, problem = "", failure = "", wasArmed = false, pendingStop = "";
+
+const hasTail = () => state?.radio.report?.has_tail !== false;  // until the car says otherwise
+const channels = () => CHANNELS_OF[mode].filter((key) => hasTail() || !TAIL.includes(key));
 
 function send(message) {
   if (!socket || socket.readyState !== WebSocket.OPEN) return false;
@@ -44,7 +48,7 @@ function beat() {
   if (!state || !state.controls || document.hidden) return;
   count += 1;
   const values = sliders.values(seconds());
-  const asked = Object.fromEntries(Object.entries(values).map(([key, value]) => [key, CHANNELS_OF[mode].includes(key) ? value : 0]));
+  const asked = Object.fromEntries(Object.entries(values).map(([key, value]) => [key, channels().includes(key) ? value : 0]));
   send({type: "beat", count, time: seconds(), mode, ...asked});
 }
 
@@ -63,7 +67,7 @@ function lookAtGamepads() {
     }
   }
   using.disabled = !driver;
-  if (using.checked && CHANNELS_OF[mode].length) {
+  if (using.checked && channels().length) {
     const values = gamepadValues(driver, sliders.rows);
     if (values) sliders.set(values); else setMode("rest");
   }
@@ -161,14 +165,20 @@ function show() {
     : "This car is armed beside it, with aerodima drive.");
   for (const input of document.querySelectorAll("input[name=mode]"))
     input.disabled = !controls || stopped || (input.value !== "rest" && !armed && mode === "rest");
+  showTail();
   const byPad = get("use-gamepad").checked;
-  sliders.setDriving(controls && !byPad, CHANNELS_OF[mode]);
-  get("step-go").disabled = !controls || !CHANNELS_OF[mode].includes(stepChannel());
+  sliders.setDriving(controls && !byPad, channels());
+  get("step-go").disabled = !controls || !channels().includes(stepChannel());
   get("centre").disabled = !controls;
   get("record").disabled = !controls;
   const recording = known?.recording;
   get("record").checked = Boolean(recording?.on);
   setText("record-note", recording ? recording.error || (recording.on ? `writing ${recording.path}` : "") : unknown);
+}
+
+function showTail() {
+  if (!state || document.body.classList.toggle("tailless", !hasTail()) === false) return;
+  if (TAIL.includes(stepChannel())) document.querySelector("input[name=step-channel][value=steering]").checked = true;
 }
 
 function showFaults(known, report) {

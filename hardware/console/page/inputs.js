@@ -4,8 +4,8 @@
 const CHANNELS = [
   {key: "throttle", name: "Throttle", ends: ["back", "ahead"], unit: "%", scale: 100, limit: 1, springs: true},
   {key: "steering", name: "Steering", ends: ["left", "right"], unit: "°", scale: -180 / Math.PI, limit: 0.5, springs: true},
-  {key: "pitch", name: "Tail pitch", ends: ["back", "forward"], unit: "°", scale: 180 / Math.PI, limit: 0.5},
-  {key: "roll", name: "Tail roll", ends: ["left", "right"], unit: "°", scale: 180 / Math.PI, limit: 0.5},
+  {key: "pitch", name: "Tail pitch", ends: ["back", "forward"], unit: "°", scale: 180 / Math.PI, limit: 0.5, ofTail: true},
+  {key: "roll", name: "Tail roll", ends: ["left", "right"], unit: "°", scale: 180 / Math.PI, limit: 0.5, ofTail: true},
 ];
 
 // Sliders show per cent and degrees with right positive; values are -1 to 1 and rad with left positive for steering.
@@ -15,7 +15,7 @@ class Sliders {
     this.rows = {};
     for (const channel of CHANNELS) {
       const row = document.createElement("div");
-      row.className = "slider";
+      row.className = channel.ofTail ? "slider of-tail" : "slider";
       const label = document.createElement("label");
       label.htmlFor = `slider-${channel.key}`;
       label.textContent = channel.name;

@@ -5,14 +5,14 @@ const PLOT_SECONDS = 10;
 const DEGREES = 180 / Math.PI;
 
 class StripPlot {
-  // lines: [{name, key, scale}]; least: half height of the scale that is always shown.
+  // lines: [{name, key, scale, digits, ofTail}]; least: half height of the scale that is always shown.
   constructor(place, title, unit, lines, least) {
     this.unit = unit;
     this.lines = lines;
     this.least = least;
     this.samples = [];
     const figure = document.createElement("figure");
-    figure.className = "plot";
+    figure.className = lines.every((line) => line.ofTail) ? "plot of-tail" : "plot";
     const caption = document.createElement("figcaption");
     const name = document.createElement("span");
     name.textContent = `${title}, ${unit}`;
@@ -94,8 +94,8 @@ function makePlots(place) {
     new StripPlot(place, "Yaw rate", "rad/s", [{name: "", key: "yaw_rate", scale: 1, digits: 2}], 1),
     new StripPlot(place, "Roll of the car", "°", [{name: "", key: "roll", scale: DEGREES}], 5),
     new StripPlot(place, "Tail angle", "°", [
-      {name: "roll (solid)", key: "tail_roll", scale: DEGREES}, {name: "pitch (dashed)", key: "tail_pitch", scale: DEGREES}], 100),
+      {name: "roll (solid)", key: "tail_roll", scale: DEGREES, ofTail: true}, {name: "pitch (dashed)", key: "tail_pitch", scale: DEGREES, ofTail: true}], 100),
     new StripPlot(place, "Tail torque", "N m", [
-      {name: "roll (solid)", key: "torque_roll", scale: 1}, {name: "pitch (dashed)", key: "torque_pitch", scale: 1}], 5),
+      {name: "roll (solid)", key: "torque_roll", scale: 1, ofTail: true}, {name: "pitch (dashed)", key: "torque_pitch", scale: 1, ofTail: true}], 5),
   ];
 }

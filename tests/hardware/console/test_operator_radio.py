@@ -9,6 +9,7 @@ import pytest
 from hardware.console.messages import BeatClock, read_message
 from hardware.console.operator_radio import OperatorRadio
 from hardware.console.seats import GONE_AFTER, Seats
+from hardware.console.words import radio_state
 from hardware.protocol import radio as frames
 from hardware.protocol.can_frame import FrameError
 from hardware.protocol.car_report import Asks, CarReport, decode_report, make_report
@@ -165,6 +166,16 @@ class DeadPort:
         pass
 
 
+def test_what_is_not_fitted_to_a_car_without_a_tail_is_no_fault(radio, link):
+    faults = (1, 1, 0, 0, 1, 0)
+    for has_tail, expected in ((True, ["tail pitch", "tail roll"]), (False, [])):
+        link.report(CarReport(True, False, RadioMode.IDLE, faults, has_tail=has_tail), 1.0)
+        radio.turn(1.0)
+        shown = radio_state(radio, 1.0)["report"]
+        assert [fault["source"] for fault in shown["faults"]] == expected
+        assert (shown["tail_roll"] is None) is not has_tail
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_link_whose_thread_has_died_and_one_whose_device_has_gone_are_faults():
     dead = SerialLink(DeadPort)
@@ -211,6 +222,8 @@ def test_report_survives_the_frame_and_wrong_ones_are_refused():
     assert decode_report(make_report(CarReport(False, True, RadioMode.AUTO))).operator_age == math.inf
     for asks in Asks:
         assert decode_report(make_report(CarReport(True, True, RadioMode.IDLE, asks=asks))).asks is asks
+        tailless = CarReport(True, False, RadioMode.IDLE, asks=asks, has_tail=False)
+        assert decode_report(make_report(tailless)) == tailless
     data = make_report(CarReport(True, False, RadioMode.IDLE, text="long " * 40))
     assert len(data) == 100
     for wrong in (data[:41], data + b"x", b"\x05" + data[1:], data[:3] + b"\x09" + data[4:], data[:10] + b"\xff" * 32):
