@@ -63,6 +63,8 @@ class CarGuard:
     Attributes:
         stage: see the picture above.
         reason: why it stopped, empty before. hard: that reason was a hard one.
+        left: the operator has left the mode, and was heard while the car was being stopped. One who falls silent then has
+            not chosen to end the drive: the console sends a car to rest whose page has gone.
         reading: of the last cycle.
         rested: the operator was heard in IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.
@@ -76,7 +78,7 @@ class CarGuard:
         self._has_tail = has_tail
         self.stage = Stage.READY
         self.reason = ""
-        self.hard = False
+        self.hard = self.left = False
         self.reading = CarReading()
         self.lateness = 0.0
         self.overruns = self._overruns_in_a_row = 0
@@ -143,7 +145,7 @@ class CarGuard:
         if self.stage not in (Stage.READY, Stage.STOPPED):
             raise HardwareError(f"the car cannot be reset: it is {self.stage.name.lower()}")
         self.wiring.reset(now)
-        self.reason, self.hard = "", False
+        self.reason, self.hard, self.left = "", False, False
         self._go(Stage.READY, now)
 
     def stop(self, reason: str, now: float, hard: bool = False) -> None:
@@ -223,6 +225,10 @@ class CarGuard:
         self._was_armed = armed
         if self.stage is Stage.DRIVING and not reason and self.reading.operator.mode is not self._mode:
             reason = f"the operator left {self._mode.name} for {self.reading.operator.mode.name}"
+            self.left = True
+        elif self.left and self.reading.status[_OPERATOR] in _GONE:
+            self.left = False
+            self.reason += " and was not heard any more"
         stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED  # latches before the car is armed too
         if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
             self.stop(reason, now, hard)

@@ -50,7 +50,7 @@ class DriveResult:
 
     Attributes:
         reason: `RUN_OVER`, or why it was stopped.
-        orderly: the run came to its end, or the operator ended it without an emergency.
+        orderly: the run came to its end, or the operator ended it without an emergency and was heard until it had ended.
         log: the run log; None when none was written.
         signal: number of the signal that ended it; 0 for none.
         traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is none.
@@ -280,7 +280,7 @@ def _let_stop(guard: CarGuard) -> None:
 
 
 def _is_orderly(guard: CarGuard) -> bool:
-    return guard.reason == RUN_OVER or guard.reason.startswith("the operator left")
+    return guard.reason == RUN_OVER or guard.left
 
 
 def _gps_time(car: WiredCar) -> float | None:

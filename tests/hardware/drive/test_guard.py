@@ -305,3 +305,17 @@ def test_a_car_without_a_tail_drives_without_armed_motors(car):
     car.guard.drive(RadioMode.AUTO, car.now)
     car.turn()
     assert same(car.last, FORWARD)
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_an_operator_who_leaves_the_mode_and_falls_silent_was_lost(car, heard):
+    car.driving()
+    car.wiring.operator = IDLE  # by hand, or by the console whose page has gone
+    car.turn(count=10)
+    assert (car.guard.stage, car.guard.left) == (Stage.HOLDING, True)
+    if not heard:
+        car.wiring.faults["operator"] = SourceFault.SILENT
+    car.turn(count=100)
+    assert car.guard.finished
+    assert (car.guard.left, car.guard.hard) == (heard, False)
+    assert car.guard.reason == "the operator left AUTO for IDLE" + " and was not heard any more" * (not heard)

@@ -165,6 +165,21 @@ def test_the_operator_takes_the_car_out_of_auto(drive):
     drive.assert_safe()
 
 
+def test_an_operator_who_is_lost_in_auto_is_no_orderly_end(drive):
+    ticks = []
+
+    def vanish(result):
+        """The console sends the car to rest when the page has gone; the heartbeat ends with the page."""
+        ticks.append(len(ticks))
+        drive.bench.radio.command, drive.bench.radio.silence = OperatorCommand(RadioMode.IDLE), 0.05 + 0.01 * len(ticks)
+        return result
+
+    result = drive.run(vanish)
+    assert not result.orderly
+    assert result.reason == "the operator left AUTO for IDLE and was not heard any more"
+    drive.assert_safe()
+
+
 def test_without_an_answer_on_the_terminal_nothing_is_armed(drive):
     with pytest.raises(HardwareError, match="not armed"):
         drive.run(confirm=lambda: False)
