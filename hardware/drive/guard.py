@@ -63,8 +63,8 @@ class CarGuard:
     Attributes:
         stage: see the picture above.
         reason: why it stopped, empty before. hard: that reason was a hard one.
-        left: the operator has left the mode, and was heard while the car was being stopped. One who falls silent then has
-            not chosen to end the drive: the console sends a car to rest whose page has gone.
+        left: the operator has left the mode, and was heard while the car was being stopped. One who falls silent then
+            has not chosen to end the drive: the console sends a car to rest whose page has gone.
         reading: of the last cycle.
         rested: the operator was heard in IDLE since the car took commands.
         lateness: of the last cycle, s; 0 for a cycle without a due time.

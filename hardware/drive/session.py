@@ -50,7 +50,7 @@ class DriveResult:
 
     Attributes:
         reason: `RUN_OVER`, or why it was stopped.
-        orderly: the run came to its end, or the operator ended it without an emergency and was heard until it had ended.
+        orderly: the run came to its end, or the operator ended it without an emergency and was heard until then.
         log: the run log; None when none was written.
         signal: number of the signal that ended it; 0 for none.
         traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is none.
