@@ -107,9 +107,8 @@ def swing(
             f"heading: {facts['heading_ratio']:.1%} of the published swing's at friction "
             f"{facts['reference_friction']:.3f}, the highest that both survive"
         )
-    typer.echo(
-        f"collocation error {facts.get('collocation_error_rad', float('nan')):.4f} rad on {facts.get('knots')} knots"
-    )
+    if "collocation_error_rad" in facts:
+        typer.echo(f"collocation error {facts['collocation_error_rad']:.4f} rad on {facts['knots']} knots")
 
 
 def _refuse_unwritable(folder: Path) -> None:

@@ -31,7 +31,7 @@ from optimisation.leaderboard.memory import RememberingEngine
 from optimisation.sweep.store import make_frame
 from optimisation.sweep.task import RunTask
 from optimisation.sweep.threshold import FRICTION, SPEED, Case
-from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING
+from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
 from optimisation.swing.perturbations import perturbations
 from workbench.ensemble import Member
 from workbench.scenario import load_scenario
@@ -275,6 +275,7 @@ class _Measurer:
                 "gain_over_8_rad_per_s": _gain(one.survived, reference.survived),
                 "heading_ratio": own.get("heading_change_rad", math.nan) / other.get("heading_change_rad", math.nan),
                 "heading_at_friction": friction,
+                "spins_with_8_rad_per_s": bool(other.get("heading_change_rad", 0.0) > SPIN),
                 "two_wheel_time_s": own.get("two_wheel_time_s", math.nan),
                 "two_wheel_time_with_8_rad_per_s_s": other.get("two_wheel_time_s", math.nan),
             }

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from optimisation.leaderboard.measure import Leaderboard
 from optimisation.leaderboard.summary import summarise_board
-from optimisation.swing.full_car import LEAST_HEADING
+from optimisation.swing.full_car import LEAST_HEADING, SPIN
 from workbench.atomic_write import write_atomically
 from workbench.ensemble import weighted_quantiles
 from workbench.errors import UserError
@@ -103,7 +103,8 @@ def _what_counts() -> Markup:
     return paragraph(
         "Medians and shares over the cars, at the ordinary step. Critical friction: highest tyre friction of an "
         "unbroken row survived clean. A gain over the 8 rad/s swing counts where the heading change is at least 95 % "
-        "of that swing's, compared at the highest friction that both survive."
+        "of that swing's, compared at the highest friction that both survive. A car that spins with the 8 rad/s swing "
+        f"(heading change above {SPIN:g} rad there) has no turn to compare with; it counts all the same."
     )
 
 

@@ -40,6 +40,7 @@ def summarise_board(board: Leaderboard) -> pd.DataFrame:
         row["share_no_worse_than_8_rad_per_s"] = _share(gain >= -ROUNDING, own["weight"])
         row["heading_ratio_median"] = _median(own["heading_ratio"], own["weight"])
         row["share_heading_at_least_95_percent"] = _share(heading, own["weight"])
+        row["share_that_spins_with_8_rad_per_s"] = _share(own["spins_with_8_rad_per_s"], own["weight"])
         row["share_faster_turn"] = _share(heading & (gain > ROUNDING), own["weight"])
         top = speeds[speeds["controller"] == name]
         row["highest_speed_m_per_s"] = _median(top["highest_speed_m_per_s"], top["weight"])

@@ -17,6 +17,9 @@ FRICTION_STEP = 0.0125
 """Resolution of critical frictions."""
 LEAST_HEADING = 0.95
 """Share of the reference's heading change that a turn must have to count (design section 10)."""
+SPIN = 1.5
+"""Heading change (rad) with the published swing beyond which a possible car counts as spinning: its rear axle slid out,
+so that there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 

@@ -25,7 +25,7 @@ from optimisation.errors import SwingError
 from optimisation.sweep.engine import Engine, SerialEngine
 from optimisation.swing.candidate import Candidate, Car, Score, score
 from optimisation.swing.choice import choose
-from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP
+from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
 from optimisation.swing.options import Options, Told
 from optimisation.swing.shape import changed, changes
 from workbench.atomic_write import write_atomically
@@ -45,9 +45,6 @@ FIRST_PITCH = (0.5, 0.5, 0.5, 0.4, 0.2, 0.0)
 """Pitch that a polish with two joints begins with, in units of the change: forwards, which loads the front axle."""
 WIDEST = 4.0
 """Largest change, in its unit."""
-SPIN = 1.5
-"""Heading change (rad) with the published swing beyond which a possible car counts as spinning: its rear axle slid out,
-so that there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
 PATIENCE, NARROWER = 2, 0.4
 """Generations without a better candidate after which the search begins again around the best one, narrower by this."""
 

@@ -119,6 +119,26 @@ def test_every_table_has_its_known_answer(tmp_path: Path) -> None:
     assert {path.name for path in files} >= {"claims.csv", "summary.csv", "frictions.csv", "robustness.csv", PAGE}
 
 
+def test_a_car_that_spins_with_the_published_swing_is_named(tmp_path: Path) -> None:
+    class Spinning(MadeUp):
+        """The light car spins, with the published swing alone."""
+
+        @staticmethod
+        def _row(task: RunTask) -> dict[str, Any]:
+            row = MadeUp._row(task)
+            if "car.mass=5.0" in task.settings and "controller.swing_speed=8.0" in task.settings:
+                row["heading_change_rad"] += 2.0
+            return row
+
+    plan = replace(PLAN, perturbed=False)
+    board, _ = make_leaderboard(tmp_path, plan, [SWING], MEMBERS, Spinning(), replays=False)
+    for row in board.frictions.to_dict("records"):
+        spins = row["member"] == MEMBERS[1].name
+        assert row["spins_with_8_rad_per_s"] == spins
+    summary = pd.read_csv(tmp_path / "summary.csv").set_index("controller")
+    assert summary.loc[SWING, "share_that_spins_with_8_rad_per_s"] == pytest.approx(MEMBERS[1].weight)
+
+
 def test_swings_of_one_kind_are_one_controller_that_plays_the_nearest(tmp_path: Path) -> None:
     thesis = read_swing(model_path(f"swings/{SWING}.yaml"))
     paths = []
