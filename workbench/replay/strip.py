@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
@@ -31,6 +32,8 @@ _DPI = 100
 _ELEVATION = np.radians(17.0)
 _DISTANCE = 7.0
 """From the camera to the car, m: far enough that pictures of one car look alike."""
+_LONGEST_FITTED = 1.0
+"""Arrows up to this length (m; 50 N on a wheel) fit into the picture; those of an impact are cut off at its edge."""
 _RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
 
 
@@ -59,8 +62,10 @@ def strip_figure(run_log: RunLog) -> Figure:
     logged = add_logged_car(builder, run_log)
     moments = five_moments(run_log)
     pictures = _car_triangles(logged, [moment.row for moment in moments])
-    cameras = _cameras(logged, moments, [triangles for triangles, _ in pictures])
     arrows = force_arrows(logged)
+    corners = [triangles.reshape(-1, 3) for triangles, _ in pictures]
+    tips = [_fitted_tips(arrows, moment.row) for moment in moments]
+    cameras = _cameras(logged, moments, [np.vstack(points) for points in zip(corners, tips, strict=True)])
     figure = Figure(figsize=(STRIP[0] / _DPI, STRIP[1] / _DPI), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     for index, (moment, camera, picture) in enumerate(zip(moments, cameras, pictures, strict=True)):
@@ -89,8 +94,14 @@ def _car_triangles(logged: LoggedCar, rows: list[int]) -> list[tuple[FloatArray,
     return posed
 
 
-def _cameras(logged: LoggedCar, moments: list[Moment], triangles: list[FloatArray]) -> list[Camera]:
-    """One camera per picture: same direction and scale in all five, the car in the middle."""
+def _fitted_tips(arrows: list[ForceArrow], row: int) -> FloatArray:
+    """Tips in W, m, of the arrows of a row that fit into its picture, shape (n, 3)."""
+    shown = [arrow for arrow in arrows if arrow.shown[row] and np.linalg.norm(arrow.lengths[row]) <= _LONGEST_FITTED]
+    return np.array([arrow.points[row] + arrow.lengths[row] for arrow in shown]).reshape(-1, 3)
+
+
+def _cameras(logged: LoggedCar, moments: list[Moment], points: list[FloatArray]) -> list[Camera]:
+    """One camera per picture: same direction and scale in all five, the points of each (n, 3; W, m) in the middle."""
     run_log = logged.run_log
     azimuth = camera_azimuth(run_log)
     direction = np.array(
@@ -98,8 +109,8 @@ def _cameras(logged: LoggedCar, moments: list[Moment], triangles: list[FloatArra
     )
     centres = run_log.vector("com", "truth_m")[[moment.row for moment in moments]] * [1.0, 1.0, 0.0]
     unit = [Camera(c + _DISTANCE * direction, c, 1.0, 0, 0) for c in centres]
-    seen = [camera.project(corners.reshape(-1, 3)) for camera, corners in zip(unit, triangles, strict=True)]
-    low, high = (np.array([edge(points[:, :2], axis=0) for points in seen]) for edge in (np.min, np.max))
+    seen = [camera.project(wanted)[:, :2] for camera, wanted in zip(unit, points, strict=True)]
+    low, high = (np.array([edge(ends, axis=0) for ends in seen]) for edge in (np.min, np.max))
     top, bottom = low[:, 1].min(), high[:, 1].max()
     focal_length = 0.88 * min(FRAME[0] / np.max(high[:, 0] - low[:, 0]), FRAME[1] / (bottom - top))
     right, down = unit[0].axes[:2]
@@ -122,9 +133,19 @@ def _draw_arrow(axes: Axes, camera: Camera, arrow: ForceArrow, row: int) -> None
     if not arrow.shown[row]:
         return
     ends = camera.project(np.array([arrow.points[row], arrow.points[row] + arrow.lengths[row]]))
-    style = {"arrowstyle": "-|>,head_width=0.22,head_length=0.4", "color": arrow.colour, "linewidth": 1.6}
     (x0, y0), (x1, y1) = ends[:, :2].tolist()
-    axes.annotate("", xy=(x1, y1), xytext=(x0, y0), arrowprops={**style, "shrinkA": 0, "shrinkB": 0})
+    axes.add_patch(
+        FancyArrowPatch(
+            (x0, y0),
+            (x1, y1),
+            arrowstyle="-|>,head_width=0.22,head_length=0.4",
+            mutation_scale=10,
+            shrinkA=0,
+            shrinkB=0,
+            color=arrow.colour,
+            linewidth=1.6,
+        )
+    )
 
 
 def _label(figure: Figure, run_log: RunLog, moment: Moment, x: float) -> None:

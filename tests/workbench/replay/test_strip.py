@@ -8,9 +8,12 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch
 
 from workbench.errors import LogError, UserError
 from workbench.logs.schema import RunLog
+from workbench.replay.forces import WHEEL_COLOUR
 from workbench.replay.strip import FRAME, STRIP, strip_figure, write_strip
 
 
@@ -56,6 +59,43 @@ def test_car_fits_into_every_picture(tailed: RunLog) -> None:
         edge = np.concatenate([yellow[0], yellow[-1], yellow[:, 0], yellow[:, -1]])
         assert yellow.any()
         assert not edge.any()
+
+
+def loaded(run_log: RunLog, force: float) -> RunLog:
+    """The run with `force` (N) upward on the front right wheel and nothing on the others."""
+    table = run_log.table.copy()
+    table[[name for name in table.columns if name.startswith("wheel_force_")]] = 0.0
+    table["wheel_force_front_right_z_truth_n"] = force
+    return replace(run_log, table=table)
+
+
+def green_rows(figure: Figure) -> list[int]:
+    """Height of what has the colour of a wheel's arrow in each of the five pictures, pixels."""
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3] / 255.0  # type: ignore[attr-defined]
+    green = np.abs(pixels - WHEEL_COLOUR).max(axis=-1) < 0.02
+    heights = []
+    for axes in figure.axes:
+        left, right = (round(x) for x in axes.bbox.intervalx)
+        rows = np.flatnonzero(green[:, left:right].any(axis=1))
+        heights.append(int(np.ptp(rows)) + 1 if rows.size else 0)
+    return heights
+
+
+@pytest.mark.parametrize("force", [15.0, 37.0])  # a wheel at rest; the outer ones of a car that tips
+def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless: RunLog, force: float) -> None:
+    figure = strip_figure(loaded(tailless, force))
+    for axes, height in zip(figure.axes, green_rows(figure), strict=True):
+        (arrow,) = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+        extent = arrow.get_window_extent()
+        assert axes.bbox.y0 < extent.y0 < extent.y1 < axes.bbox.y1
+        assert height == pytest.approx(extent.height, abs=4)  # the line is 2 pixels wide
+
+
+def test_arrow_of_an_impact_is_cut_off_at_the_edge_and_the_car_stays_large(tailless: RunLog) -> None:
+    figure = strip_figure(loaded(tailless, 1000.0))
+    heights = green_rows(figure)
+    assert all(0.5 * FRAME[1] < height <= FRAME[1] for height in heights)
 
 
 def test_existing_file_is_kept_unless_forced(tailed: RunLog, strip: Path, tmp_path: Path) -> None:
