@@ -23,9 +23,10 @@ def radio_state(radio: OperatorRadio, now: float) -> dict[str, Any]:
     operator for, with the age of the report that says so.
     """
     age, report = radio.report_age(now), radio.report
-    current = report is not None and age <= REPORT_SILENCE
+    fault = radio.fault(now)
+    current = report is not None and age <= REPORT_SILENCE and not fault
     return {
-        "fault": radio.fault(now),
+        "fault": fault,
         "stopped_by": radio.stopped_by,
         "confirmed": radio.confirmed,
         "mode": _MODE_NAMES[radio.mode],

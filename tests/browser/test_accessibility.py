@@ -100,7 +100,26 @@ def test_focus_goes_through_the_console_in_the_order_of_the_page_and_is_seen(con
         assert focused["outlined"], focused
         assert focused["seen"], focused
         order.append(focused["name"])
-    assert order == ["stop", "rest", "steering", "step-size", "step-time", "centre", "record"]
+    assert order == ["stop", "rest", "centre", "steering", "step-size", "step-time", "record"]
+
+
+@pytest.mark.parametrize("size", [(1280, 900), (800, 600), (400, 800), (800, 400)])
+def test_the_stop_and_the_states_fit_the_window_and_the_stop_stays_in_it(
+    console: Any, served: Served, size: tuple[int, int]
+) -> None:
+    console.set_viewport_size({"width": size[0], "height": size[1]})
+    served.link.fault = "reading failed: there is no such device; is it plugged in?"
+    eventually(lambda: console.is_visible("#banner"))
+    assert console.evaluate("document.documentElement.scrollWidth") <= size[0]
+    assert too_faint(console) == []
+    for place in (0, 10_000):
+        console.evaluate(f"scrollTo(0, {place})")
+        seen = console.evaluate(
+            "(() => { const box = get('stop').getBoundingClientRect(), x = (box.left + box.right) / 2,"
+            " y = (box.top + box.bottom) / 2; return get('stop').contains(document.elementFromPoint(x, y))"
+            " && box.top >= 0 && box.bottom <= innerHeight && box.left >= 0 && box.right <= innerWidth; })()"
+        )
+        assert seen, f"scrolled to {place}"
 
 
 def test_everything_on_the_console_that_can_be_worked_has_a_name(console: Any) -> None:

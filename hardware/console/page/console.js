@@ -197,12 +197,12 @@ function bannerText(known) {
   if (pendingStop && !state) return `EMERGENCY STOP pressed, but not connected: it is sent when the connection is back. ${power}`;
   if (pendingStop) return `EMERGENCY STOP pressed; the console has not answered yet. ${power}`;
   if (radio?.stopped_by && radio.fault && !radio.confirmed)
-    return `EMERGENCY STOP by ${radio.stopped_by} NOT SENT: ${radio.fault}. Cut the car's power.`;
+    return `EMERGENCY STOP by ${radio.stopped_by} NOT SENT. Cut the car's power. (${radio.fault})`;
   if (radio?.stopped_by)
     return `EMERGENCY STOP by ${radio.stopped_by}: ${radio.confirmed ? "the car has reported it" : "sending until the car reports it"}.`;
   if (state && !known)
     return `The console has been silent for ${Math.floor(news.age(seconds()))} s: what it showed is old and is not shown. The mode is rest.`;
-  if (radio?.fault) return `RADIO FAULT: ${radio.fault}. Nothing reaches the car, which stops by itself. The mode is rest.`;
+  if (radio?.fault) return `RADIO FAULT: nothing reaches the car, which stops by itself; the mode is rest. (${radio.fault})`;
   if (problem) return problem;
   return known && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "";
 }

@@ -26,7 +26,7 @@ class Sliders {
       const ends = document.createElement("div");
       ends.className = "ends";
       ends.setAttribute("aria-hidden", "true");
-      for (const end of channel.ends) ends.append(Object.assign(document.createElement("span"), {textContent: end}));
+      for (const end of [channel.ends[0], "0", channel.ends[1]]) ends.append(Object.assign(document.createElement("span"), {textContent: end}));
       row.append(label, input, output, ends);
       place.append(row);
       this.rows[channel.key] = {channel, input, output};

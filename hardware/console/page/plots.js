@@ -31,7 +31,7 @@ class StripPlot {
     while (this.samples[0][0] < time - PLOT_SECONDS) this.samples.shift();
     this.value.textContent = this.lines
       .map((line, i) => `${line.name} ${Number.isNaN(values[i]) ? "–" : values[i].toFixed(line.digits ?? 1)}`)
-      .join("   ");
+      .join(" · ");
   }
 
   draw(now) {
