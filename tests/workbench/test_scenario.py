@@ -32,6 +32,11 @@ def test_every_shipped_scenario_resolves():
         assert isinstance(load_scenario(name), Scenario)
 
 
+@pytest.mark.parametrize("name", scenario_names())
+def test_name_says_nothing_of_the_tail_which_a_flag_can_change(name):
+    assert not {"tail", "none", "held", "swing"} & set(load_scenario(name).name.replace(",", "").split())
+
+
 def test_published_turn_in_si_units():
     scenario = load_scenario("turn_swing")
     assert scenario.manoeuvre.speed == 3.33

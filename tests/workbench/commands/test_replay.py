@@ -44,7 +44,7 @@ def test_files_are_written_and_nothing_waits(call: Callable, log: Path, tmp_path
 def test_viewer_tells_its_address_and_ends_with_ctrl_c(call: Callable, log: Path) -> None:
     result = call("replay", log)
     assert result.exit_code == 0
-    assert "turn, tail none: left turn" in result.stdout
+    assert "published turn: left turn" in result.stdout
     assert "open http://127.0.0.1:" in result.stdout
 
 

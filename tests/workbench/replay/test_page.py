@@ -55,7 +55,7 @@ def test_page_is_small_enough_to_mail(page: str) -> None:
 
 
 def test_title_tells_scenario_speed_tail_and_outcome(page: str) -> None:
-    title = "turn, tail swing: left turn, 1.00 m/s (3.6 km/h), tail swings: survived, clean"
+    title = "published turn: left turn, 1.00 m/s (3.6 km/h), tail swings: survived, clean"
     assert f"<title>{title}</title>" in page
     assert '<b class="survived">survived, clean</b>' in page
     assert "path of the tail tip" in page
