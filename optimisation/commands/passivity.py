@@ -35,7 +35,7 @@ def passivity(
 
     say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
     with nullcontext(SerialEngine()) if workers == 1 else open_engine(workers) as engine, open_runs(out) as store:
-        table = measure_passivity(RememberingEngine(engine, store, say), speed or SPEEDS)
+        table = measure_passivity(RememberingEngine(engine, store, say, "passive and active tails"), speed or SPEEDS)
     for row in table.to_dict("records"):
         typer.echo(f"{row['tail']:24} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f}")
     for path in write_passivity(table, out):

@@ -23,12 +23,13 @@ class RememberingEngine:
         engine: where new tasks are run.
         store: open; its identity covers everything that a task does not name (versions, defaults).
         say: told lines of progress.
+        stage: what is being run, for these lines; may be changed on the way.
     """
 
-    def __init__(self, engine: Engine, store: ResultStore, say: Say) -> None:
+    def __init__(self, engine: Engine, store: ResultStore, say: Say, stage: str = "runs") -> None:
         self._engine, self._store, self._say = engine, store, say
         self._known = store.rows()
-        self.stage = ""
+        self.stage = stage
         self.ran = 0
 
     @property
@@ -52,7 +53,7 @@ class RememberingEngine:
             self._store.add(places[place], row)
             self.ran += 1
             if self.ran % 20 == 0:
-                self._say(f"{self.stage}: {self.ran} runs")
+                self._say(f"{self.stage}: {self.ran} runs made")
 
         try:
             self._engine.rows(list(missing.values()), keep)
