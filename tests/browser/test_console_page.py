@@ -151,6 +151,8 @@ def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, serv
     eventually(lambda: served.sent(EmergencyStop))
     eventually(lambda: "EMERGENCY STOP by key" in page.inner_text("#banner"))
     assert readings(page)[3] == "controls"
+    with stalled(served):
+        eventually(lambda: "An emergency stop by key stood before" in page.inner_text("#banner"))
 
 
 def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_not_sent(

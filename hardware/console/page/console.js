@@ -200,8 +200,10 @@ function bannerText(known) {
     return `EMERGENCY STOP by ${radio.stopped_by} NOT SENT. Cut the car's power. (${radio.fault})`;
   if (radio?.stopped_by)
     return `EMERGENCY STOP by ${radio.stopped_by}: ${radio.confirmed ? "the car has reported it" : "sending until the car reports it"}.`;
-  if (state && !known)
-    return `The console has been silent for ${Math.floor(news.age(seconds()))} s: what it showed is old and is not shown. The mode is rest.`;
+  if (state && !known) {
+    const before = state.radio.stopped_by ? ` An emergency stop by ${state.radio.stopped_by} stood before.` : "";
+    return `The console has been silent for ${Math.floor(news.age(seconds()))} s: what it showed is old and is not shown. The mode is rest.${before}`;
+  }
   if (radio?.fault) return `RADIO FAULT: nothing reaches the car, which stops by itself; the mode is rest. (${radio.fault})`;
   if (problem) return problem;
   return known && !document.hasFocus() ? "This window does not have the keyboard: Escape does not reach it. Click here." : "";
