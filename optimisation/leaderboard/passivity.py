@@ -28,16 +28,17 @@ SOFT = (2.0, 0.5)
 RATES = (3.0, 6.0, 12.0)
 """rad/s, beside the published 8."""
 _STYLES = (
-    (GREY, "o", ":"),
-    (SKY, "v", "-"),
-    (BLUE, "s", "-"),
-    (GREEN, "D", "-"),
-    (ORANGE, "^", "--"),
-    (VERMILION, "P", "--"),
-    (BLACK, "X", "--"),
-    (PURPLE, "*", "--"),
+    (GREY, "o", ":", 7),
+    (SKY, "v", "-", 15),
+    (BLUE, "s", "-", 10),
+    (GREEN, "D", "-", 5),
+    (ORANGE, "^", "--", 7),
+    (VERMILION, "P", "--", 7),
+    (BLACK, "X", "--", 7),
+    (PURPLE, "*", "--", 9),
 )
-"""No tail, held tails, swinging tails."""
+"""No tail, held tails, swinging tails: colour, marker, line, size. Held tails may coincide: each is smaller than the
+one below it."""
 
 
 def tails() -> list[Contestant]:
@@ -85,9 +86,9 @@ def plot_passivity(table: pd.DataFrame) -> Figure:
         image, grid = new_figure(8.5, 5.2)
         axes = grid[0, 0]
         for look, (name, part) in zip(_STYLES, table.groupby("tail", sort=False), strict=True):
-            colour, marker, line = look
+            colour, marker, line, size = look
             x, y = part["speed_m_per_s"], part["critical_friction"]
-            axes.plot(x, y, marker=marker, linestyle=line, color=colour, label=name)
+            axes.plot(x, y, marker=marker, markersize=size, linestyle=line, color=colour, label=name)
         axes.set_xlabel("speed of the turn [m/s]")
         axes.set_ylabel("critical friction [1]")
         image.legend(loc="outside upper center", ncols=4)
