@@ -5,8 +5,8 @@ const BEAT_MS = 50, PAD_MS = 20, LOOK_MS = 100, LATE = 0.2;
 const CHANNELS_OF = {rest: [], manual: ["throttle", "steering", "pitch", "roll"], control: ["throttle", "steering"], auto: []};
 const NOTES = {
   rest: "Rest: throttle 0. The other modes are free once the car is armed.",
-  manual: "Manual: sliders or gamepad move throttle, steering and tail.",
-  control: "Control: you drive, the tail swings by its law.",
+  manual: "Manual: sliders or gamepad move throttle, steering and a tail.",
+  control: "Control: you drive; a tail swings by its law.",
   auto: "Auto: the car runs its sequence. Rest ends it.",
 };
 const TAIL = ["pitch", "roll"];
@@ -71,7 +71,7 @@ function lookAtGamepads() {
     const values = gamepadValues(driver, sliders.rows);
     if (values) sliders.set(values); else setMode("rest");
   }
-  setText("gamepad", gamepads.words);
+  setText("gamepad", gamepads.words(hasTail()));
 }
 
 // -- connection

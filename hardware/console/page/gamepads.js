@@ -42,10 +42,11 @@ class Gamepads {
     return this.standard.filter((pad) => pad.buttons[PAD.stop]?.pressed).length;
   }
 
-  get words() {
+  words(hasTail) {
+    const sticks = `left stick steers, triggers drive, ${hasTail ? "right stick moves the tail, " : ""}B stops`;
     const driver = this.driver();
     const ignored = this.standard.filter((pad) => pad !== driver);
-    const lines = driver ? [`${driver.id}: left stick steers, triggers drive, right stick moves the tail, B stops`]
+    const lines = driver ? [`${driver.id}: ${sticks}`]
       : ignored.length ? [`${ignored.length} gamepads: the first one that is touched drives`] : ["no gamepad that can drive: press a button on it"];
     if (driver) for (const pad of ignored) lines.push(`ignored: ${pad.id} (its button B stops)`);
     for (const pad of this.other) lines.push(`${pad.id} has no standard layout: not used, and its buttons do not stop the car`);
