@@ -32,12 +32,11 @@ def test_examples_of_the_page_run(page: Path, tmp_path: Path, monkeypatch: pytes
     names: dict[str, object] = {}
     for block in blocks(page):
         text, where = block["text"], f"{page.name}:{block['language']}"
-        if block["language"] == "yaml":
-            if block["title"]:
-                (tmp_path / block["title"]).write_text(text, encoding="utf-8")
-        elif block["language"] == "python":
+        if block["title"]:
+            (tmp_path / block["title"]).write_text(text, encoding="utf-8")
+        if block["language"] == "python":
             exec(compile(text, where, "exec"), names)
-        else:
+        elif block["language"] == "sh":
             for line in text.replace("\\\n", " ").splitlines():
                 program, *words = shlex.split(line, comments=True) or ["aerodima", "--version"]
                 assert program == "aerodima", f"{where}: {line}"
@@ -51,5 +50,8 @@ def test_pages_link_to_pages_that_exist() -> None:
     for page in DOCS.rglob("*.md"):
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
             path = (page.parent / target).resolve()
-            known = path.exists() or path.relative_to(DOCS).as_posix() in generated
+            name = path.relative_to(DOCS.parent).as_posix()
+            module = DOCS.parent / name.removeprefix("docs/reference/").removesuffix(".md").replace(".", "/")
+            known = path.exists() or name.removeprefix("docs/") in generated
+            known |= name.startswith("docs/reference/") and (module.with_suffix(".py").exists() or module.is_dir())
             assert known, f"{page.relative_to(DOCS)}: {target}"

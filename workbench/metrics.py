@@ -31,6 +31,7 @@ __all__ = [
     "TurnMetrics",
     "compare_to_published",
     "highest_speed_survived",
+    "jolt_line",
     "metrics_of",
     "outcome_from",
     "outcome_of",
@@ -43,6 +44,8 @@ FloatArray = NDArray[np.float64]
 
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
+JOLT_FACTOR = 1.5
+"""A raw peak of the lateral acceleration that is this many times the filtered one is a jolt and no cornering."""
 LOADED_FORCE = 0.1
 """A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
 
@@ -98,6 +101,12 @@ class RunMetrics:
     tail_torque_peak_n_m: float | None
     tail_energy_j: float | None
     min_wheel_load_n: float | None
+
+    @property
+    def jolted(self) -> bool:
+        """Whether the largest raw lateral acceleration of a car that survived is a jolt: most of it is filtered out."""
+        raw, filtered = (m.max_linear_acceleration_m_per_s2 for m in (self.raw, self.filtered))
+        return self.outcome.result == "survived" and raw > JOLT_FACTOR * filtered
 
     def as_row(self) -> dict[str, float | str | bool | None]:
         """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
@@ -173,6 +182,18 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
         max_kohut_deg_m_per_s2=speed * math.degrees(max_yaw_rate),
         average_kohut_deg_m_per_s2=speed * math.degrees(average_yaw_rate),
         roll_integral_rad=float(np.max(cumulative_trapezoid(roll_rate, signals.time, initial=0.0))),
+    )
+
+
+def jolt_line(metrics: RunMetrics) -> str:
+    """What is said of a run whose lateral acceleration has a jolt; empty for another one."""
+    if not metrics.jolted:
+        return ""
+    raw, filtered = (m.max_linear_acceleration_m_per_s2 for m in (metrics.raw, metrics.filtered))
+    cause = "a jolt of the tail motor" if metrics.tail_torque_peak_n_m else "a jolt"
+    return (
+        f"the lateral acceleration of {raw:.1f} m/s2 is {cause} at the IMU, not cornering; {filtered:.1f} m/s2 after "
+        "the 5 Hz filter"
     )
 
 

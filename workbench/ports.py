@@ -104,7 +104,8 @@ STATUS = PortFields(
 """Per source: age of its newest sample in s, fault code (0 = none). Armed: 0 or 1."""
 
 PLANNED_TURN = PortFields("PlannedTurn", ("planned_turn",))
-"""The turn that the driver announces: +1 left, -1 right, 0 none. Goes from the driver to the tail controller."""
+"""The turn that the driver announces, from the start of the run on: +1 left, -1 right, 0 none. Goes from the driver to
+the tail controller."""
 
 STATION_INPUTS: dict[str, PortFields] = {
     "steering_angle": STEERING_ANGLE,

@@ -17,7 +17,7 @@ from workbench.controllers.turn_driver import TurnDriver
 from workbench.logs.columns import plant_position_columns, sensor_columns
 from workbench.logs.journal import JournalWriter
 from workbench.logs.recorder import RunRecorder, recorded_columns
-from workbench.logs.schema import RunLog, read_run_log, run_metadata
+from workbench.logs.schema import TAIL_LAW, RunLog, read_run_log, run_metadata
 from workbench.scenario import Scenario
 from workbench.section_watch import SectionWatch
 from workbench.sensors.roll_estimator import RollEstimator
@@ -97,6 +97,7 @@ def run_scenario(
     meshcat: Meshcat | None = None,
     real_time_rate: float = 0.0,
     progress: Progress | None = None,
+    tail_law: TailLaw | None = None,
 ) -> RunLog:
     """Simulates a scenario and writes its run log.
 
@@ -109,12 +110,15 @@ def run_scenario(
         meshcat: shows the run live.
         real_time_rate: 0 runs as fast as possible, 1 in real time.
         progress: told how far the run is.
+        tail_law: drives the tail instead of the law that the scenario names; the log has the name of its class as
+            `tail_law` in its `extra`.
 
     Raises:
         UserError: wrong scenario, unwritable or existing log.
     """
-    car = assemble(scenario, meshcat=meshcat)
-    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | swing_facts(scenario))
+    car = assemble(scenario, meshcat=meshcat, tail_law=tail_law)
+    law_facts = swing_facts(scenario) if tail_law is None else {TAIL_LAW: type(tail_law).__name__}
+    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | law_facts)
     columns = recorded_columns(car.signals)
     with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
         RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)

@@ -161,15 +161,25 @@ def scenario_from_dict(overrides: dict[str, Any], where: str = "scenario") -> Sc
     return resolve(Scenario, SCENARIO_SCHEMA, default_values(), overrides, where)
 
 
-def load_scenario(name_or_path: str | Path, settings: list[str] | None = None) -> Scenario:
-    """Loads a scenario by path, or by name from `models/scenarios`, with overrides such as `car.com_height=0.21`."""
+def load_scenario(name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> Scenario:
+    """Loads a scenario by path, or by name from `models/scenarios`, with overrides such as `car.com_height=0.21`.
+
+    Args:
+        name_or_path: a YAML file, or the name of a scenario that ships.
+        settings: overrides, `section.key=value`.
+        said: how the user wrote these, for error messages; `--set ...` by default.
+
+    Raises:
+        UserError: no such file or name; or as `scenario_from_dict`.
+    """
     path = Path(name_or_path)
     if not path.suffix and path.name == str(name_or_path) and not path.exists():
         path = model_path(f"scenarios/{name_or_path}.yaml")
     data = read_yaml(path)
     for setting in settings or []:
         apply_setting(data, setting, SECTIONS, "car.com_height=0.21")
-    return scenario_from_dict(data, f"{path} with --set {' '.join(settings)}" if settings else str(path))
+    said = said or f"--set {' '.join(settings or [])}"
+    return scenario_from_dict(data, f"{path} with {said}" if settings else str(path))
 
 
 def scenario_names() -> list[str]:

@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context
 from workbench.controllers.manoeuvre import run_time
 from workbench.controllers.tail_law import TailLaw
 from workbench.logs.recorder import RunRecorder, recorded_columns
-from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
 from workbench.outcome_record import FlipWatch, OutcomeRecord
 from workbench.run import CarDiagram, assemble, plant_facts
 from workbench.scenario import Scenario
@@ -77,7 +77,8 @@ def run_trial(
         make_table = _record_everything(car, scenario)
     else:
         make_table = OutcomeRecord(car.builder, car.station, scenario, car.signals, watch).table
-    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station))
+    law_facts = {} if tail_law is None else {TAIL_LAW: type(tail_law).__name__}
+    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | law_facts)
     simulator = Simulator(car.builder.Build())
     simulator.Initialize()
     simulator.AdvanceTo(run_time(scenario))

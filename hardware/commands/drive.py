@@ -28,6 +28,7 @@ def drive(
     wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can.")] = "teensy_bridge",
     swing: Annotated[str | None, typer.Option(help="Swing file (YAML) to play, or the name of one that ships.")] = None,
     other_car: Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")] = False,
+    law: Annotated[str | None, typer.Option(help="Tail law of your own, such as my_law.py:MyLaw.")] = None,
     log: Annotated[Path, typer.Option(help="Run log (Parquet) to write.")] = Path("drive.parquet"),
     traffic: Annotated[
         Path | None, typer.Option(help="Every frame on the CAN bus into this BLF file (direct_can).")
@@ -55,12 +56,17 @@ def drive(
     from hardware.wiring.car_ports import read_ports
     from workbench.atomic_write import make_folder, refuse_existing
     from workbench.bundle import load_drive
+    from workbench.controllers.law_file import load_law
     from workbench.errors import HardwareError, LogError
 
     name = _wiring_name(wiring)
     overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
-    chosen, law = load_drive(scenario, overrides)
-    if not other_car:
+    if law is not None and swing is not None:
+        raise HardwareError("--law: allowed without --swing; each says what the tail does")
+    chosen, tail_law = load_drive(scenario, overrides)
+    if law is not None:
+        tail_law = load_law(law)
+    elif not other_car:
         from workbench.controllers.law_of_scenario import refuse_other_car
 
         refuse_other_car(chosen)
@@ -72,8 +78,9 @@ def drive(
         return
     refuse_existing(log, force, LogError)
     make_folder(log.parent, LogError)
-    options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm)
-    result = run_drive(_car(chosen, car_ports, name, traffic), chosen, law, car_ports, options, typer.echo)
+    law_name = "" if law is None else type(tail_law).__name__
+    options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, tail_law=law_name)
+    result = run_drive(_car(chosen, car_ports, name, traffic), chosen, tail_law, car_ports, options, typer.echo)
     if result.log is not None:
         typer.echo(f"log: {result.log}")
     typer.echo(f"ended: {result.reason}", err=not result.orderly)

@@ -31,6 +31,7 @@ from hardware.wiring.wired_car import WiredCar
 from workbench.controllers.manoeuvre import make_schedule, run_time
 from workbench.controllers.tail_law import TailLaw
 from workbench.errors import HardwareError
+from workbench.logs.schema import TAIL_LAW
 from workbench.ports import STATUS
 from workbench.scenario import Scenario
 
@@ -73,6 +74,7 @@ class DriveOptions:
         with_drake: the diagram in Drake's simulator, otherwise the plain loop.
         confirm: asks somebody beside the car whether it may be armed; None arms without asking.
         wait_for_operator: s until the operator must have chosen AUTO or MANUAL, out of IDLE.
+        tail_law: name for the log of a tail law that the scenario does not name; empty for one that it names.
     """
 
     log: Path
@@ -81,6 +83,7 @@ class DriveOptions:
     with_drake: bool = True
     confirm: Callable[[], bool] | None = None
     wait_for_operator: float = _HOUR
+    tail_law: str = ""
 
 
 def run_drive(
@@ -238,6 +241,8 @@ def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) ->
     finally:
         share = (time.process_time() - busy) / (time.monotonic() - begin)
         journal.add_facts({**log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns), "cpu_share": share})
+        if drive.options.tail_law:
+            journal.add_facts({TAIL_LAW: drive.options.tail_law})
         path = journal.close()
     return path
 

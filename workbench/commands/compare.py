@@ -25,24 +25,31 @@ def compare(
     from workbench.atomic_write import refuse_existing, write_atomically
     from workbench.errors import LogError, UserError
     from workbench.logs.schema import read_run_log
+    from workbench.text_table import shown_value, text_table
+
+    names = _names(runs)
+    if html is not None:
+        refuse_existing(html, force, UserError)
+    run_logs = [read_run_log(path) for path in runs]
+    from workbench.metrics import jolt_line, metrics_of
     from workbench.report.comparison_page import (
         MOST_RUNS,
         comparison_page,
         different_cars,
         metrics_rows,
         scenario_differences,
-        shown_value,
     )
 
-    names = _names(runs)
     if not 2 <= len(runs) <= MOST_RUNS:
         raise LogError(f"{len(runs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
-    if html is not None:
-        refuse_existing(html, force, UserError)
-    run_logs = [read_run_log(path) for path in runs]
     differences = scenario_differences(run_logs)
     for group in (differences, metrics_rows(run_logs)):
-        _print_table(["", *names], [[key, *map(shown_value, values)] for key, values in group.items()])
+        table = text_table(["", *names], [[key, *map(shown_value, values)] for key, values in group.items()])
+        typer.echo("\n".join([*table, ""]))
+    for name, run_log in zip(names, run_logs, strict=True):
+        line = jolt_line(metrics_of(run_log))
+        if line:
+            typer.echo(f"note: {name}: {line}")
     other = different_cars(differences)
     if other:
         typer.echo(f"note: these are different cars: {', '.join(other)}")
@@ -53,13 +60,6 @@ def compare(
 
 def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
-
-
-def _print_table(header: list[str], rows: list[list[str]]) -> None:
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    for row in (header, *rows):
-        typer.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-    typer.echo("")
 
 
 def _names(runs: list[Path]) -> list[str]:

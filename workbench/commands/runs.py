@@ -9,14 +9,31 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from workbench.commands.completion import complete_scenario, complete_swing, completer
+
 if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
+    from workbench.controllers.tail_law import TailLaw
     from workbench.logs.schema import RunLog
     from workbench.run import Progress
     from workbench.scenario import Scenario
 
 Speed = Annotated[float | None, typer.Option(help="Commanded speed, m/s.")]
-Tail = Annotated[str | None, typer.Option(help="none, held or swing.")]
-ScenarioOption = Annotated[str, typer.Option(help="Scenario file (YAML), or the name of one that ships.")]
+Tail = Annotated[
+    str | None,
+    typer.Option(
+        metavar="none|held|swing", help="What the tail does.", autocompletion=completer("none", "held", "swing")
+    ),
+]
+Law = Annotated[
+    str | None,
+    typer.Option(metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw."),
+]
+ScenarioOption = Annotated[
+    str,
+    typer.Option(help="Scenario file (YAML), or the name of one that ships.", autocompletion=complete_scenario),
+]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
 ]
@@ -38,12 +55,24 @@ def turn(
     speed: Speed = None,
     tail: Tail = None,
     tail_speed: Annotated[float | None, typer.Option(help="Commanded roll rate of the swing, rad/s.")] = None,
-    swing: Annotated[str | None, typer.Option(help="Swing file (YAML) to play, or the name of one that ships.")] = None,
+    swing: Annotated[
+        str | None,
+        typer.Option(help="Swing file (YAML) to play, or the name of one that ships.", autocompletion=complete_swing),
+    ] = None,
     tracking: Annotated[
-        str | None, typer.Option(help="How it is played: automatic, feedback, torque, joint_pd or open_loop.")
+        str | None,
+        typer.Option(
+            metavar="automatic|feedback|torque|joint_pd|open_loop",
+            help="How it is played.",
+            autocompletion=completer("automatic", "feedback", "torque", "joint_pd", "open_loop"),
+        ),
     ] = None,
     other_car: Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")] = False,
-    direction: Annotated[str | None, typer.Option(help="left or right.")] = None,
+    law: Law = None,
+    direction: Annotated[
+        str | None,
+        typer.Option(metavar="left|right", help="Side of the turn.", autocompletion=completer("left", "right")),
+    ] = None,
     scenario: ScenarioOption = "turn_swing",
     settings: Settings = None,
     log: LogOption = None,
@@ -57,23 +86,27 @@ def turn(
     Example: aerodima turn --speed 4.44 --tail swing --log run.parquet --replay run.html
     """
     flags = {
-        "manoeuvre.speed": speed,
-        "tail.mode": tail,
-        "controller.swing_speed": tail_speed,
-        "controller.swing_file": swing,
-        "controller.tracking": tracking,
-        "manoeuvre.direction": direction,
+        **_common(speed, tail),
+        "--tail-speed": ("controller.swing_speed", tail_speed),
+        "--swing": ("controller.swing_file", swing),
+        "--tracking": ("controller.tracking", tracking),
+        "--direction": ("manoeuvre.direction", direction),
     }
+    if law is not None and swing is not None:
+        from workbench.errors import UserError
+
+        raise UserError("--law: allowed without --swing; each says what the tail does")
     if swing is None and (tracking is not None or other_car):
         from workbench.errors import UserError
 
         raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
-    _run(scenario, flags, settings, log, replay, live, port, force, other_car)
+    _run(scenario, flags, settings, log, replay, live, port, force, other_car, law)
 
 
 def straight(
     speed: Speed = None,
     tail: Tail = None,
+    law: Law = None,
     scenario: ScenarioOption = "straight",
     settings: Settings = None,
     log: LogOption = None,
@@ -83,12 +116,13 @@ def straight(
     force: ForceOption = False,
 ) -> None:
     """Drive straight ahead at constant throttle (thesis section 6.2)."""
-    _run(scenario, {"manoeuvre.speed": speed, "tail.mode": tail}, settings, log, replay, live, port, force)
+    _run(scenario, _common(speed, tail), settings, log, replay, live, port, force, law=law)
 
 
 def slalom(
     speed: Speed = None,
     tail: Tail = None,
+    law: Law = None,
     scenario: ScenarioOption = "slalom",
     settings: Settings = None,
     log: LogOption = None,
@@ -98,12 +132,20 @@ def slalom(
     force: ForceOption = False,
 ) -> None:
     """Drive with sinusoidal steering of +-30 degrees (thesis section 6.1.3)."""
-    _run(scenario, {"manoeuvre.speed": speed, "tail.mode": tail}, settings, log, replay, live, port, force)
+    _run(scenario, _common(speed, tail), settings, log, replay, live, port, force, law=law)
+
+
+Flags = dict[str, tuple[str, float | str | None]]
+"""Flag -> key of the scenario that it sets, and its value."""
+
+
+def _common(speed: float | None, tail: str | None) -> Flags:
+    return {"--speed": ("manoeuvre.speed", speed), "--tail": ("tail.mode", tail)}
 
 
 def _run(
     name: str,
-    flags: dict[str, float | str | None],
+    flags: Flags,
     settings: list[str] | None,
     log: Path | None,
     replay: Path | None,
@@ -111,36 +153,51 @@ def _run(
     port: int | None,
     force: bool,
     other_car: bool = False,
+    law: str | None = None,
 ) -> None:
+    # What can be wrong is looked at before Drake is imported, which takes seconds.
     from workbench.atomic_write import make_folder, refuse_existing
-    from workbench.controllers.law_of_scenario import refuse_other_car
-    from workbench.errors import UserError
-    from workbench.logs.journal import journal_path
-    from workbench.replay import open_meshcat, write_replay_html
-    from workbench.run import run_scenario
+    from workbench.errors import LogError, UserError
     from workbench.scenario import load_scenario
 
     if port is not None and not live:
         raise UserError("--port: it names the port of the live view; allowed together with --live")
-    given = [f"{key}={value}" for key, value in flags.items() if value is not None]
-    scenario = load_scenario(name, [*given, *(settings or [])])
+    given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
+    scenario = load_scenario(
+        name,
+        [*(f"{key}={value}" for key, value in given.values()), *(settings or [])],
+        said=" ".join([*(f"{flag} {value}" for flag, (_, value) in given.items()), *_words_of(settings)]),
+    )
     _refuse_cut_off_turn(scenario)
-    if not other_car:
+    tail_law = None if law is None else _own_law(law, scenario)
+    if tail_law is None and not other_car:
+        from workbench.controllers.law_of_scenario import refuse_other_car
+
         refuse_other_car(scenario)
+    if log is not None:
+        refuse_existing(log, force, LogError)
     if replay is not None:
         if log is not None and log.resolve() == replay.resolve():
             raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")
         refuse_existing(replay, force, UserError)
         make_folder(replay.parent, UserError)
-    meshcat = open_meshcat(port) if live else None
-    if meshcat is not None:
-        typer.echo(f"watch: {meshcat.web_url()}", err=True)
+    from workbench.logs.journal import journal_path
+    from workbench.run import run_scenario
+
+    meshcat = _live_view(port) if live else None
     with tempfile.TemporaryDirectory() as folder:
         path = log or Path(folder) / "run.parquet"
+        new_folder = "" if path.parent.exists() else " (in a new folder)"
         rate = 1.0 if live else 0.0
         try:
             run_log = run_scenario(
-                scenario, path, force=force, meshcat=meshcat, real_time_rate=rate, progress=show_progress()
+                scenario,
+                path,
+                force=force,
+                meshcat=meshcat,
+                real_time_rate=rate,
+                progress=show_progress(),
+                tail_law=tail_law,
             )
         except KeyboardInterrupt:
             if log is not None:
@@ -149,10 +206,33 @@ def _run(
     for line in summary_lines(run_log):
         typer.echo(line)
     if log is not None:
-        typer.echo(f"log: {log}")
+        typer.echo(f"log: {log}{new_folder}")
     if replay is not None:
+        from workbench.replay.page import write_replay_html
+
         write_replay_html(run_log, replay, force=force)
         typer.echo(f"replay: {replay}")
+
+
+def _words_of(settings: list[str] | None) -> list[str]:
+    return [f"--set {setting}" for setting in settings or []]
+
+
+def _own_law(place: str, scenario: Scenario) -> TailLaw:
+    from workbench.controllers.law_file import load_law
+    from workbench.errors import UserError
+
+    if scenario.tail.mode == "none":
+        raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or --tail swing")
+    return load_law(place)
+
+
+def _live_view(port: int | None) -> Meshcat:
+    from workbench.replay.viewer import open_meshcat
+
+    meshcat = open_meshcat(port)
+    typer.echo(f"watch: {meshcat.web_url()}", err=True)
+    return meshcat
 
 
 def _refuse_cut_off_turn(scenario: Scenario) -> None:
@@ -181,21 +261,27 @@ def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal."""
     from math import degrees
 
-    from workbench.metrics import metrics_of
+    from workbench.metrics import jolt_line, metrics_of
+    from workbench.turn_signals import turn_signals
 
     metrics = metrics_of(run_log)
     outcome, raw = metrics.outcome, metrics.raw
     result = outcome.result + ("" if outcome.result == "flipped" else ", clean" if outcome.clean else ", not clean")
     touched = f"; touched the ground: {', '.join(outcome.touched)}" if outcome.touched else ""
-    return [
-        f"outcome: {result}{touched}",
-        f"speed at the turn {raw.speed_m_per_s:.2f} m/s, heading change {degrees(metrics.heading_change_rad):.0f} deg, "
-        f"peak roll {degrees(metrics.peak_roll_rad):.1f} deg",
+    lines = [f"outcome: {result}{touched}"]
+    peak_roll = f"peak roll {degrees(metrics.peak_roll_rad):.1f} deg"
+    if run_log.scenario["manoeuvre"]["kind"] in ("turn", "auto_turn"):
+        heading = f"heading change {degrees(metrics.heading_change_rad):.0f} deg"
+        lines.append(f"speed at the turn {raw.speed_m_per_s:.2f} m/s, {heading}, {peak_roll}")
+    else:
+        lines.append(f"speed {float(turn_signals(run_log).speed[-1]):.2f} m/s at the end, {peak_roll}")
+    lines.append(
         f"yaw rate max {raw.max_yaw_rate_rad_per_s:.2f}, mean {raw.average_yaw_rate_rad_per_s:.2f} rad/s; lateral "
         f"acceleration max {raw.max_linear_acceleration_m_per_s2:.2f}, mean "
-        f"{raw.average_linear_acceleration_m_per_s2:.2f} m/s2",
-        *_air_lines(run_log.extra),
-    ]
+        f"{raw.average_linear_acceleration_m_per_s2:.2f} m/s2"
+    )
+    jolt = jolt_line(metrics)
+    return [*lines, *([f"note: {jolt}"] if jolt else []), *_air_lines(run_log.extra)]
 
 
 def _air_lines(extra: dict[str, Any]) -> list[str]:

@@ -18,7 +18,7 @@ class Observation:
         yaw_rate: rad/s, positive to the left.
         roll_angle: tail roll, rad, positive to the right.
         pitch_angle: tail pitch, rad.
-        planned_turn: +1 left, -1 right, 0 none.
+        planned_turn: +1 left, -1 right, from the start of the run on; 0 when no turn is announced.
         imu_valid: the yaw rate is fresh and without fault.
         roll_rate: of the tail, rad/s.
         pitch_rate: of the tail, rad/s.
@@ -55,7 +55,10 @@ class TailLaw(Protocol):
         """Memory (memory_size,) before the first tick."""
 
     def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """One tick: new memory, pitch command (5), roll command (5), state number. Must not change its arguments."""
+        """One tick: new memory, pitch command (5), roll command (5), state number. Must not change its arguments.
+
+        The state number is what the log holds as `controller_state`; reports read it as `swing_law.SwingState`.
+        """
 
 
 NO_COMMAND = np.zeros(5)

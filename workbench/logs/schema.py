@@ -26,6 +26,8 @@ from workbench.logs.columns import TIME, missing_columns
 
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
+TAIL_LAW = "tail_law"
+"""Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of its class."""
 _METADATA_FIELDS = ("scenario", "seed", "versions", "created", "kind", "extra")
 _METADATA_TYPES: dict[str, type] = {
     "scenario": dict,
@@ -180,6 +182,8 @@ def read_run_log(path: Path | str) -> RunLog:
         LogError: no such file, cut off or not Parquet, not a run log, another schema version, columns missing.
     """
     path = Path(path)
+    if path.is_dir():
+        raise LogError(f"{path}: is a folder; allowed: the Parquet file of a run")
     if not path.is_file():
         raise LogError(f"{path}: no such run log" + _journal_hint(path))
     try:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workbench.errors import LogError
-from workbench.logs.schema import RunLog
+from workbench.logs.schema import TAIL_LAW, RunLog
 from workbench.metrics import Outcome, outcome_of
 from workbench.plots.style import MODE_STYLES
 from workbench.replay.reckoned_motion import RECKONED
@@ -22,7 +22,7 @@ class Caption:
 
     Attributes:
         name: of the scenario.
-        facts: commanded speed and tail mode.
+        facts: commanded speed and tail mode, or the tail law of one's own.
         outcome: how the run ended, in words.
         result: `survived`, `flipped`, or `unknown` for a log that ends before its turn does.
     """
@@ -41,6 +41,8 @@ class Caption:
 def caption_of(run_log: RunLog) -> Caption:
     """The caption of a run that has a resolved scenario."""
     manoeuvre, tail = run_log.scenario["manoeuvre"], MODE_STYLES[tail_mode_of(run_log.scenario)].words
+    if TAIL_LAW in run_log.extra:
+        tail = f"tail law {run_log.extra[TAIL_LAW]}"
     speed = float(manoeuvre["speed"])
     turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] in ("turn", "auto_turn") else ""
     reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""

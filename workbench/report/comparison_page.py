@@ -6,20 +6,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from workbench.errors import LogError
-from workbench.logs.schema import RunLog
+from workbench.logs.schema import TAIL_LAW, RunLog
 from workbench.metrics import metrics_of
 from workbench.plots.overlay import RUN_STYLES, plot_overlay
 from workbench.replay.controls import CONTROLS_SCRIPT, CONTROLS_STYLE, controls_bar
 from workbench.replay.page import replay_page
 from workbench.replay.reckoned_motion import replayable
 from workbench.report.page import Markup, Section, figure, finding, page, paragraph, table
+from workbench.text_table import shown_value
 
 MOST_RUNS = len(RUN_STYLES)
 _CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
 """Sections of a scenario that say which car it is; a difference in one of them is named first."""
-
-_NOTHING = 1e-12
-"""Rounding of a sum that is zero; shown as such."""
 
 _REPLAY_STYLE = """
 <style>
@@ -52,8 +50,11 @@ def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
 
 
 def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
-    """Key of the scenario -> value per run, for what was not the same in all; the car's own keys first."""
-    flat = [_flat(run_log.scenario) for run_log in run_logs]
+    """Key of the scenario -> value per run, for what was not the same in all; the car's own keys first.
+
+    A tail law of one's own stands beside them as `tail_law`, by its name.
+    """
+    flat = [_flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs]
     keys = {key for scenario in flat for key in scenario}
     differing = [key for key in keys if len({json.dumps(scenario.get(key)) for scenario in flat}) > 1]
     differing.sort(key=lambda key: (key.split(".")[0] not in _CAR_SECTIONS, key))
@@ -128,15 +129,6 @@ def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str]) ->
         return (rows,)
     warning = f"These are different cars: {', '.join(other)}. What differs between the runs may come from that alone."
     return finding(paragraph(warning)), rows
-
-
-def shown_value(value: Any) -> str:
-    """A cell of a table: four digits, a dash for nothing."""
-    if value is None:
-        return "–"
-    if isinstance(value, float):
-        return f"{0.0 if abs(value) < _NOTHING else value:.4g}"
-    return "none" if value == "" else str(value)
 
 
 def _replays(run_logs: Sequence[RunLog], names: Sequence[str]) -> Markup:

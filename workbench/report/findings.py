@@ -232,9 +232,9 @@ def impulse_sentence(summaries: Sequence[RunSummary]) -> str:
     return ", ".join(parts) + " N m s"
 
 
-def jolt_sentence(summaries: Sequence[RunSummary], factor: float = 1.5) -> str:
+def jolt_sentence(summaries: Sequence[RunSummary]) -> str:
     """Says that raw peaks of the lateral acceleration are jolts where filtering takes away a large part of them."""
-    jolted = [s for s in summaries if s.survived and _raw(s) > factor * _filtered(s)]
+    jolted = [s for s in summaries if s.metrics.jolted]
     if not jolted:
         return ""
     torque = max(s.metrics.tail_torque_peak_n_m or 0.0 for s in jolted)

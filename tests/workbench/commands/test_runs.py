@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from workbench.logs.schema import read_run_log
+from workbench.replay.caption import caption_of
 
 SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
 """A turn of 1.2 s: enough for the window of the metrics, quick to simulate."""
@@ -18,6 +21,7 @@ def test_turn_writes_the_log_it_was_asked_for(call: Callable, tmp_path: Path) ->
     result = call("turn", "--speed", 1.5, "--tail", "held", "--direction", "right", *SHORT, "--log", log)
     assert result.exit_code == 0, result.output
     assert "outcome: survived" in result.stdout
+    assert f"log: {log} (in a new folder)" in result.stdout
     run = read_run_log(log)
     assert run.scenario["manoeuvre"]["speed"] == 1.5
     assert run.scenario["tail"]["mode"] == "held"
@@ -38,6 +42,63 @@ def test_other_manoeuvres_run(call: Callable, tmp_path: Path, command: str) -> N
     result = call(command, "--speed", 1.0, "--set", "manoeuvre.duration=0.6", "--log", log)
     assert result.exit_code == 0, result.output
     assert read_run_log(log).scenario["manoeuvre"]["kind"] == command
+
+
+def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(call: Callable, tmp_path: Path) -> None:
+    own, log = tmp_path / "my_law.py", tmp_path / "run.parquet"
+    own.write_text(
+        "import numpy as np\n\n\nclass Upright:\n    rate = 100.0\n    memory_size = 0\n\n"
+        "    def start(self):\n        return np.zeros(0)\n\n    def step(self, memory, observation):\n"
+        "        return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, 5.0, 0.0]), 1\n"
+    )
+    result = call("turn", "--speed", 1.0, *SHORT, "--law", f"{own}:Upright", "--log", log)
+    assert result.exit_code == 0, result.output
+    run = read_run_log(log)
+    assert run.extra["tail_law"] == "Upright"
+    assert run.table["tail_roll_command_position_rad"].iloc[-1] == 0.3
+    assert "tail law Upright" in caption_of(run).facts
+
+
+def test_run_without_a_turn_speaks_of_none(call: Callable) -> None:
+    said = call("straight", "--speed", 1.0, "--set", "manoeuvre.duration=0.6").stdout
+    assert "at the end, peak roll" in said
+    assert "turn" not in said
+    assert "heading" not in said
+
+
+def test_jolt_of_the_tail_is_explained(call: Callable) -> None:
+    assert "is a jolt of the tail motor at the IMU" in call("turn", "--speed", 3.61).stdout
+    assert "jolt" not in call("turn", "--speed", 3.0, "--tail", "none").stdout
+
+
+SLOW_TO_IMPORT = """
+import sys
+from workbench.cli import main
+try:
+    main()
+except SystemExit as end:
+    print(end.code, "pydrake" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("turn", "--tail", "up"),
+        ("turn", "--set", "car.com_heigth=0.2"),
+        ("turn", "--scenario", "turn_swin"),
+        ("turn", "--log", "precious.txt"),
+        ("metrics", "nowhere.parquet"),
+        ("replay", "nowhere.parquet"),
+        ("compare", "nowhere.parquet", "here.parquet"),
+    ],
+)
+def test_wrong_input_is_told_before_drake_is_imported(untouched: Path, words: tuple[str, ...]) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", SLOW_TO_IMPORT, *words], cwd=untouched.parent, capture_output=True, text=True, check=True
+    )
+    assert result.stderr.startswith("error: ")
+    assert result.stdout.split() == ["2", "False"]
 
 
 def test_existing_log_is_kept_without_force(call: Callable, refused: Callable, untouched: Path) -> None:
@@ -64,7 +125,12 @@ def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None
         (("--speed", "nan"), ("manoeuvre.speed", "nan", "finite")),
         (("--speed", "-1"), ("manoeuvre.speed", "-1", "greater than or equal to 0", "m/s")),
         (("--speed", "25"), ("25", "m/s")),  # beyond the throttle line
-        (("--tail", "wagging"), ("tail.mode", "wagging", "'none', 'held' or 'swing'")),
+        (("--tail", "wagging"), ("with --tail wagging --set", "tail.mode", "'none', 'held' or 'swing'")),
+        (("--set", "com_height=0.2"), ("com_height", "did you mean car.com_height?")),
+        (("--scenario", "turn_swin"), ("turn_swin", "nearest: scenarios/turn_swing")),
+        (("--law", "nowhere.py:Law"), ("nowhere.py", "no such Python file")),
+        (("--law", "nowhere.py:Law", "--tail", "none"), ("--law", "no tail")),
+        (("--law", "nowhere.py:Law", "--swing", "roll_4_5"), ("--law", "--swing")),
         (("--direction", "up"), ("manoeuvre.direction", "'left' or 'right'")),
         (("--set", "car.com_heigth=0.2"), ("car.com_heigth", "did you mean 'com_height'")),
         (("--set", "car.com_height=21 cm"), ("car.com_height", "'cm'", "allowed is 'm'")),

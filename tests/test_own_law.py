@@ -1,0 +1,60 @@
+"""A tail law of one's own drives the real car as it does the simulated one, and the log of the drive names it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hardware.drive.session import DriveOptions, run_drive
+from hardware.wiring.car_ports import ports_from_dict
+from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench
+from workbench.cli import build_app
+from workbench.logs.schema import read_run_log
+
+QUICK = [
+    "manoeuvre.straight_time=0.5",
+    "manoeuvre.speed_ramp=0.3",
+    "manoeuvre.wait_after_turn=0.1",
+    "manoeuvre.log_end=1.2",
+]
+
+
+class Upright:
+    """Asks for one angle, 0.3 rad, all the time."""
+
+    rate = 100.0
+    memory_size = 0
+
+    def start(self) -> np.ndarray:
+        return np.zeros(0)
+
+    def step(self, memory: np.ndarray, observation: object) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, 5.0, 0.0]), 1
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("with_drake", [True, False])
+def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: bool) -> None:
+    bench, path = CarOnTheBench(*QUICK), tmp_path / "run.parquet"
+    options = DriveOptions(path, with_drake=with_drake, tail_law="Upright")
+    result = run_drive(bench.car, bench.scenario, Upright(), ports_from_dict(PORTS), options, lambda line: None)
+    assert result.orderly
+    log = read_run_log(path)
+    assert log.extra["tail_law"] == "Upright"
+    assert log.table["tail_roll_command_position_rad"].iloc[-1] == 0.3
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--law", "nowhere.py:Law"), "nowhere.py: no such Python file"),
+        (("--law", "nowhere.py:Law", "--swing", "roll_4_5"), "allowed without --swing"),
+    ],
+)
+def test_drive_refuses_what_is_no_law(tmp_path: Path, words: tuple[str, ...], said: str) -> None:
+    result = CliRunner().invoke(build_app(), ["drive", "auto_turn", "--ports", str(tmp_path / "ports.json"), *words])
+    assert result.exit_code == 2
+    assert said in result.stderr

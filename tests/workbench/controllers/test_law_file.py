@@ -1,0 +1,64 @@
+"""A tail law from a file: loaded without Drake, refused in one line when it is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from workbench.controllers.law_file import load_law
+from workbench.errors import UserError
+
+LAW = """
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class Held:
+    rate: float = 100.0
+    memory_size: int = 0
+
+    def start(self):
+        return np.zeros(0)
+
+    def step(self, memory, observation):
+        return memory, np.zeros(5), np.zeros(5), 1
+
+
+class Half:
+    rate = 100.0
+
+
+class Broken:
+    def __init__(self):
+        raise ValueError("no gains\\nat all")
+"""
+
+
+def refusal(place: str) -> str:
+    with pytest.raises(UserError) as caught:
+        load_law(place)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_class_of_a_file_becomes_a_law(tmp_path: Path) -> None:
+    path = tmp_path / "my_law.py"
+    path.write_text(LAW)
+    law = load_law(f"{path}:Held")
+    assert (type(law).__name__, law.rate, law.memory_size) == ("Held", 100.0, 0)
+    assert law.start().shape == (0,)
+
+
+def test_what_is_no_law_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "my_law.py"
+    path.write_text(LAW)
+    assert "my_law.py:MyLaw" in refusal(str(path))
+    assert "no such Python file" in refusal(f"{tmp_path / 'other.py'}:Held")
+    assert "no class Other" in refusal(f"{path}:Other")
+    assert "Half has no memory_size, start, step" in refusal(f"{path}:Half")
+    assert "Broken() failed: ValueError: no gains at all" in refusal(f"{path}:Broken")
+    path.write_text("import nothing_of_this_name\n")
+    assert "running it failed: ModuleNotFoundError" in refusal(f"{path}:Held")
