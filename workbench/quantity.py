@@ -77,6 +77,9 @@ def _line(item: Any, model: type[BaseModel]) -> str:
     key = ".".join(path)
     if item["type"] == "extra_forbidden":
         known = [field.alias or name for name, field in _model_at(model, path[:-1]).model_fields.items()]
+        sections = [name for name in known if path[-1] in getattr(_model_at(model, [name]), "model_fields", {})]
+        if len(path) == 1 and sections:
+            return f"{key}: unknown key; did you mean {' or '.join(f'{name}.{key}' for name in sections)}?"
         return f"{key}: unknown key; {nearest(path[-1], known)}"
     if item["type"] == "missing":
         return f"{key}: missing"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -29,26 +30,60 @@ def metrics(
     csv: Annotated[Path | None, typer.Option(help="Also write the whole table, filtered figures included.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing output.")] = False,
 ) -> None:
-    """Outcome and metrics of runs as a table, one column per run."""
-    import pandas as pd
-
-    from workbench.atomic_write import write_atomically
+    """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and filtered."""
+    from workbench.atomic_write import refuse_existing, write_atomically
     from workbench.errors import LogError
     from workbench.logs.schema import read_run_log
-    from workbench.metrics import metrics_of
 
-    rows = {}
+    run_logs = {}
     for path in runs:
-        name = str(path)
-        if name in rows:
+        if str(path) in run_logs:
             raise LogError(f"{path}: named twice")
-        rows[name] = metrics_of(read_run_log(path)).as_row()
-    table = pd.DataFrame.from_dict(rows, orient="index")
+        run_logs[str(path)] = read_run_log(path)
     if csv is not None:
+        refuse_existing(csv, force, LogError)
+    import pandas as pd
+
+    from workbench.metrics import jolt_line, metrics_of
+
+    found = {name: metrics_of(run_log) for name, run_log in run_logs.items()}
+    rows = {name: metrics.as_row() for name, metrics in found.items()}
+    if csv is not None:
+        table = pd.DataFrame.from_dict(rows, orient="index")
         write_atomically(csv, lambda temporary: table.to_csv(temporary, index_label="run"), force, LogError)
-    shown = [name for name in table.columns if not name.startswith("filtered_")]
-    with pd.option_context("display.float_format", "{:.4g}".format, "display.width", 160, "display.max_columns", None):
-        typer.echo(table[shown].T.to_string(na_rep="-"))
+    for line in _metrics_lines(rows):
+        typer.echo(line)
+    for name, metrics in found.items():
+        line = jolt_line(metrics)
+        if line:
+            typer.echo(f"note: {name}: {line}")
+
+
+def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The table: what is of the run as a whole, then the eight metrics raw, then filtered."""
+    from workbench.text_table import shown_value, text_table
+
+    names = list(next(iter(rows.values())))
+    filtered = [name for name in names if name.startswith("filtered_")]
+    raw = [name.removeprefix("filtered_") for name in filtered]
+    whole = [name for name in names if name not in (*filtered, *raw)]
+
+    def lines(keys: list[str]) -> list[list[str]]:
+        return [
+            [f"  {key.removeprefix('filtered_')}", *(shown_value(row[key]) for row in rows.values())] for key in keys
+        ]
+
+    return text_table(
+        ["", *rows],
+        [
+            ["the run"],
+            *lines(whole),
+            ["in the turn, raw: as the log has the signals"],
+            *lines(raw),
+            ["in the turn, filtered: after the car's zero-phase filters (IMU 5 Hz, GPS 1 Hz)"],
+            *lines(filtered),
+        ],
+    )
 
 
 def recover(

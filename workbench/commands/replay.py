@@ -32,14 +32,16 @@ def replay(
     from workbench.atomic_write import refuse_existing
     from workbench.errors import UserError
     from workbench.logs.schema import read_run_log
-    from workbench.replay.reckoned_motion import replayable
 
     if strip is not None and strip.suffix.lower() != ".png":
         raise UserError(f"--strip {strip}: ending {strip.suffix!r}; allowed: .png")
     for path in (html, strip):
         if path is not None:
             refuse_existing(path, force, UserError)
-    run_log = replayable(read_run_log(run))
+    run_log = read_run_log(run)
+    from workbench.replay.reckoned_motion import replayable  # imports Drake
+
+    run_log = replayable(run_log)
     if html is not None:
         from workbench.replay.page import write_replay_html
 

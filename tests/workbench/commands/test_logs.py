@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
@@ -34,6 +35,21 @@ def test_metrics_prints_and_writes_the_figures_of_the_log(call: Callable, log: P
     assert written["outcome"] == "survived"
     for name in ("speed_m_per_s", "average_yaw_rate_rad_per_s", "filtered_max_linear_acceleration_m_per_s2"):
         assert written[name] == pytest.approx(expected[name], rel=1e-12)
+
+
+def test_metrics_prints_the_eight_raw_and_filtered(call: Callable, log: Path) -> None:
+    lines = call("metrics", log).stdout.splitlines()
+    raw, filtered = (next(i for i, line in enumerate(lines) if word in line) for word in ("raw:", "filtered:"))
+    expected = metrics_of(read_run_log(log))
+    for start, metrics in ((raw, expected.raw), (filtered, expected.filtered)):
+        block = dict(line.split() for line in lines[start + 1 : start + 9])
+        assert {name: float(value) for name, value in block.items()} == pytest.approx(asdict(metrics), rel=1e-3)
+    assert ["touched", "none"] in [line.split() for line in lines]
+
+
+def test_a_folder_is_no_log(refused: Callable, tmp_path: Path) -> None:
+    for words in (("metrics",), ("replay",)):
+        assert "is a folder" in refused(*words, tmp_path)
 
 
 def test_metrics_names_the_file_that_is_no_log(refused: Callable, untouched: Path) -> None:
