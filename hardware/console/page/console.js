@@ -5,7 +5,7 @@ const BEAT_MS = 50, PAD_MS = 20, LOOK_MS = 100, LATE = 0.2;
 const CHANNELS_OF = {rest: [], manual: ["throttle", "steering", "pitch", "roll"], control: ["throttle", "steering"], auto: []};
 const NOTES = {
   rest: "Rest: throttle 0. The other modes are free once the car is armed.",
-  manual: "Manual: sliders or gamepad move throttle, steering and a tail.",
+  manual: "Manual: sliders or gamepad move what stands below.",
   control: "Control: you drive; a tail swings by its law.",
   auto: "Auto: the car runs its sequence. Rest ends it.",
 };
