@@ -51,6 +51,24 @@ def test_commands_of_the_first_steps_come_out_as_the_readme_says(
     assert {path.name for path in tmp_path.iterdir()} >= {"swing.html", "none.html", "none.png"}
 
 
+@pytest.mark.slow
+def test_optimised_swings_gain_where_the_readme_says_and_not_elsewhere() -> None:
+    chapter = section("What an optimised swing gains")
+    (block,) = re.findall(r"```sh\n(.*?)```", chapter, re.DOTALL)
+    commands = [shlex.split(line)[1:] for line in block.splitlines()]
+    default = ["turn", "--speed", "4.5"]
+    said = []
+    for words in [*commands, *([*default, *words[7:]] for words in commands)]:
+        result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+        assert "outcome: survived, clean" in result.stdout
+        said.append(re.findall(r"heading change (\d+) deg, peak roll ([0-9.]+) deg", result.stdout)[0])
+    headings = [heading for heading, _ in said]
+    told = " ".join(chapter.split())
+    assert f"{headings[3]}, {headings[4]} and {headings[5]} degrees" in told
+    assert all(f"{heading} and {roll} " in told for heading, roll in said[1:3])
+    assert f"are {said[0][0]} and {said[0][1]} degrees" in told
+
+
 def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")

@@ -169,6 +169,24 @@ def faster_claim(summaries: Sequence[RunSummary], mode: str, reference: RunSumma
     )
 
 
+def optimised_beside_swing(summaries: Sequence[RunSummary]) -> str:
+    """At how many speeds the optimised swing turns less far than the published one, and what it was made for."""
+    swing = {s.commanded_speed: s for s in summaries if s.tail_mode == "swing" and s.clean}
+    pairs = [
+        (s.metrics.heading_change_rad, swing[s.commanded_speed].metrics.heading_change_rad)
+        for s in summaries
+        if s.tail_mode == "optimised" and s.clean and s.commanded_speed in swing
+    ]
+    if not pairs:
+        return ""
+    less = sum(optimised < published for optimised, published in pairs)
+    return (
+        f"The optimised swing beside the published one: both clean at {len(pairs)} speeds, and it turns less far at "
+        f"{less} of them. It was searched for the highest grip that the car survives, not for a farther turn on this "
+        "floor: what it gains shows on a floor with more grip."
+    )
+
+
 def held_beside_swing(summaries: Sequence[RunSummary]) -> str:
     """At how many speeds the swung tail leaned less than the held one, and where the difference is largest."""
     held = {s.commanded_speed: s for s in summaries if s.tail_mode == "held" and s.survived}

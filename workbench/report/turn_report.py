@@ -120,7 +120,8 @@ def _in_short(summaries: Sequence[RunSummary]) -> Markup:
             for mode in ("held", "swing", "optimised")
             if any(s.tail_mode == mode for s in summaries)
         ]
-    return finding(paragraph("In short:"), bullets(said))
+    beside = findings.optimised_beside_swing(summaries)
+    return finding(paragraph("In short:"), bullets([*said, beside] if beside else said))
 
 
 def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) -> list[Cell]:
