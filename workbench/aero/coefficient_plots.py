@@ -38,7 +38,8 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
     axes = figure.subplots()
     figure.subplots_adjust(top=0.87, bottom=0.11, left=0.09, right=0.97)
     low, high = coefficients.speed_range
-    speed = np.linspace(0.0, 1.2 * high, 400)
+    right = 1.1 * max(high, coefficients.quasi_steady_limit)
+    speed = np.linspace(0.0, right, 400)
     law = coefficients.law()
     if isinstance(law, TwoSidedLaw):
         axes.plot(speed, np.full_like(speed, law.along_normal), label="hollow side to the wind")
@@ -55,9 +56,9 @@ def _plot_speed(coefficients: CoefficientSet) -> Figure:
         axes.fill_between(
             nodes.speed_m_per_s, nodes.cn_p10, nodes.cn_p90, color=_COLOURS[0], alpha=0.2, label="percentiles 10 to 90"
         )
+    axes.set(xlabel="relative speed [m/s]", ylabel="normal-force (drag) coefficient $C_N$", xlim=(0.0, right))
+    axes.set_ylim(0.0, 1.1 * axes.dataLim.ymax)
     _mark_range(axes, low, high, coefficients.quasi_steady_limit)
-    axes.set(xlabel="relative speed [m/s]", ylabel="normal-force coefficient $C_N$", xlim=(0.0, 1.2 * high))
-    axes.set_ylim(bottom=0.0)
     axes.legend(loc="lower center", fontsize=8)
     return figure
 
@@ -67,8 +68,15 @@ def _mark_range(axes: Axes, low: float, high: float, limit: float) -> None:
     for start, end in ((left, low), (high, max(right, high))):
         axes.axvspan(start, end, color="0.9", zorder=0)
     axes.axvline(limit, color="0.4", linestyle=":", linewidth=1.0)
-    axes.text(
-        limit, 0.02, " quasi-steady limit", transform=axes.get_xaxis_transform(), rotation=90, fontsize=7, ha="right"
+    axes.annotate(
+        "quasi-steady limit",
+        (limit, 0.02),
+        xytext=(-2, 0),
+        xycoords=axes.get_xaxis_transform(),
+        textcoords="offset points",
+        rotation=90,
+        fontsize=7,
+        ha="right",
     )
     axes.text(0.01, 0.98, "grey: not measured", transform=axes.transAxes, fontsize=7, va="top", color="0.35")
 
@@ -120,7 +128,9 @@ def _plot_curves(axes: Axes, coefficients: CoefficientSet, name: str) -> None:
     axes.set(xlabel=r"angle of attack $|\gamma|$ [deg]", ylabel=_LABELS[name])
     axes.plot([], [], "ko", label="measured")
     axes.plot([], [], "ko", fillstyle="none", label="seed of a fit, not measured")
-    axes.legend(fontsize=7, ncols=2, loc="upper right" if name == "cd" else "lower right")
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top + 0.35 * (top - bottom))  # room for the legend above what is drawn
+    axes.legend(fontsize=7, ncols=3, loc="upper center")
     axes.set_title("table: edge value held outside the measured range; band: percentiles 10 to 90", fontsize=8)
 
 

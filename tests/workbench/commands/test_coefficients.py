@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import typer
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 from workbench.aero.coefficient_files import embedded_sets, load_coefficients
@@ -45,6 +46,34 @@ def test_every_set_can_be_drawn_with_its_bands(name) -> None:
     figure = plot_coefficients(coefficients)
     bands = [c for axes in figure.axes for c in axes.collections]
     assert bool(bands) == (coefficients.law_kind == "polar" or coefficients.kind == "speed_table")
+
+
+@pytest.mark.parametrize("name", embedded_sets())
+def test_legend_covers_no_node(name) -> None:
+    figure = plot_coefficients(load_coefficients(name))
+    FigureCanvasAgg(figure).draw()
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        marked = [line for line in axes.lines if line.get_marker() == "o"]
+        for line in marked if legend else []:
+            for point in axes.transData.transform(line.get_xydata()):
+                assert not legend.get_window_extent().contains(*point)
+
+
+def test_curve_and_limit_beyond_the_measured_speeds_stand_within_the_frame(tmp_path) -> None:
+    path = tmp_path / "sail.yaml"
+    path.write_text(
+        "schema: aerodima/coefficients/1\nlaw: normal_force\nquasi_steady_limit_m_per_s: 15.0\nname: sail\n"
+        "source: mine\nkind: speed_line\nrange: {speed_m_per_s: [3.0, 12.0]}\n"
+        "cn_slope_s_per_m: 0.02\ncn_intercept: 1.8\n"
+    )
+    figure = plot_coefficients(load_coefficients(path))
+    FigureCanvasAgg(figure).draw()
+    (axes,) = figure.axes
+    (label,) = [text for text in axes.texts if text.get_text() == "quasi-steady limit"]
+    extent = label.get_window_extent()
+    assert axes.bbox.x0 < extent.x0 < extent.x1 < axes.bbox.x1
+    assert max(axes.lines[0].get_ydata()) < 0.95 * axes.get_ylim()[1]
 
 
 @pytest.mark.parametrize(
