@@ -1,29 +1,70 @@
-"""Pages that are made when the documentation is built: the reference of every public module, and the model card.
+"""Pages that are made when the documentation is built: the reference, the model card, and texts that stand elsewhere.
 
 The reference is read from the source by mkdocstrings, without importing it. The model card is made of
-`models/parameters` and `models/coefficients`, so that no number is typed twice.
+`models/parameters` and `models/coefficients`, so that no number is typed twice; the pages on the aerodynamic law and on
+the errata of the thesis are the texts beside the code and the tables.
 """
 
+import io
+import re
 from pathlib import Path
 from typing import Any
 
 import yaml
+from matplotlib.figure import Figure
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("workbench", "optimisation", "hardware")
+TEXTS = {"aerodynamics.md": "workbench/aero/README.md", "errata.md": "models/published/ERRATA.md"}
+"""Page -> text of the repository; what it names of the repository stays a name."""
+_ERRATUM = re.compile(r"\bERRATA ((?:E\d+)(?:(?:, | and )E\d+)*)")
+_NUMBER = re.compile(r"E(\d+)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of the folder."""
-    pages = {**_reference(), **_model_card()}
+    texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
+    texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)
+    pages = {**_reference(), **_model_card(), **texts}
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
+    for name, picture in _pictures().items():
+        files.append(File.generated(config, name, content=picture))
     for entry in config.nav or []:
         if entry.get("Reference") == "reference/":
             entry["Reference"] = _reference_navigation(pages)
     return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Makes a link of every number of the errata that a text names as `ERRATA E28`."""
+    if page.file.src_uri == "errata.md" or page.file.src_uri.startswith("reference/"):
+        return markdown
+    up = "../" * page.file.src_uri.count("/")
+    return _ERRATUM.sub(
+        lambda found: "ERRATA " + _NUMBER.sub(rf"[E\1]({up}errata.md#E\1)", found.group(1)),
+        markdown,
+    )
+
+
+def _pictures() -> dict[str, bytes]:
+    """The signs of the aerodynamic law, and a plot of each coefficient set."""
+    from workbench.aero.coefficient_files import embedded_sets, load_coefficients
+    from workbench.aero.coefficient_plots import plot_coefficients
+
+    pictures = {"signs.png": (ROOT / "workbench" / "aero" / "signs.png").read_bytes()}
+    for name in embedded_sets():
+        pictures[f"parameters/{name}.png"] = _png(plot_coefficients(load_coefficients(name)))
+    return pictures
+
+
+def _png(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=100)
+    return stream.getvalue()
 
 
 def _reference() -> dict[str, str]:
@@ -96,18 +137,33 @@ def _coefficients() -> str:
     lines = [
         "# Coefficient sets",
         "",
-        "The aerodynamic coefficient sets that ship in `models/coefficients`; `aerodima coefficients plot NAME` "
-        "draws one. The law that reads them: `workbench/aero/README.md`.",
+        "The aerodynamic coefficient sets that ship in `models/coefficients`; `aerodima coefficients plot NAME` draws "
+        "one. C_N is the normal-force coefficient: the drag coefficient of a surface broadside to the wind. Formula, "
+        "signs and where the laws hold: [Aerodynamic law](../aerodynamics.md). Which set the car uses is "
+        "`coefficients` and `normal_force_coefficient` of its [tail](parameters.md#tail): by default C_N = 2, constant "
+        "(thesis section 6.3.3, ERRATA E26).",
     ]
     for path in sorted((ROOT / "models" / "coefficients").glob("*.yaml")):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        lines += ["", f"## {path.stem}", "", "| key | content |", "|---|---|"]
+        nodes = content.pop("nodes", [])
+        lines += [
+            "",
+            f"## {path.stem}",
+            "",
+            f"![{content['name']}]({path.stem}.png)",
+            "",
+            "| key | content |",
+            "|---|---|",
+        ]
         for key, value in content.items():
-            text = (
-                str(value)
-                if not isinstance(value, list | dict)
-                else yaml.safe_dump(value, default_flow_style=True, width=10**6).strip()
-            )
-            short = text if len(text) <= 240 else f"{text[:237]}..."
-            lines.append(f"| `{key}` | {short.replace('|', chr(92) + '|')} |")
+            text = yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+            lines.append(f"| `{key}` | {text if isinstance(value, list | dict) else value} |")
+        if nodes:
+            lines += ["", f'??? "{len(nodes)} nodes"', "", *(f"    {line}" for line in _node_table(nodes))]
     return "\n".join(lines) + "\n"
+
+
+def _node_table(nodes: list[dict[str, Any]]) -> list[str]:
+    keys = list(dict.fromkeys(key for node in nodes for key in node))
+    rows = [[_shown(node.get(key, "")) for key in keys] for node in nodes]
+    return ["| " + " | ".join(cells) + " |" for cells in (keys, ["---"] * len(keys), *rows)]
