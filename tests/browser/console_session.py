@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import threading
@@ -24,17 +25,17 @@ window.makePad = (id, index = 0, mapping = "standard") => ({
 });
 """
 """Script that gives a page gamepads: `fakePads`, filled by `makePad`."""
-_TRIES = 5
+TRIES = 5
 
 
 class ConsoleSession:
     """The processes; a context manager."""
 
     def __init__(self, folder: Path, *flags: str) -> None:
-        self.car = folder / "car"
+        self.car, self.record = folder / "car", folder / "record.jsonl"
         words = [word for setting in SETTINGS for word in ("--set", setting)]
         command = ["console", "--emulate", "auto_turn", "--out", str(self.car), "--port", "0", *words, *flags]
-        record = ["--record", str(folder / "record.jsonl")]
+        record = ["--record", str(self.record)]
         self._lines: list[str] = []
         self._process = subprocess.Popen(
             [sys.executable, "-m", "workbench.cli", *command, *record],
@@ -61,6 +62,16 @@ class ConsoleSession:
     def events(self, name: str) -> list[dict[str, Any]]:
         """What the emulated car noted so far."""
         return [event for event in read_events(self.car / EVENTS_FILE) if event["event"] == name]
+
+    @property
+    def last_log(self) -> Path:
+        """Run log of the last drive; it is there once the drive has ended."""
+        return max(self.car.glob("drive_*.parquet"), key=lambda path: int(path.stem.partition("_")[2]))
+
+    def recorded(self, name: str) -> list[dict[str, Any]]:
+        """What the console recorded so far."""
+        lines = self.record.read_text(encoding="utf-8").split("\n")[:-1]
+        return [event for event in map(json.loads, lines) if event["event"] == name]
 
     def exits_since(self, time_s: float) -> list[dict[str, Any]]:
         """Motors that an exit frame on the emulated bus has switched off since then (s, monotonic)."""
@@ -102,7 +113,7 @@ class OperatorPage:
 
         On a machine that answers late it must end, and what was to be shown is not shown then.
         """
-        for left in reversed(range(_TRIES)):
+        for left in reversed(range(TRIES)):
             self.arm(mode)
             try:
                 act()
@@ -113,7 +124,7 @@ class OperatorPage:
 
     def arm(self, mode: str | None = "manual") -> None:
         """Arms and chooses a mode; again, when a busy machine made the drive stop for a late reply."""
-        for _ in range(_TRIES):
+        for _ in range(TRIES):
             if self.holds("state.radio.stopped_by"):
                 self.until("!state.car.driving")
                 self.page.click("#reset")
