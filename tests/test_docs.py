@@ -45,6 +45,14 @@ def test_examples_of_the_page_run(page: Path, tmp_path: Path, monkeypatch: pytes
     plt.close("all")
 
 
+def test_search_from_disk_needs_no_network() -> None:
+    """The plugin `offline` asks a server for its shim unless a file with this name is given."""
+    settings = (DOCS.parent / "mkdocs.yml").read_text(encoding="utf-8")
+    (script,) = re.findall(r"polyfills: \[(\S*iframe-worker\S*)\]", settings)
+    assert "  - offline" in settings
+    assert "window.Worker=" in (DOCS / script).read_text(encoding="utf-8")
+
+
 def test_pages_link_to_pages_that_exist() -> None:
     generated = {"parameters/parameters.md", "parameters/coefficients.md", "aerodynamics.md", "errata.md"}
     for page in DOCS.rglob("*.md"):
