@@ -15,6 +15,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -175,10 +176,11 @@ def polished(
     engine = engine or SerialEngine()
     cars = _comparable(engine.call(Car.of, scenarios), told)
     path = None if checkpoint is None else checkpoint.with_suffix(".polish.json")
+    key = _key(swing, cars, options)
     found = polish(
         swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof,
         sigma=FIRST_SPREAD if options.rounds else CLOSE_SPREAD, engine=engine,
-        known=_known(path), keep=lambda scores: _keep(path, scores), told=told,
+        known=_known(path, key), keep=lambda scores: _keep(path, key, scores), told=told,
     )  # fmt: skip
     if path is not None:
         path.unlink(missing_ok=True)
@@ -237,20 +239,31 @@ def _allowed(swing: SwingFile, x: FloatArray, dof: int, free_of: RangeOfMotion |
     return moved
 
 
-def _known(path: Path | None) -> list[Score]:
+def _key(swing: SwingFile, cars: Sequence[Car], options: Options) -> str:
+    """Everything that decides the candidates: a search goes on only with scores of the same one."""
+    begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})
+    told = [begun, [asdict(car) for car in cars], options.seed, options.dof, bool(options.rounds)]
+    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def _known(path: Path | None, key: str) -> list[Score]:
     if path is None or not path.exists():
         return []
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))
-        return [Score(**(row | {"headings": tuple(row.get("headings", ()))})) for row in rows]
-    except (ValueError, TypeError):
+        data = json.loads(path.read_text(encoding="utf-8"))
+        known, rows = data["key"], data["scores"]
+        scores = [Score(**(row | {"headings": tuple(row["headings"])})) for row in rows]
+    except (ValueError, TypeError, KeyError):
         raise SwingError(f"{path}: is no interrupted polish; allowed: remove it, or another --out") from None
+    if known != key:
+        raise SwingError(f"{path}: holds a polish with other settings; allowed: remove it, or another --out")
+    return scores
 
 
-def _keep(path: Path | None, scores: Sequence[Score]) -> None:
+def _keep(path: Path | None, key: str, scores: Sequence[Score]) -> None:
     if path is None:
         return
-    text = json.dumps([asdict(one) for one in scores])
+    text = json.dumps({"key": key, "scores": [asdict(one) for one in scores]})
     write_atomically(path, lambda temporary: _write(temporary, text), True, SwingError)
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,7 +19,8 @@ from optimisation.swing import full_car as full_car_module
 from optimisation.swing.candidate import Candidate, Car, Reference, Score, between, most_roll, score, shares
 from optimisation.swing.choice import choose
 from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
-from optimisation.swing.polish import _comparable, polish
+from optimisation.swing.options import Options
+from optimisation.swing.polish import _comparable, polish, polished
 from optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
 from workbench.errors import SwingFileError
 from workbench.resources import model_path
@@ -293,3 +297,43 @@ def test_it_is_told_that_nothing_turns_far_enough() -> None:
 
     found = run_polish(Straight(), evaluations=20)
     assert found.friction == 0.0
+
+
+def test_an_interrupted_polish_goes_on_with_its_own_candidates_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Car, "of", lambda scenario: Car(scenario.resolved(), REFERENCE))
+    monkeypatch.setattr("optimisation.swing.polish.choose", lambda *_arguments, **_options: None)
+    checkpoint, cars = tmp_path / "swing.search.json", [load_scenario("turn_swing")]
+    kept = tmp_path / "swing.search.polish.json"
+
+    class Interrupted(MadeUpCars):
+        def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
+            if function is Car.of:
+                return [function(item) for item in items]
+            if self.driven > 20:
+                raise KeyboardInterrupt
+            return super().call(function, items)
+
+    class Steady(Interrupted):
+        def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
+            return [function(i) for i in items] if function is Car.of else MadeUpCars.call(self, function, items)
+
+    options = Options(polish=40, seed=4, rounds=0)
+    with pytest.raises(KeyboardInterrupt):
+        polished(swing(), cars, options, engine=Interrupted(), checkpoint=checkpoint)
+    driven = len(json.loads(kept.read_text())["scores"])
+    assert driven > 20
+    for other in (replace(options, seed=5), replace(options, dof=2)):
+        with pytest.raises(SwingError, match=r"polish\.json: holds a polish with other settings"):
+            polished(swing(), cars, other, engine=Steady(), checkpoint=checkpoint)
+    with pytest.raises(SwingError, match="other settings"):
+        polished(swing("right"), cars, options, engine=Steady(), checkpoint=checkpoint)
+    again, whole = Steady(), Steady()
+    polished(swing(), cars, options, engine=again, checkpoint=checkpoint)
+    polished(swing(), cars, options, engine=whole)
+    assert again.driven == whole.driven - driven
+    assert not kept.exists()
+    kept.write_text("[]", encoding="utf-8")
+    with pytest.raises(SwingError, match="is no interrupted polish"):
+        polished(swing(), cars, options, engine=Steady(), checkpoint=checkpoint)
