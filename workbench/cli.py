@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperGroup
 
 from workbench.errors import UserError
+from workbench.help_sections import SECTIONS
 
 ENTRY_POINT_GROUP = "aerodima.commands"
 EXIT_USER_ERROR = 2
@@ -45,6 +46,21 @@ class ErrorBoundary(TyperGroup):
             raise typer.Exit(EXIT_INTERRUPTED) from error
         print(f"error: {message}", file=sys.stderr)
         raise typer.Exit(EXIT_USER_ERROR) from cause
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Lists the commands by section, those of other packages last."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        room = formatter.width - 6 - max(len(name) for name, _ in commands)
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in (*SECTIONS, "Commands")}
+        for name, command in commands:
+            if command is not None and not command.hidden:
+                panel = getattr(command, "rich_help_panel", None)
+                title = panel if panel in SECTIONS else "Commands"
+                sections[title].append((name, command.get_short_help_str(room)))
+        for title, rows in sections.items():
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
 
 def _print_version(asked: bool) -> None:

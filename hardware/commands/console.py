@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from workbench.help_sections import CAR
+
 if TYPE_CHECKING:
     import socket
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(console)
+    app.command(rich_help_panel=CAR)(console)
 
 
 def console(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from workbench.help_sections import CAR
+
 if TYPE_CHECKING:
     from hardware.wiring.base import WiringName
     from hardware.wiring.car_ports import CarPorts
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(drive)
+    app.command(rich_help_panel=CAR)(drive)
 
 
 def drive(

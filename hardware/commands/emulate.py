@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import CAR
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(emulate)
+    app.command(rich_help_panel=CAR)(emulate)
 
 
 def emulate(

@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import THESIS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command `calibrate`."""
-    app.command()(calibrate)
+    app.command(rich_help_panel=THESIS)(calibrate)
 
 
 def calibrate(

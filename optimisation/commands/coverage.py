@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import COEFFICIENTS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(coverage)
+    app.command(rich_help_panel=COEFFICIENTS)(coverage)
 
 
 def coverage(

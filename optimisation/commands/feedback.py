@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import SWINGS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(feedback)
+    app.command(rich_help_panel=SWINGS)(feedback)
 
 
 def feedback(

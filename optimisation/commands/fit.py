@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from optimisation.commands import fit_batch_report as report
+from workbench.help_sections import COEFFICIENTS
 
 Logs = Annotated[list[Path], typer.Argument(help="Logs (Parquet), or data files.")]
 Out = Annotated[Path, typer.Option(help="Folder for CSV, YAML, PNG and report.html.")]
@@ -32,7 +33,7 @@ def register(app: typer.Typer) -> None:
     group.command()(springs)
     group.command()(throttle)
     group.command()(published)
-    app.add_typer(group, name="fit")
+    app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
 
 
 def _group() -> None:

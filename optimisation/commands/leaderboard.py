@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import SWINGS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(leaderboard)
+    app.command(rich_help_panel=SWINGS)(leaderboard)
 
 
 def leaderboard(

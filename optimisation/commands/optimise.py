@@ -7,13 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
+from workbench.help_sections import SWINGS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the group `optimise`."""
     group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
     group.callback()(_group)
     group.command()(swing)
-    app.add_typer(group, name="optimise")
+    app.add_typer(group, name="optimise", rich_help_panel=SWINGS)
 
 
 def _group() -> None:

@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import THESIS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command `report`."""
-    app.command()(report)
+    app.command(rich_help_panel=THESIS)(report)
 
 
 def report(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from workbench.help_sections import SWINGS
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -36,7 +38,7 @@ def register(app: typer.Typer) -> None:
     group.command()(trigger)
     group.command()(shapes)
     group.command("monte-carlo")(monte_carlo)
-    app.add_typer(group, name="sweep")
+    app.add_typer(group, name="sweep", rich_help_panel=SWINGS)
 
 
 def _group() -> None:

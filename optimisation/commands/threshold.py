@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from workbench.help_sections import SWINGS
+
 if TYPE_CHECKING:
     from optimisation.sweep.threshold import Search, Threshold
 
@@ -27,7 +29,7 @@ def register(app: typer.Typer) -> None:
     group.command()(speed)
     group.command()(friction)
     group.command("map")(survival)
-    app.add_typer(group, name="threshold")
+    app.add_typer(group, name="threshold", rich_help_panel=SWINGS)
 
 
 def _group() -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from workbench.help_sections import SECTIONS
+
 PROBE = '''
 import time
 import typer
@@ -65,6 +67,15 @@ def test_help_lists_the_commands_of_every_distribution(aerodima: Run) -> None:
     done = aerodima("--help")
     assert done.returncode == 0
     assert re.search(r"^\s+probe\s+A command of another package\.$", done.stdout, re.MULTILINE)
+
+
+def test_help_begins_with_what_a_newcomer_runs_and_gives_every_command_a_section(aerodima: Run) -> None:
+    sections = re.findall(r"^(\S[^\n]*):\n((?:  .*\n)+)", aerodima("--help").stdout, re.MULTILINE)
+    titles = [title for title, _ in sections]
+    assert titles == ["Options", *SECTIONS, "Commands"]
+    assert re.match(r"  (\S+)", sections[1][1]).group(1) in ("demo", "turn")
+    (own,) = sections[-1][1].splitlines()  # only what comes from another package
+    assert own.split()[0] == "probe"
 
 
 def test_version_is_printed_alone(aerodima: Run) -> None:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import COEFFICIENTS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command group `coefficients`."""
@@ -14,7 +16,7 @@ def register(app: typer.Typer) -> None:
     group.callback()(_group)
     group.command("list")(list_sets)
     group.command()(plot)
-    app.add_typer(group, name="coefficients")
+    app.add_typer(group, name="coefficients", rich_help_panel=COEFFICIENTS)
 
 
 def _group() -> None:

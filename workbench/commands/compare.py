@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import RUNS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(compare)
+    app.command(rich_help_panel=RUNS)(compare)
 
 
 def compare(

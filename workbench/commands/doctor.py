@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import typer
 
+from workbench.help_sections import CHECKS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(doctor)
+    app.command(rich_help_panel=CHECKS)(doctor)
 
 
 def doctor() -> None:

@@ -9,16 +9,17 @@ from typing import Annotated, Any
 import typer
 
 from workbench.commands import importing
+from workbench.help_sections import RUNS
 
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    app.command()(metrics)
+    app.command(rich_help_panel=RUNS)(metrics)
     group = typer.Typer(no_args_is_help=True, help="Work on run logs.")
     group.command()(recover)
     importing.add_to_group(group)
     group.callback()(_group)
-    app.add_typer(group, name="log")
+    app.add_typer(group, name="log", rich_help_panel=RUNS)
 
 
 def _group() -> None:

@@ -7,13 +7,15 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import CHECKS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command group `models`."""
     group = typer.Typer(no_args_is_help=True)
     group.callback()(_group)
     group.command()(check)
-    app.add_typer(group, name="models")
+    app.add_typer(group, name="models", rich_help_panel=CHECKS)
 
 
 def _group() -> None:

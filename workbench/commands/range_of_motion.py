@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import CHECKS
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command("range-of-motion")(range_of_motion)
+    app.command("range-of-motion", rich_help_panel=CHECKS)(range_of_motion)
 
 
 def range_of_motion(

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from workbench.help_sections import RUNS
+
 if TYPE_CHECKING:
     from workbench.logs.schema import RunLog
 
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
-    app.command()(replay)
+    app.command(rich_help_panel=RUNS)(replay)
 
 
 def replay(

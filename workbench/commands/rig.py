@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import COEFFICIENTS
+
 Tail = Annotated[int | None, typer.Option(help="Cheetah tail: 1, 2 or 3.")]
 Axis = Annotated[str | None, typer.Option(help="major or minor: the width that faces the wind.")]
 Wind = Annotated[float | None, typer.Option(help="Wind speed, m/s.")]
@@ -40,7 +42,7 @@ def register(app: typer.Typer) -> None:
         run.command()(command)
     group.add_typer(run, name="run")
     group.command()(campaign)
-    app.add_typer(group, name="rig")
+    app.add_typer(group, name="rig", rich_help_panel=COEFFICIENTS)
 
 
 def _group() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from workbench.commands.completion import complete_scenario, complete_swing, completer
+from workbench.help_sections import RUNS
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -46,9 +47,9 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite existing o
 
 def register(app: typer.Typer) -> None:
     """Adds the three commands."""
-    app.command()(turn)
-    app.command()(straight)
-    app.command()(slalom)
+    app.command(rich_help_panel=RUNS)(turn)
+    app.command(rich_help_panel=RUNS)(straight)
+    app.command(rich_help_panel=RUNS)(slalom)
 
 
 def turn(

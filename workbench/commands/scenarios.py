@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from workbench.help_sections import CHECKS
+
 ScenarioArgument = Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
@@ -16,8 +18,8 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite existing o
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    app.command()(diagram)
-    app.command()(export)
+    app.command(rich_help_panel=CHECKS)(diagram)
+    app.command(rich_help_panel=CHECKS)(export)
 
 
 def diagram(
