@@ -27,9 +27,9 @@ _MODEL_STYLES = (RUN_STYLES[2], *RUN_STYLES[1:2], RUN_STYLES[0], *RUN_STYLES[3:]
 
 
 def figures_of(results: Sequence[FitResult]) -> dict[str, Figure]:
-    """All figures of a report by name: estimates, residuals, curves."""
+    """All figures of a report by name: curves, and of more than one fit estimates and residuals."""
     figures = {}
-    if results:
+    if len(results) > 1:
         figures["estimates"] = plot_estimates(results)
         figures["residuals"] = _residuals_figure(results)
     single = [result for result in results if len(result.curves) == 1]

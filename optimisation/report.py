@@ -24,6 +24,15 @@ from workbench.logs.schema import software_versions
 SCHEMA = "aerodima/fit-report/1"
 _FEW = 2
 _MOST_DECIMALS = 9
+_HEADINGS = {
+    "estimates": "Estimates over the fits",
+    "residuals": "Residuals over the fits",
+    "curves": "Measured and model",
+    "averages": "Averages over the logs",
+    "by_wind_speed": "Per tail, axis and wind speed",
+    "qss_against_qss_am": "Per log: quasi-steady law (QSS) against the same with added mass (QSS-AM)",
+}
+"""Table or figure -> heading; the others are headed by their name."""
 _LONG = 40
 """Cells of more characters than this may wrap."""
 _STYLE = (
@@ -145,14 +154,31 @@ def _page(
             parts.append("</ul>")
     for name, table in tables.items():
         parts += [
-            f"<h2>{html.escape(name.replace('_', ' '))}</h2>",
-            _table(list(map(str, table.columns)), [[_short(value) for value in row] for row in table.to_numpy(object)]),
+            f"<h2>{html.escape(_heading(name))}</h2>",
+            _frame(table),
+            f"<p>The same in <code>{html.escape(name)}.csv</code>.</p>",
         ]
     for name, data in pictures.items():
         code = base64.b64encode(data).decode()
-        words = html.escape(name.replace("_", " "))
+        words = html.escape(_heading(name))
         parts.append(f'<h2>{words}</h2><img alt="{words}" src="data:image/png;base64,{code}">')
     return "\n".join(parts) + "</html>\n"
+
+
+def _heading(name: str) -> str:
+    if name.startswith("curves_"):
+        return f"Measured and model: {name.split('_', 2)[2]}"
+    return _HEADINGS.get(name, name.replace("_", " "))
+
+
+def _frame(table: pd.DataFrame) -> str:
+    """A further table; of a few wide rows each becomes a column, which needs no scrolling."""
+    heads = list(map(str, table.columns))
+    rows = [[_short(value) for value in row] for row in table.to_numpy(object)]
+    if len(rows) > _FEW or len(heads) <= _FEW + 1:
+        return _table(heads, rows)
+    first, *turned = zip(heads, *rows, strict=True)
+    return _table(first, turned)
 
 
 def _results_table(results: Sequence[FitResult]) -> str:
@@ -164,13 +190,13 @@ def _results_table(results: Sequence[FitResult]) -> str:
             for e in result.estimates
         ]
         rows += [[short_name(r.name), key, _short(value), ""] for r in results for key, value in r.facts.items()]
-        rows += [[short_name(r.name), "status", r.status, ""] for r in results]
+        rows += [[short_name(r.name), "search ended", r.status, ""] for r in results]
         return _table(["fit", "quantity", "value (95 % interval)", "unit"], rows)
     names = parameter_names(results)
     units = {e.name: e.unit for result in results for e in result.estimates}
     facts = list(dict.fromkeys(key for result in results for key in result.facts))
     told = [name if units[name] == "1" else f"{name} [{units[name]}]" for name in names]
-    heads = ["fit", *told, *facts, "status"]
+    heads = ["fit", *told, *facts, "search ended"]
     rows = []
     for result in results:
         by_name = {e.name: e for e in result.estimates}

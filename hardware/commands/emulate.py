@@ -9,6 +9,9 @@ import typer
 
 from workbench.help_sections import CAR
 
+_IN_TIME = 0.02
+"""s; two ticks of the drive. What is later than that is felt by it."""
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
@@ -72,4 +75,14 @@ def emulate(
         parent=parent,
     )
     facts = run_emulator(emulated, lambda: typer.echo(f"ports: {out / PORTS_FILE}"))
-    typer.echo(f"simulated {facts['simulated_s']:.1f} s, largest delay {1000 * facts['largest_delay_s']:.1f} ms")
+    typer.echo(f"simulated {facts['simulated_s']:.1f} s, {_delay_in_words(facts['largest_delay_s'])}")
+
+
+def _delay_in_words(delay: float) -> str:
+    """The largest delay, s, and what it means for whoever was driving the emulated car."""
+    words = f"largest delay {1000 * delay:.1f} ms"
+    if delay < _IN_TIME:
+        return f"{words}: in time"
+    return (
+        f"{words}: this computer stood still or was too slow for that long, and the car with it (`late` in the events)"
+    )

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -70,19 +71,37 @@ def test_a_few_fits_have_a_row_per_parameter_and_many_a_row_each(tmp_path: Path)
     assert "<tr><td>Tables 11.4-11.7</td><td>2.00 (1.80 .. 2.20)</td>" in page
 
 
+def test_one_fit_has_no_figures_over_the_fits_and_two_have() -> None:
+    assert set(figures_of([result("a", "cn")])) == set()
+    assert set(figures_of([result("a", "cn"), result("b", "cn")])) == {"estimates", "residuals"}
+
+
+def test_a_wide_table_of_one_row_stands_upright_under_a_heading_in_words(tmp_path: Path) -> None:
+    wide = pd.DataFrame([{"tail": "1", "axis": "major", "swings": 3, "verdict": "closer"}])
+    write_report(tmp_path, "Added mass", [result("a", "cn")], tables={"by_wind_speed": wide, "own_table": wide})
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<h2>Per tail, axis and wind speed</h2>" in page
+    assert "<h2>own table</h2>" in page
+    assert (
+        "<tr><th>tail</th><th>1</th></tr><tr><td>axis</td><td>major</td></tr><tr><td>swings</td><td>3</td></tr>" in page
+    )
+    assert "by_wind_speed.csv" in page
+
+
 def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_report(tmp_path, "Robot tail", [result("a", "cn")])
+    curves = {"angle": {"x": [0.0, 1.0], "measured": [0.0, 1.0], "model": [0.0, 1.1]}}
+    write_report(tmp_path, "Robot tail", [result("a", "cn", curves=curves)])
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert {"fits.csv", "fits.yaml", "report.html", "estimates.png", "residuals.png"} <= set(before)
+    assert {"fits.csv", "fits.yaml", "report.html", "curves.png"} <= set(before)
 
     def stopped(self: Figure, *args: object, **kwargs: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Figure, "savefig", stopped)
     with pytest.raises(KeyboardInterrupt):
-        write_report(tmp_path, "Robot tail", [result("b", "cn")])
+        write_report(tmp_path, "Robot tail", [result("b", "cn", curves=curves)])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
