@@ -247,6 +247,11 @@ def test_tyre_damping_that_is_not_representable_is_stated(report: str) -> None:
     assert "50 to 134 s/m over the masses that the car may have (4.5 to 8 kg)" in _read(report).text
 
 
+def test_words_of_the_thesis_are_explained_beside_its_figures(report: str) -> None:
+    assert "Kohut is the thesis&#x27; measure of a turn" in report
+    assert "E with a number is an entry of models/published/ERRATA.md" in report
+
+
 def test_parameters_that_are_published_nowhere_stand_out(report: str) -> None:
     calibrated = r'<tr class="marked"><td >com_height</td>.*?◆ calibrated: calibration/car\.yaml.*?0\.12\xa0to\xa00\.32'
     assert re.search(calibrated, report)

@@ -17,6 +17,11 @@ from workbench.summary import RunSummary, published_for
 CLOSE = 0.1
 """Metrics within this share of the published figure are counted as met in the text."""
 
+_WORDS = (
+    "Kohut is the thesis' measure of a turn: the speed at its start times the yaw rate in degrees per second (E36). E "
+    "with a number is an entry of models/published/ERRATA.md, which names what is wrong or unclear in the thesis."
+)
+
 
 def outcomes(summaries: Sequence[RunSummary]) -> Section:
     """Outcome map, and the speeds of the flip beside the published ones."""
@@ -85,6 +90,8 @@ def beside_published(summaries: Sequence[RunSummary], scenario: dict) -> Section
     for run, row in pairs:
         comparisons = compare_to_published(run.metrics, row.configuration, row.platform)  # type: ignore[arg-type]
         parts += _beside(run, row, comparisons)
+    if pairs:
+        parts.append(paragraph(_WORDS))
     parts += _together(pairs, scenario)
     missing = [row for row in published_figures() if row not in [found for _, found in pairs]]
     if missing:
@@ -149,7 +156,7 @@ def _together(pairs: Sequence[tuple[RunSummary, PublishedFigures]], scenario: di
                     ),
                     paragraph(*sentences),
                     paragraph(
-                        "The printed roll sums carry no time step (ERRATA E35); they are compared as radians with a "
+                        "The printed roll sums carry no time step (E35); they are compared as radians with a "
                         "step of 1 ms (simulated) or 10 ms (physical), which is inferred."
                     ),
                 )
