@@ -72,17 +72,7 @@ def bench_optimise_command() -> Iterator[BenchRow]:
         find = [aerodima, "optimise", "swing", "turn_swing", *_EXAMPLE, "--out", str(swing)]
         subprocess.run(find, check=True, capture_output=True)
         found = time.perf_counter() - begun
-        verify = [
-            sys.executable,
-            "-m",
-            "workbench",
-            "verify",
-            str(swing),
-            "--members",
-            "1",
-            "--out",
-            f"{folder}/verify",
-        ]
+        verify = [aerodima, "verify", str(swing), "--members", "1", "--out", f"{folder}/verify"]
         judged = subprocess.run(verify, check=False, capture_output=True)
         if judged.returncode not in (0, 2):  # 2: it is judged, and not verified
             raise RuntimeError(judged.stderr.decode())
