@@ -155,6 +155,8 @@ def _words(name: str) -> str:
 def _cell(name: str, value: float) -> str:
     if value is None or value != value:
         return "-"
+    if name == "cars":
+        return f"{value:.0f}"
     if name.startswith(("gain", "share", "rollover", "heading_ratio", "heading_percent")):
         return f"{value:+.1%}" if name.startswith("gain") else f"{value:.1%}" if "percent" in name else f"{value:.0%}"
     if name.endswith("_rad"):
