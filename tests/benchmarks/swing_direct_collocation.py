@@ -29,13 +29,12 @@ _HOLD: Any = PiecewisePolynomial.FirstOrderHold
 ROLL_PLACE, TAIL_PLACE, ROLL_RATE_PLACE, TAIL_RATE_PLACE, TIME_PLACE, GRIP_PLACE = range(6)
 STATE_SCALE = (ROLL, ANGLE, ROLL_RATE, RATE, 1.0, 1.0)
 TIME_DIFFERENCE = 1e-6
-"""s; half of the central difference of the profile over time."""
+"""s; to either side, for the slope of the profile over time."""
 
 
 def _slopes(member: Member, state: np.ndarray, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
     """Derivative of the six states, (6,), and its Jacobian with states and control, (6, 7)."""
-    moment, grip = state[TIME_PLACE], state[GRIP_PLACE]
-    before, here, after = member.profile.curve(moment + TIME_DIFFERENCE * np.array([-1.0, 0.0, 1.0]))
+    before, here, after = member.profile.curve(state[TIME_PLACE] + TIME_DIFFERENCE * np.array([-1.0, 0.0, 1.0]))
 
     def rolls(point: np.ndarray) -> Any:
         inputs = member.profile.scaled(point[7:], friction=point[GRIP_PLACE] * member.profile.friction)
@@ -52,7 +51,6 @@ def _slopes(member: Member, state: np.ndarray, acceleration: float) -> tuple[np.
     moved = point.copy()
     moved[7:] += 1j * COMPLEX_STEP * (after - before) / (2 * TIME_DIFFERENCE)
     jacobian[2, TIME_PLACE] = rolls(moved).imag / COMPLEX_STEP
-    assert grip > 0.0
     return value, jacobian
 
 
