@@ -9,7 +9,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 PYTEST_ARGS ?= -q -n 2
 
-.PHONY: demo test realtime emulated bench docs lint clean install
+.PHONY: demo test realtime emulated soak bench docs lint clean install
 .DEFAULT_GOAL := install
 
 install: $(STAMP)
@@ -32,6 +32,11 @@ test: $(STAMP)
 # One process, nothing beside it; two more tries for what a disturbed machine has made miss its deadline.
 realtime: $(STAMP)
 	@$(BIN)/python -m pytest -q -m realtime --reruns 2
+
+# 2,000 runs on two workers with 1.5 GB each, one of them killed and one stopped on the way: some half an hour.
+soak: $(STAMP)
+	@rm -rf out/soak
+	@$(BIN)/python -m tests.soak --out out/soak
 
 bench: $(STAMP)
 	@$(BIN)/python -m tests.benchmarks --out out/bench/bench.csv

@@ -1,7 +1,8 @@
 """Pages that are made when the documentation is built: the reference, the model card, and texts that stand elsewhere.
 
 The reference is read from the source by mkdocstrings, without importing it. The model card is made of
-`models/parameters` and `models/coefficients`, so that no number is typed twice; the pages on the aerodynamic law and on
+`models/parameters` and `models/coefficients`, and the page on the built car of `models/published/statements.yaml`, so
+that no number is typed twice; the pages on the aerodynamic law and on
 the errata of the thesis are the texts beside the code and the tables.
 """
 
@@ -26,9 +27,11 @@ _NUMBER = re.compile(r"E(\d+)")
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of the folder."""
+    from workbench.statement_page import statements_page
+
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
     texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)
-    pages = {**_reference(), **_model_card(), **texts}
+    pages = {**_reference(), **_model_card(), "built.md": statements_page(), **texts}
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     for name, picture in _pictures().items():

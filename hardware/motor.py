@@ -19,7 +19,9 @@ from __future__ import annotations
 
 import math
 
+from hardware.motor_following import Following
 from hardware.motor_limits import check_command, limit_command, scale_gains, to_motor
+from hardware.motor_load import MotorLoad
 from hardware.motor_settings import MotorSettings
 from hardware.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
 from hardware.protocol.ak70 import (
@@ -54,6 +56,7 @@ class Motor:
         position, speed, torque: of the joint, by the last reply: rad (unwrapped), rad/s, N m; NaN before the first.
         temperature: degrees Celsius; None if the motor does not report it.
         missed: cycles in a row without a reply.
+        load: I2t of its winding.
         bad_frames: frames under this motor's id that were no valid reply.
     """
 
@@ -72,6 +75,9 @@ class Motor:
         self._exit_time = 0.0
         self._exits_left = 0
         self._unanswered = self._cycle_frames = self._cycle_replies = self._enter_replies = 0
+        self.load = MotorLoad(settings.safety.rated_torque, settings.safety.overload)
+        self._asked: MitCommand | None = None
+        self._following = Following(settings.safety)
         self._count = ReplyCount(settings.safety.stall_time)
         self._off_time = 0.0
         self._off_replies: int | None = None
@@ -110,12 +116,14 @@ class Motor:
             self._command_time = now
         try:
             check_command(command)
-            frame = self.make_command_frame(command, now)
+            limited = self._limited(self._towards(command, now), now)
+            frame = self._frame(limited)
         except HardwareError as error:
             self.set_fault(MotorFault.BAD_COMMAND, str(error), now)
             return False
         self._ramp = self._ramped(command, now)
         self._command_time = now
+        self._asked = limited
         self._send(frame)
         return True
 
@@ -170,19 +178,24 @@ class Motor:
 
     def make_command_frame(self, command: MitCommand, now: float) -> CanFrame:
         """The frame of a checked command of the joint, after ramps and limits."""
-        return self._make_limited(
-            MitCommand(self._target(command, now), command.velocity, command.kp, command.kd, command.torque), now
-        )
+        return self._frame(self._limited(self._towards(command, now), now))
 
     def make_hold_frame(self, now: float) -> CanFrame:
         """The frame that holds the position of `set_hold` or of the end of entering."""
-        return self._make_limited(
-            MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0), now
-        )
+        return self._frame(self._limited(self._hold_command(), now))
 
-    def _make_limited(self, command: MitCommand, now: float) -> CanFrame:
+    def _hold_command(self) -> MitCommand:
+        return MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)
+
+    def _towards(self, command: MitCommand, now: float) -> MitCommand:
+        return MitCommand(self._target(command, now), command.velocity, command.kp, command.kd, command.torque)
+
+    def _limited(self, command: MitCommand, now: float) -> MitCommand:
         share = min(1.0, max(0.0, now - self._gain_time) / self.settings.safety.gain_ramp)
-        limited = limit_command(scale_gains(command, share), self.position, self.speed, self.settings)
+        most = self.load.allowed(self.settings.torque_limit)
+        return limit_command(scale_gains(command, share), self.position, self.speed, self.settings, most)
+
+    def _frame(self, limited: MitCommand) -> CanFrame:
         return make_command(self.settings.motor_id, to_motor(limited, self.settings), self.settings.profile)
 
     def _target(self, command: MitCommand, now: float) -> float:
@@ -216,12 +229,17 @@ class Motor:
         self.speed = self.settings.direction * reply.velocity
         self.torque = self.settings.direction * reply.torque
         self.temperature = reply.temperature
+        self.load.add(self.torque, time)
         self._reply_time = time
         self._cycle_replies += 1
         self._enter_replies += 1
         if self._off_replies is not None:
             self._off_replies += 1
+        energised = self.state in (MotorState.HOLDING, MotorState.RUNNING)
+        lost = self._following.look(self._asked if energised else None, self.position, self.speed, self.torque, time)
         self._check(reply, jump, time)
+        if lost:
+            self.set_fault(MotorFault.NOT_FOLLOWING, lost, time)
 
     def _unwrapped(self, reply: MitReply) -> float:
         if self._motor_angle is None:
@@ -252,6 +270,12 @@ class Motor:
                 f"{self.speed:.3g} rad/s; allowed is {safety.speed_limit:g}",
             ),
             (
+                self.load.share > safety.overload_share,
+                MotorFault.OVERLOAD,
+                f"overloaded: {100 * self.load.share:.0f} % of what its winding bears beyond "
+                f"{safety.rated_torque:g} N m",
+            ),
+            (
                 beyond > safety.range_margin,
                 MotorFault.OUT_OF_RANGE,
                 f"at {self.position:.3g} rad; allowed is {settings.low:.3g} to {settings.high:.3g}",
@@ -275,7 +299,8 @@ class Motor:
         if self.state is MotorState.RUNNING and now - self._command_time > self.settings.safety.command_timeout:
             self.set_hold(now)
         if self.state is MotorState.HOLDING:
-            self._send(self.make_hold_frame(now))
+            self._asked = self._limited(self._hold_command(), now)
+            self._send(self._frame(self._asked))
         elif self.state is MotorState.EXITING:
             self._exit(now)
         elif self.state is MotorState.FAULTED:

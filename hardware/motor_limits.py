@@ -23,7 +23,9 @@ def pd_torque(command: MitCommand, position: float, speed: float) -> float:
     return command.kp * (command.position - position) + command.kd * (command.velocity - speed) + command.torque
 
 
-def limit_command(command: MitCommand, position: float, speed: float, settings: MotorSettings) -> MitCommand:
+def limit_command(
+    command: MitCommand, position: float, speed: float, settings: MotorSettings, most: float | None = None
+) -> MitCommand:
     """The command within range, speed and gains, and with at most the allowed total torque at the measured state.
 
     At an end of the range, no velocity and no torque leads further out. A torque beyond the limit is reached by scaling
@@ -32,9 +34,11 @@ def limit_command(command: MitCommand, position: float, speed: float, settings: 
     Args:
         command: joint coordinates, checked.
         position, speed: of the joint as measured, rad and rad/s.
+        most: torque that is allowed now, N m; the settings' limit when None.
     """
+    most = settings.torque_limit if most is None else most
     velocity = _clip(command.velocity, settings.safety.speed_limit)
-    torque = _clip(command.torque, settings.torque_limit)
+    torque = _clip(command.torque, most)
     if position >= settings.high:
         velocity, torque = min(velocity, 0.0), min(torque, 0.0)
     elif position <= settings.low:
@@ -47,7 +51,7 @@ def limit_command(command: MitCommand, position: float, speed: float, settings: 
         torque=torque,
     )
     total = abs(pd_torque(limited, position, speed))
-    return limited if total <= settings.torque_limit else scale_gains(limited, settings.torque_limit / total)
+    return limited if total <= most else scale_gains(limited, most / total)
 
 
 def scale_gains(command: MitCommand, factor: float) -> MitCommand:

@@ -19,6 +19,18 @@ class MotorSafety(QuantityModel):
     """When a motor is switched off by the computer, and how gently it is taken over."""
 
     speed_limit: float = quantity("rad/s", "largest speed, commanded (clipped) and measured (fault)", gt=0, le=50)
+    rated_torque: float = quantity("N m", "torque that the winding bears for ever", gt=0, le=50)
+    overload: float = quantity("N2 m2 s", "square of the torque above the rated one, over time", gt=0, le=1e5)
+    overload_share: float = quantity("1", "of that at which the motor is switched off", gt=0, le=1)
+    follow_torque: float = quantity(
+        "N m", "commanded torque from which the reported one is compared with it", gt=0, le=25
+    )
+    follow_share: float = quantity("1", "of the commanded torque that must be reported", gt=0, le=1)
+    follow_time: float = quantity("s", "with less, after which the motor counts as not following", gt=0, le=1)
+    tracking_error: float = quantity("rad", "between commanded and measured position", gt=0, le=3.2)
+    tracking_time: float = quantity(
+        "s", "beyond that error, not approaching, after which it counts as well", gt=0, le=5
+    )
     temperature_limit: float = quantity("degC", "warmest reading", gt=0, le=150)
     range_margin: float = quantity("rad", "how far beyond its range a joint may be measured", ge=0, le=1)
     jump_margin: float = quantity("rad", "how much more than its speed allows a reading may change", ge=0, le=1)

@@ -35,6 +35,8 @@ class MotorFault(IntEnum):
     BUS = 10
     LOOP_STALLED = 11
     OTHER_MOTOR = 12
+    OVERLOAD = 13
+    NOT_FOLLOWING = 14
 
 
 class FrameSink(Protocol):

@@ -20,6 +20,7 @@ from hardware.protocol.sail_encoder import signed_angle
 from hardware.protocol.teensy import (
     SERVO_PULSES,
     THROTTLE_PULSES,
+    Attitude,
     MotorOrder,
     MotorReport,
     MotorRequest,
@@ -37,6 +38,11 @@ _SILENT = 0.1
 """Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
 _MOST_REPEATS = 20
 """Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at least every tenth."""
+_ACTED = {
+    TeensyStatus.WATCHDOG_ACTED: "the watchdog of the Teensy has acted",
+    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude is not known",
+    TeensyStatus.BEATS_STOPPED: "the Teensy has switched the motors off: no heartbeat on the bus",
+}
 _REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
@@ -62,6 +68,7 @@ class TeensyLink:
     Attributes:
         sail: last sail angle, rad in (-pi, pi]; NaN before the first reply.
         sent_time: when the Teensy sent the last reply, s on the computer's monotonic clock.
+        status: of the last reply; None before the first and in the published form.
         fault, fault_text: at the last `poll`; they go away by themselves, the motors' faults that they caused do not.
     """
 
@@ -84,9 +91,11 @@ class TeensyLink:
         self._repeats = dict.fromkeys(motor_ids, 0)
         self._counters: dict[int, int | None] = dict.fromkeys(motor_ids)
         self._servo, self._throttle = SERVO_PULSES[1], THROTTLE_PULSES[1]
+        self._attitude: tuple[float, float, float] | None = None
         self._reply_time: float | None = None
         self._clock = ClockAlignment()
         self.sail = self.sent_time = math.nan
+        self.status: TeensyStatus | None = None
         self.fault = TeensyFault.NO_REPLY_YET
         self.fault_text = "the Teensy has not answered yet"
 
@@ -104,6 +113,11 @@ class TeensyLink:
         check = TeensyCommand((_exit_order(self._ids[0]), _exit_order(self._ids[1])), servo, throttle)
         make_command(check, self._form)
         self._servo, self._throttle = servo, throttle
+
+    def set_attitude(self, roll: float, pitch: float, taken: float) -> None:
+        """Attitude (rad) for the next strings, and when it was taken (s, monotonic); ignored while it is not finite."""
+        if math.isfinite(roll) and math.isfinite(pitch) and math.isfinite(taken):
+            self._attitude = roll, pitch, taken
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
         """Notes a motor's frame for the next string. A frame that sets the zero, or of another motor, is not sent."""
@@ -126,7 +140,12 @@ class TeensyLink:
     def commit(self) -> None:
         """Writes the string of this cycle."""
         first, second = (self._next_order(motor_id) for motor_id in self._ids)
-        self._link.write(make_command(TeensyCommand((first, second), self._servo, self._throttle), self._form))
+        attitude = None
+        if self._attitude is not None:
+            roll, pitch, taken = self._attitude
+            attitude = Attitude(roll, pitch, round(1000.0 * max(0.0, time.monotonic() - taken)))
+        command = TeensyCommand((first, second), self._servo, self._throttle, attitude)
+        self._link.write(make_command(command, self._form))
 
     def poll(self) -> list[tuple[float, CanFrame]]:
         """Reads what came in; the motors' answers as frames, with their arrival."""
@@ -175,8 +194,9 @@ class TeensyLink:
             return None  # beyond the range of the profile: the motor counts a missed reply
 
     def _set_fault(self, reply: TeensyReply) -> None:
-        if reply.status is TeensyStatus.WATCHDOG_ACTED:
-            self.fault, self.fault_text = TeensyFault.WATCHDOG_ACTED, "the watchdog of the Teensy has acted"
+        self.status = reply.status
+        if reply.status in _ACTED:
+            self.fault, self.fault_text = TeensyFault.WATCHDOG_ACTED, _ACTED[reply.status]
         else:
             self.fault, self.fault_text = TeensyFault.NONE, ""
 

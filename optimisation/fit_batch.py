@@ -17,7 +17,7 @@ from typing import Any
 from optimisation.errors import FitError
 from optimisation.pipeline import Estimate, FitResult
 from workbench.atomic_write import make_folder
-from workbench.batch import run_batch
+from workbench.batch import WORKER_RECORD, run_batch
 from workbench.errors import UserError
 from workbench.logs.schema import software_versions
 
@@ -97,7 +97,7 @@ def fit_logs(
                 progress(len(names) - len(missing) + count, len(names))
 
         if missing:
-            run_batch(partial(_one, work), missing, workers, keep, _lost)
+            run_batch(partial(_one, work), missing, workers, keep, _lost, record=out / WORKER_RECORD)
     lines = [done[name] for name in names]
     return BatchResult(
         [_result(line["result"]) for line in lines if line["result"] is not None],
@@ -122,6 +122,8 @@ def _one(work: Fit, name: str) -> dict[str, Any]:
     except (UserError, OSError) as error:
         reason = str(error).removeprefix(f"{name}: ")
         return {"log": name, "result": None, "error": reason}
+    except Exception as error:  # whatever one log brings up must not cost the others
+        return {"log": name, "result": None, "error": f"{type(error).__name__} in its fit: {error}"}
 
 
 def _lost(name: str) -> dict[str, Any]:

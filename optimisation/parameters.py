@@ -23,6 +23,7 @@ class Parameter:
         frozen: keeps its seed and is no unknown.
         scale: typical size, in `unit`: the solvers work on value / scale. By default a quarter of the range between
             finite bounds, else the size of the seed, else 1.
+        deviation: standard deviation with which the seed is known beforehand; infinite when nothing is known.
 
     Raises:
         FitError: bounds that are NaN, empty or exclude the seed, or a seed that is not finite.
@@ -35,6 +36,7 @@ class Parameter:
     upper: float = math.inf
     frozen: bool = False
     scale: float | None = None
+    deviation: float = math.inf
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.seed):

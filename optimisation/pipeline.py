@@ -60,6 +60,9 @@ class FitResult:
         warnings: what a reader must know: active bounds, missing axes, undetermined directions.
         effective_samples: that the data count as.
         facts: labels of the data, such as tail, axis, angle and wind speed.
+        rig: what of the rig differs from `models/`, as `section.key`.
+        budget: per parameter the shares of the variance that noise and each uncertain constant have.
+        constants: those that have a prior: shift from the scenario, deviation after the fit, and `known_to` before it.
         curves: for plots, by name; each a dictionary of equally long lists. Not in CSV and YAML.
     """
 
@@ -76,6 +79,9 @@ class FitResult:
     effective_samples: float = math.nan
     facts: Mapping[str, Any] = field(default_factory=dict)
     curves: Mapping[str, Any] = field(default_factory=dict)
+    rig: Mapping[str, Any] = field(default_factory=dict)
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of that name; KeyError lists those there are."""

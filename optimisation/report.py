@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
+from matplotlib.figure import Figure
 
 from optimisation.errors import FitError
 from optimisation.fit_figures import figures_of
@@ -24,11 +25,18 @@ from workbench.logs.schema import software_versions
 SCHEMA = "aerodima/fit-report/1"
 _FEW = 2
 _MOST_DECIMALS = 9
+_LEAST_SHARE = 0.01
+"""Of a variance, that is shown."""
 _HEADINGS = {
     "estimates": "Estimates over the fits",
     "residuals": "Residuals over the fits",
     "curves": "Measured and model",
     "averages": "Averages over the logs",
+    "areas": "Likelihood of an area, all else free",
+    "variants": "One choice made otherwise: 95 % upper bounds",
+    "nuisances": "One parameter held in a fifth of its prior: 95 % upper bounds",
+    "swings": "Published and simulated tail speed of every swing",
+    "tail_speeds": "Published and simulated tail speeds over wind",
     "by_wind_speed": "Per tail, axis and wind speed",
     "qss_against_qss_am": "Per log: quasi-steady law (QSS) against the same with added mass (QSS-AM)",
 }
@@ -53,6 +61,7 @@ def write_report(
     failed: Mapping[str, str] | None = None,
     tables: Mapping[str, pd.DataFrame] | None = None,
     notes: Sequence[str] = (),
+    figures: Mapping[str, Figure] | None = None,
 ) -> list[Path]:
     """Writes `fits.csv`, `fits.yaml`, `*.png` and `report.html`; files of an earlier report are replaced.
 
@@ -60,6 +69,7 @@ def write_report(
         failed: logs that could not be fitted, with the reason.
         tables: further tables by name, each also written as `<name>.csv` and into the YAML.
         notes: paragraphs above the results.
+        figures: further figures by name.
 
     Returns:
         The files written.
@@ -68,9 +78,12 @@ def write_report(
     failed, tables = dict(failed or {}), dict(tables or {})
     texts = {"fits.csv": pd.DataFrame([result.row() for result in results]).to_csv(index=False)}
     texts["fits.yaml"] = _yaml(title, results, failed, notes, tables)
+    budget = budget_table(results)
+    if len(budget):
+        texts["budget.csv"] = budget.to_csv(index=False)
     texts |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
     pictures = {}
-    for name, figure in figures_of(results).items():
+    for name, figure in {**figures_of(results), **(figures or {})}.items():
         buffer = BytesIO()
         figure.savefig(buffer, dpi=110)
         pictures[name] = buffer.getvalue()
@@ -114,6 +127,7 @@ def _plain(result: FitResult) -> dict[str, Any]:
     }
     content["estimates"] = [asdict(estimate) for estimate in result.estimates]
     content |= {"covariance": result.covariance, "not_determined": result.unseen, "warnings": result.warnings}
+    content |= {"rig": dict(result.rig), "budget": result.budget, "constants": result.constants}
     return content | {"attempts": result.attempts}
 
 
@@ -152,6 +166,7 @@ def _page(
             parts.append("<h2>Warnings</h2><ul class=warn>")
             parts += [f"<li>{html.escape(name)}: {html.escape('; '.join(words))}</li>" for name, words in warned]
             parts.append("</ul>")
+    parts += [*_budget(results), *_rig(results)]
     for name, table in tables.items():
         parts += [
             f"<h2>{html.escape(_heading(name))}</h2>",
@@ -163,6 +178,45 @@ def _page(
         words = html.escape(_heading(name))
         parts.append(f'<h2>{words}</h2><img alt="{words}" src="data:image/png;base64,{code}">')
     return "\n".join(parts) + "</html>\n"
+
+
+def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
+    """Shares of the variance of every determined parameter: a row each, a column for noise and each constant."""
+    rows = [
+        {"fit": short_name(result.name), "parameter": name, **{key: round(share, 4) for key, share in shares.items()}}
+        for result in results
+        for name, shares in result.budget.items()
+    ]
+    return pd.DataFrame(rows).fillna(0.0)
+
+
+def _budget(results: Sequence[FitResult]) -> list[str]:
+    """What the intervals are made of: per parameter the median of the shares over the fits, in percent."""
+    table = budget_table(results)
+    if not len(table):
+        return []
+    shares = table.drop(columns="fit").groupby("parameter", sort=False).median()
+    seen = shares.loc[:, shares.max() >= _LEAST_SHARE]
+    rows = [[str(name), *(f"{100.0 * value:.0f} %" for value in row)] for name, row in seen.iterrows()]
+    return [
+        "<h2>What the intervals are made of</h2>",
+        "<p>Share of the variance that noise and each uncertain constant of the rig have, median over the fits. The "
+        "uncertainties are those of the scenario's section <code>uncertainty</code>; per fit in "
+        "<code>budget.csv</code>.</p>",
+        _table(["parameter", *map(str, seen.columns)], rows),
+    ]
+
+
+def _rig(results: Sequence[FitResult]) -> list[str]:
+    """What of the rig was not that of `models/`, over all fits."""
+    known: dict[str, dict[str, None]] = {}
+    for result in results:
+        for key, value in result.rig.items():
+            known.setdefault(key, {})[_short(value)] = None
+    if not known:
+        return []
+    rows = [[key, ", ".join(values)] for key, values in known.items()]
+    return ["<h2>What of the rig is not as in models/</h2>", _table(["key", "value"], rows)]
 
 
 def _heading(name: str) -> str:

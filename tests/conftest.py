@@ -8,12 +8,12 @@ import pytest
 
 @pytest.fixture(scope="session")
 def standard_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The published left turn at 3.33 m/s by tail mode: `none`, `held` and `swing` -> RunLog."""
+    """The published left turn at 3.33 m/s by tail: `none`, `held`, `swing` and `designed` -> RunLog."""
     from workbench.run import run_scenario
     from workbench.scenario import load_scenario
 
     folder: Path = tmp_path_factory.mktemp("standard_runs")
     return {
-        mode: run_scenario(load_scenario(f"turn_{mode}"), folder / f"turn_{mode}.parquet")
-        for mode in ("none", "held", "swing")
+        mode: run_scenario(load_scenario(f"turn_{mode}", ["manoeuvre.speed=3.33"]), folder / f"turn_{mode}.parquet")
+        for mode in ("none", "held", "swing", "designed")
     }

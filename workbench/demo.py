@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.atomic_write import make_folder, write_atomically
-from workbench.batch import check_workers, run_batch
+from workbench.batch import WORKER_RECORD, check_workers, run_batch
 from workbench.errors import LogError, UserError
 from workbench.logs.journal import journal_path
 from workbench.logs.schema import read_run_log, software_versions
@@ -20,9 +20,6 @@ from workbench.summary import KM_PER_H, RunSummary, summarise, write_summary
 DEMO_SCHEMA = "aerodima/demo/1"
 REPORT, SUMMARY, MARK = "index.html", "summary.csv", "demo.json"
 """`MARK` says that a folder is a demo's, and whether it is finished."""
-OPTIMISED_SWING = "roll_4_5"
-"""Of `models/swings`; the row `optimised` plays it."""
-
 Say = Callable[[str], None]
 
 
@@ -32,17 +29,17 @@ class DemoPlan:
 
     Args:
         speeds: commanded, m/s.
-        tail_modes: of `none`, `held`, `swing`, `optimised`.
+        tail_modes: of `none`, `held`, `swing`, `designed`; scenarios `turn_<mode>`.
         shown: (tail mode, speed) of the runs with replay, strip and plots over time; the first gives the provenance.
         seed: of every run.
         settings: overrides of every scenario, such as `manoeuvre.duration=3.0`.
     """
 
     speeds: tuple[float, ...] = tuple(whole / KM_PER_H for whole in range(12, 19))
-    tail_modes: tuple[str, ...] = ("none", "held", "swing", "optimised")
+    tail_modes: tuple[str, ...] = ("none", "held", "swing", "designed")
     shown: tuple[tuple[str, float], ...] = tuple(
         (mode, whole / KM_PER_H)
-        for mode, whole in (("none", 12), ("none", 13), ("held", 16), ("swing", 16), ("optimised", 16))
+        for mode, whole in (("none", 12), ("none", 13), ("held", 16), ("swing", 16), ("designed", 16))
     )
     seed: int = 1
     settings: tuple[str, ...] = ()
@@ -98,7 +95,7 @@ def make_demo(
     _claim(out, runs, force)
     say(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
     try:
-        summaries = run_batch(do_run, runs, workers, _Progress(len(runs), say))
+        summaries = run_batch(do_run, runs, workers, _Progress(len(runs), say), say=say, record=out / WORKER_RECORD)
         say("writing table and report ...")
         _write_report(out, runs, summaries)
     except BaseException:
@@ -114,14 +111,12 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
     for mode in plan.tail_modes:
         for speed in plan.speeds:
             settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}", *plan.settings]
-            if mode == "optimised":
-                settings.append(f"controller.swing_file={OPTIMISED_SWING}")
             name = f"{mode}_{speed:.2f}"
             shown = (mode, speed) in plan.shown
             runs.append(
                 DemoRun(
                     name=name,
-                    scenario=load_scenario(f"turn_{'swing' if mode == 'optimised' else mode}", settings).resolved(),
+                    scenario=load_scenario(f"turn_{mode}", settings).resolved(),
                     log=out / "logs" / f"turn_{name}.parquet",
                     replay=out / f"replay_{name}.html" if shown else None,
                     strip=out / f"strip_{name}.png" if shown else None,

@@ -14,6 +14,8 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
+from workbench.realtime import permitted
+
 OLDEST_PYTHON = (3, 11)
 OLDEST_DRAKE = (1, 51)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
@@ -65,6 +67,7 @@ def examine() -> list[Finding]:
         _compiler,
         _can,
         _serial,
+        _realtime,
         _disk,
     )
     return [finding for check in checks for finding in check()]
@@ -169,6 +172,15 @@ def _serial() -> list[Finding]:
         remedy = "add yourself to the group `dialout` and log in again"
         return [Finding("serial ports", "no permission for " + ", ".join(closed), False, False, remedy)]
     return [Finding("serial ports", ", ".join(map(str, ports)), True)]
+
+
+def _realtime() -> list[Finding]:
+    priority, memory = permitted()
+    found = f"priority {'may be had' if priority else 'is not permitted'}, locked memory {'too' if memory else 'not'}"
+    if not priority:
+        found = found.replace(", locked memory not", ", nor locked memory").replace("memory too", "memory may be had")
+    remedy = "" if priority and memory else "for a real car: `aerodima install-files FOLDER` writes the limits to set"
+    return [Finding("real time", found, priority and memory, False, remedy)]
 
 
 def _disk() -> list[Finding]:

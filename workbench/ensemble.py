@@ -8,6 +8,7 @@ published data leave open, not only what one plausible car does.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,11 @@ _SCHEMA_FAMILY = ENSEMBLE_SCHEMA.rpartition("/")[0]
 
 Value = float | int | bool | str
 
+BUILT = "built"
+"""`tail.name` of the tail of the parameter files."""
+_MOUNT = ("tail.mount_x", "tail.mount_height")
+"""Part of the car, whatever tail stands on it."""
+
 
 @dataclass(frozen=True)
 class Member:
@@ -40,6 +46,16 @@ class Member:
     name: str
     weight: float
     values: dict[str, Value]
+
+    def values_with(self, tail_name: str) -> dict[str, Value]:
+        """The values for a car with a tail of this name; another than the built one keeps its own size and mass."""
+        if tail_name == BUILT:
+            return dict(self.values)
+        return {key: value for key, value in self.values.items() if not key.startswith("tail.") or key in _MOUNT}
+
+    def settings_on(self, scenario: str | Path) -> tuple[str, ...]:
+        """Overrides for a scenario of that name or path, see `values_with`."""
+        return tuple(f"{key}={value}" for key, value in self.values_with(_tail_name(str(scenario))).items())
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -97,7 +113,7 @@ class Ensemble:
             EnsembleError: the member's values do not go together; names file, member, value and what is allowed.
         """
         try:
-            return load_scenario(scenario, [*member.settings, *settings])
+            return load_scenario(scenario, [*member.settings_on(scenario), *settings])
         except ScenarioError as error:
             raise EnsembleError(f"{self.path}: member {member.name!r}: {error}") from None
 
@@ -208,3 +224,8 @@ def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
         if name not in SECTIONS[section].model_fields:
             raise EnsembleError(f"{where}: unknown key; {nearest(name, list(SECTIONS[section].model_fields))}")
     return dict(member.values)
+
+
+@lru_cache(maxsize=32)
+def _tail_name(scenario: str) -> str:
+    return load_scenario(scenario).tail.name

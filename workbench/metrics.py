@@ -1,8 +1,10 @@
 """What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car stayed on its wheels.
 
-Everything is computed from the log alone: from the ground truth if the log has it, otherwise from the sensors
-(`RunMetrics.source`). Signs are turned so that the turn is positive (`workbench.turn_signals`), so left and right
-turns are measured alike. Definitions: design section 10, thesis section 3.3 and eqs 7.1-7.7.
+Everything is computed from the log alone. The eight metrics come twice, from the signals that the thesis took for its
+simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`), `published.SIGNALS`; all else from the
+ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`). Signs are turned so that the turn is
+positive (`workbench.turn_signals`), so left and right turns are measured alike. Definitions: design section 10, thesis
+section 3.3 and eqs 7.1-7.7.
 """
 
 import math
@@ -14,9 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from workbench.logs.columns import GROUND_CONTACTS
+from workbench.logs.columns import GROUND_CONTACTS, WHEELS
 from workbench.logs.schema import RunLog
-from workbench.published import Comparison, PublishedFigures, TurnMetrics, compare_figures, published_figures
+from workbench.published import (
+    FILTERED,
+    SAMPLE_TIMES,
+    Comparison,
+    Platform,
+    PublishedFigures,
+    TurnMetrics,
+    compare_figures,
+    published_figures,
+)
 from workbench.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
 from workbench.tail_impulses import FLIP_TILT, Impulses, TailImpulses, tail_impulses
 from workbench.turn_signals import TurnSignals, turn_signals
@@ -49,6 +60,9 @@ JOLT_FACTOR = 1.5
 LOADED_FORCE = 0.1
 """A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
 
+OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
+"""What the thesis says of a turn beside its eight metrics."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -57,11 +71,14 @@ class Outcome:
     Attributes:
         result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20 degrees with fewer than
             four wheels loaded (without wheel loads in the log: beyond 20 degrees); else `survived`.
-        clean: survived, and neither cage, board nor tail touched the ground; None when the log cannot tell.
+        clean: survived, and neither cage nor tail touched the ground, nor the board from the start of the turn on; None
+            when the log cannot tell.
         max_tilt_rad: largest tilt of the body's z axis, rad.
         end_tilt_rad: tilt at the end, rad.
         end_wheels_loaded: wheels on the ground at the end; None without wheel loads.
-        touched: which of cage, board and tail touched the ground.
+        touched: which of them did.
+        board_before_turn_s: how long the anti-ramp board was on the ground before the turn, where it is meant to be
+            while the car gathers speed, s; None when the log cannot tell.
     """
 
     result: Literal["flipped", "survived"]
@@ -70,6 +87,7 @@ class Outcome:
     end_tilt_rad: float
     end_wheels_loaded: int | None
     touched: tuple[str, ...]
+    board_before_turn_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -77,10 +95,11 @@ class RunMetrics:
     """Everything that is reported about a run. "From the turn on" = from the steering command to the end of the log.
 
     Attributes:
-        source: `truth` or `sensors`: the signals used.
+        source: `truth` or `sensors`: the signals used, but for `filtered`.
         direction: side of the turn.
-        raw: the eight metrics from the signals as logged.
-        filtered: the same after the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz, second order).
+        raw: the eight metrics as Tables 7.1 and 7.2 have them: motion at the IMU's place at up to 1000 Hz, unfiltered.
+        filtered: the eight as Tables 7.3 and 7.4 have them: from what the car's IMU and GPS report, at 100 Hz, after
+            the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz, second order).
         outcome: whether it stayed upright.
         peak_roll_rad: largest roll outwards from the turn on, rad.
         two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without wheel loads.
@@ -88,6 +107,10 @@ class RunMetrics:
         tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when not logged.
         tail_energy_j: positive work of the tail motors from the turn on, J; None when not logged.
         min_wheel_load_n: smallest vertical force on any wheel from the turn on, N; None without wheel loads.
+        speed_in_turn_m_per_s: mean speed over the window, weighted by the yaw rate: mean Kohut over mean yaw rate if
+            Kohut is taken from sample to sample (ERRATA E36), m/s.
+        lift_yaw_rate_rad_per_s: largest yaw rate in the window until the first inner wheel leaves the ground (thesis
+            6.3.4), over all of it if none does, rad/s; None without wheel loads.
     """
 
     source: Literal["truth", "sensors"]
@@ -101,6 +124,12 @@ class RunMetrics:
     tail_torque_peak_n_m: float | None
     tail_energy_j: float | None
     min_wheel_load_n: float | None
+    speed_in_turn_m_per_s: float
+    lift_yaw_rate_rad_per_s: float | None
+
+    def like(self, platform: Platform) -> TurnMetrics:
+        """The eight metrics from the signals that the published rows of a platform were made of."""
+        return self.filtered if platform == "physical" else self.raw
 
     @property
     def jolted(self) -> bool:
@@ -119,9 +148,11 @@ class RunMetrics:
             **asdict(self.raw),
             "max_tilt_rad": self.outcome.max_tilt_rad,
             **{name: getattr(self, name) for name in own},
+            **{name: getattr(self, name) for name in OF_THE_TURN},
             "min_wheel_load_n": self.min_wheel_load_n,
             "touched": " ".join(self.outcome.touched),
-            **{f"filtered_{name}": value for name, value in asdict(self.filtered).items()},
+            "board_before_turn_s": self.outcome.board_before_turn_s,
+            **{FILTERED + name: value for name, value in asdict(self.filtered).items()},
         }
 
 
@@ -132,14 +163,15 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
     """
     signals = turn_signals(run_log)
+    reported = signals if signals.source == "sensors" else turn_signals(run_log, "sensors")
     after, time = signals.from_start, signals.time
     loads = signals.wheel_loads
     peak_torque, energy = _tail_effort(run_log, after)
     return RunMetrics(
         source=signals.source,
         direction="left" if signals.sign > 0 else "right",
-        raw=turn_metrics(signals),
-        filtered=turn_metrics(signals, filtered=True),
+        raw=turn_metrics(signals.sampled(1.0 / SAMPLE_TIMES["simulated"])),
+        filtered=turn_metrics(reported.sampled(1.0 / SAMPLE_TIMES["physical"]), filtered=True),
         outcome=_outcome(signals),
         peak_roll_rad=float(np.max(signals.roll[after])),
         two_wheel_time_s=None if loads is None else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
@@ -147,6 +179,8 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
         tail_torque_peak_n_m=peak_torque,
         tail_energy_j=energy,
         min_wheel_load_n=None if loads is None else float(np.min(loads[after])),
+        speed_in_turn_m_per_s=_speed_in_turn(signals),
+        lift_yaw_rate_rad_per_s=None if loads is None else _lift_yaw_rate(signals, loads),
     )
 
 
@@ -192,8 +226,8 @@ def jolt_line(metrics: RunMetrics) -> str:
     raw, filtered = (m.max_linear_acceleration_m_per_s2 for m in (metrics.raw, metrics.filtered))
     cause = "a jolt of the tail motor" if metrics.tail_torque_peak_n_m else "a jolt"
     return (
-        f"the lateral acceleration of {raw:.1f} m/s2 is {cause} at the IMU, not cornering; {filtered:.1f} m/s2 after "
-        "the 5 Hz filter"
+        f"the lateral acceleration of {raw:.1f} m/s2 is {cause} at the IMU, not cornering; {filtered:.1f} m/s2 in the "
+        "IMU's 100 Hz after the 5 Hz filter"
     )
 
 
@@ -207,6 +241,7 @@ def outcome_from(
     tilt: FloatArray,
     wheel_loads: FloatArray | None = None,
     ground_contact: FloatArray | None = None,
+    turn_start: float = -math.inf,
 ) -> Outcome:
     """Outcome from the histories themselves.
 
@@ -215,6 +250,7 @@ def outcome_from(
         tilt: angle of the body's z axis from the world's, rad, shape (n,).
         wheel_loads: vertical force on each wheel, N, shape (n, 4).
         ground_contact: force on cage, board and tail, N, shape (n, 3).
+        turn_start: s; before it the board may touch the ground.
     """
     check_time(time)
     end_tilt = float(tilt[-1])
@@ -222,9 +258,13 @@ def outcome_from(
     leaning = end_tilt > END_TILT and (end_loaded is None or end_loaded < 4)
     flipped = bool(np.max(tilt) > FLIP_TILT) or leaning
     touched: tuple[str, ...] = ()
+    board_before = None
     if ground_contact is not None:
-        hit = np.max(ground_contact, axis=0) > LOADED_FORCE
-        touched = tuple(part for part, on_ground in zip(GROUND_CONTACTS, hit, strict=True) if on_ground)
+        hit = ground_contact > LOADED_FORCE
+        board, before = GROUND_CONTACTS.index("board"), time < turn_start
+        board_before = _time_while(time, hit[:, board] & before)
+        hit[before, board] = False
+        touched = tuple(part for part, ever in zip(GROUND_CONTACTS, hit.any(axis=0), strict=True) if ever)
     clean = False if flipped else (None if ground_contact is None else not touched)
     return Outcome(
         result="flipped" if flipped else "survived",
@@ -233,16 +273,17 @@ def outcome_from(
         end_tilt_rad=end_tilt,
         end_wheels_loaded=end_loaded,
         touched=touched,
+        board_before_turn_s=board_before,
     )
 
 
 def compare_to_published(
     metrics: RunMetrics,
     configuration: Literal["tailless", "tailed"],
-    platform: Literal["simulated", "physical"] = "simulated",
+    platform: Platform = "simulated",
 ) -> tuple[Comparison, ...]:
-    """The eight metrics beside the published row of that platform and configuration."""
-    return compare_figures(metrics.raw, metrics.filtered, configuration, platform)
+    """The eight metrics, from the signals of that platform, beside its published row of that configuration."""
+    return compare_figures(metrics.like(platform), configuration, platform)
 
 
 def highest_speed_survived(runs: Iterable[RunMetrics]) -> float | None:
@@ -251,7 +292,23 @@ def highest_speed_survived(runs: Iterable[RunMetrics]) -> float | None:
 
 
 def _outcome(signals: TurnSignals) -> Outcome:
-    return outcome_from(signals.time, signals.tilt, signals.wheel_loads, signals.ground_contact)
+    start = float(signals.time[signals.from_start][0])
+    return outcome_from(signals.time, signals.tilt, signals.wheel_loads, signals.ground_contact, start)
+
+
+def _speed_in_turn(signals: TurnSignals) -> float:
+    time, speed = signals.time[signals.in_window], signals.speed[signals.in_window]
+    yaw_rate = np.abs(signals.yaw_rate[signals.in_window])
+    turned = _mean(time, yaw_rate)
+    return _mean(time, speed * yaw_rate) / turned if turned > 0.0 else _mean(time, speed)
+
+
+def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
+    inner = [place for place, wheel in enumerate(WHEELS) if wheel.endswith("left" if signals.sign > 0 else "right")]
+    window = signals.in_window
+    lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < len(inner))
+    until = lifted[0] + 1 if lifted.size else None
+    return float(np.max(signals.yaw_rate[window][:until]))
 
 
 def _tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:

@@ -17,6 +17,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from workbench.actuators.friction import smooth_friction
+from workbench.event_order import Stage, nominal_time, period_of
 from workbench.logs.columns import GROUND_CONTACTS, TIME, WHEELS
 from workbench.scenario import Scenario
 from workbench.station import simulated_car
@@ -54,14 +55,14 @@ class FlipWatch(LeafSystem):
         car = simulated_car(station)
         self._slots = contact_slots(car)
         self._quaternion = car.plant.GetBodyByName("chassis").floating_positions_start()
-        self._stop_after, self._keeps = stop_after, contacts
+        self._stop_after, self._keeps, self._rate = stop_after, contacts, rate
         self._cos_flip = float(np.cos(FLIP_TILT))
         self._flipped = False
         self.stopped: float | None = None
         self.contacts: list[list[float]] = []
         self._state = self.DeclareVectorInputPort("plant_state", car.plant.num_multibody_states())
         self._results = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
-        self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._look)
+        self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
 
     @classmethod
     def add_to_builder(
@@ -81,8 +82,9 @@ class FlipWatch(LeafSystem):
         self._flipped = self._flipped or 1.0 - 2.0 * (x * x + y * y) / square < self._cos_flip
         if self._keeps:
             self.contacts.append(self._forces(context))
-        if self._flipped and context.get_time() >= self._stop_after:
-            self.stopped = context.get_time()
+        time = nominal_time(context.get_time(), self._rate)
+        if self._flipped and time >= self._stop_after:
+            self.stopped = time
             return EventStatus.ReachedTermination(self, "the car has flipped")
         return EventStatus.Succeeded()
 
@@ -93,7 +95,7 @@ class FlipWatch(LeafSystem):
             if slot in GROUND_CONTACTS:
                 found[slot] += float(np.linalg.norm(force))
             else:
-                found[slot] = float(force[2])
+                found[slot] += float(force[2])
         return list(found.values())
 
 
@@ -113,7 +115,7 @@ class OutcomeRecord:
     ) -> None:
         self._scenario, self._watch = scenario, watch
         self._plant = simulated_car(station).plant
-        self._period = 1.0 / scenario.simulation.log_rate
+        self._rate = scenario.simulation.log_rate
         self._sinks: list[tuple[VectorLogSink, Sequence[str]]] = [
             (self._log(builder, port), names) for port, names in signals if _is_cheap(names)
         ]
@@ -129,7 +131,7 @@ class OutcomeRecord:
             context: of the whole diagram, at the end of the run.
         """
         state_log = self._state.FindLog(context)
-        columns: dict[str, FloatArray] = {TIME: state_log.sample_times()}
+        columns: dict[str, FloatArray] = {TIME: np.rint(state_log.sample_times() * self._rate) / self._rate}
         for sink, names in self._sinks:
             columns |= dict(zip(names, sink.FindLog(context).data(), strict=True))
         state, acceleration = state_log.data(), self._acceleration.FindLog(context).data()
@@ -142,7 +144,7 @@ class OutcomeRecord:
         return pd.DataFrame(columns)
 
     def _log(self, builder: DiagramBuilder, port: Any) -> VectorLogSink:
-        return LogVectorOutput(port, builder, publish_period=self._period)
+        return LogVectorOutput(port, builder, publish_period=period_of(self._rate, Stage.RECORD))
 
     def _body(self, state: FloatArray, acceleration: FloatArray) -> dict[str, FloatArray]:
         """Motion of the chassis; the definitions of `truth.CarTruth` and `sensors.imu.motion_at_imu`."""

@@ -23,9 +23,12 @@ class CarParameters(QuantityModel):
     gyration_pitch: float = quantity("m", "radius of gyration of the sprung body about its y axis", gt=0, le=0.5)
     gyration_yaw: float = quantity("m", "radius of gyration of the sprung body about its z axis", gt=0, le=0.5)
     wheelbase: float = quantity("m", "distance between the axles", gt=0.05, le=2)
-    track: float = quantity("m", "distance between the wheel centres of one axle", gt=0.05, le=2)
+    track: float = quantity(
+        "m", "distance between the wheel centres of one axle, less than the width over the tyres", gt=0.05, le=2
+    )
     tyre_radius: float = quantity("m", "unloaded tyre radius", gt=0.01, le=0.5)
-    tyre_width: float = quantity("m", "tyre width; the contact shape is an ellipsoid of this width", gt=0.005, le=0.3)
+    tyre_width: float = quantity("m", "tyre width", gt=0.005, le=0.3)
+    tyre_shape: Literal["cylinder", "ellipsoid"] = quantity("1", "contact shape of a tyre of this width")
     wheel_mass: float = quantity("kg", "one wheel with its tyre", gt=0, le=2)
     upright_mass: float = quantity(
         "kg", "moving part of one suspension without wheel (and without knuckle)", gt=0, le=2
@@ -35,16 +38,26 @@ class CarParameters(QuantityModel):
     tyre_stiffness_rear: float = quantity("N/m", "radial stiffness of one rear tyre", gt=0, le=1e7)
     tyre_dissipation: float = quantity("s/m", "Hunt-Crossley dissipation of the tyres", ge=0, le=10)
     tyre_friction: float = quantity("1", "Coulomb friction coefficient between tyre and ground", gt=0, le=2)
-    suspension_stiffness_front: float = quantity("N/m", "spring rate at one front wheel", gt=0, le=1e6)
-    suspension_stiffness_rear: float = quantity("N/m", "spring rate at one rear wheel", gt=0, le=1e6)
-    suspension_damping_front: float = quantity("N s/m", "damping at one front wheel", ge=0, le=1e5)
-    suspension_damping_rear: float = quantity("N s/m", "damping at one rear wheel", ge=0, le=1e5)
+    suspension_stiffness_front: float = quantity("N/m", "spring rate of one front suspension unit", gt=0, le=1e6)
+    suspension_stiffness_rear: float = quantity("N/m", "spring rate of one rear suspension unit", gt=0, le=1e6)
+    suspension_damping_front: float = quantity("N s/m", "damping of one front suspension unit", ge=0, le=1e5)
+    suspension_damping_rear: float = quantity("N s/m", "damping of one rear suspension unit", ge=0, le=1e5)
+    suspension_motion_ratio: float = quantity("1", "travel of a suspension unit over that of its wheel", gt=0.1, le=1)
     suspension_travel: float = quantity("m", "travel to either side of the nominal ride height", gt=0, le=0.2)
     cage_friction: float = quantity("1", "friction coefficient of cage, board and tail on the ground", ge=0, le=2)
+    gearbox_x: float = quantity("m", "middle of the gearbox ahead of the rear axle", ge=-0.5, le=0.5)
     gearbox_mass: float = quantity("kg", "tail gearbox with both motors", gt=0, le=10)
     gearbox_width: float = quantity("m", "gearbox along y", gt=0, le=1)
     gearbox_length: float = quantity("m", "gearbox along x", gt=0, le=1)
     gearbox_height: float = quantity("m", "gearbox along z", gt=0, le=1)
+
+    board: bool = quantity("1", "true: anti-ramp board at the rear; false: none")
+    board_x: float = quantity("m", "rear edge of that board ahead of the rear axle", ge=-0.5, le=0)
+    board_height: float = quantity("m", "its lower face above the ground at nominal ride height", gt=0, le=0.5)
+    board_length: float = quantity("m", "board along x", gt=0, le=0.5)
+    board_width: float = quantity("m", "board along y", gt=0, le=1)
+    board_thickness: float = quantity("m", "board along z", gt=0, le=0.05)
+    board_mass: float = quantity("kg", "board, part of the mass of the car", gt=0, le=1)
 
     @model_validator(mode="after")
     def _gyration_is_physical(self) -> "CarParameters":
@@ -57,10 +70,22 @@ class CarParameters(QuantityModel):
                 )
         return self
 
+    @property
+    def outer_half_track(self) -> float:
+        """Distance (m) from the car's middle to the line on which its outer tyres stand once it leans."""
+        return self.track / 2 + (self.tyre_width / 2 if self.tyre_shape == "cylinder" else 0.0)
+
+
+SHELL_DEPTH = 0.5
+"""Depth of a half cylinder over its width."""
+
 
 class TailParameters(QuantityModel):
     """The tail arm: pitch joint, roll joint, rod and sail (thesis chapters 5 and 6.3)."""
 
+    name: str = quantity(
+        "1", "which tail it is in reports: built, or the name of a design", min_length=1, max_length=40
+    )
     mode: Literal["none", "held", "swing"] = quantity("1", "no tail arm, arm held on the inside, arm swung")
     length: float = quantity("m", "roll axis to tip", gt=0.05, le=3)
     mass: float = quantity("kg", "rod and sail together", gt=0, le=5)
@@ -72,22 +97,38 @@ class TailParameters(QuantityModel):
     mount_height: float = quantity("m", "tail joints above the ground", gt=0, le=1)
     coefficients: str = quantity("1", "of the sail: constant, an embedded set, or the path of a coefficient file")
     normal_force_coefficient: float = quantity("1", "C_N of the sail with coefficients constant", ge=0, le=10)
-    sail: Literal["locked", "free"] = quantity("1", "sail joint: locked, normal along the roll swing; or free")
-    sail_centre_of_pressure: float = quantity("m", "of a free sail behind its axis; ahead when negative", ge=-2, le=2)
+    sail: Literal["facing", "free", "locked"] = quantity(
+        "1", "sail on its bearing: facing the wind at every instant, free to turn, or locked with its normal along y"
+    )
+    sail_shell_offset: float = quantity(
+        "1", "centre of pressure of a free sail's shell behind its bearing over sail_width; negative ahead", ge=-1, le=1
+    )
+    sail_board_share: float = quantity("1", "backing board of a free sail, along the wind, over sail_width", gt=0, le=5)
+    sail_side_coefficient: float = quantity("1", "C_N of a free sail's shell and board across the wind", ge=0, le=10)
     sail_bearing_damping: float = quantity("N m s/rad", "damping of a free sail's bearing", ge=0, le=1)
     added_mass: float = quantity("kg", "added mass of the air on each of five parts of the tail", ge=-1, le=10)
     sections: int = quantity("1", "number of equal sections of the sail", ge=1, le=100)
     roll_limit: float = quantity("rad", "tail roll range to either side", gt=0, le=3.1416)
     pitch_limit: float = quantity("rad", "tail pitch range to either side", gt=0, le=3.1416)
 
+    @property
+    def sail_front(self) -> float:
+        """Plane of the sail's opening ahead of the bearing, m; the board ends `sail_depth` behind that plane."""
+        return (SHELL_DEPTH / 2 - self.sail_shell_offset) * self.sail_width
+
+    @property
+    def sail_depth(self) -> float:
+        """Shell and board together along the wind, m."""
+        return (SHELL_DEPTH + self.sail_board_share) * self.sail_width
+
+    @property
+    def sail_reach(self) -> float:
+        """Radius of the cylinder that the sail sweeps when it turns on its bearing, m."""
+        return max(math.hypot(self.sail_width / 2, self.sail_front), self.sail_depth - self.sail_front)
+
     @model_validator(mode="after")
     def _air_is_known(self) -> "TailParameters":
         require_coefficient_name(self.coefficients)
-        if self.sail == "free" and abs(self.sail_centre_of_pressure) > self.sail_width:
-            raise ValueError(
-                f"sail_centre_of_pressure: {self.sail_centre_of_pressure:g} m; allowed: within one sail_width, "
-                f"{self.sail_width:g} m, of the axis"
-            )
         return self
 
 
@@ -120,6 +161,7 @@ class ServoParameters(QuantityModel):
 
     rate: float = quantity("rad/s", "steering rate at the road wheels", gt=0, le=100)
     limit: float = quantity("rad", "largest steering angle to either side", gt=0, le=1.2)
+    linkage: Literal["parallel", "ackermann"] = quantity("1", "both wheels at the steering angle, or about one centre")
     frame_rate: float = quantity("Hz", "rate at which the servo reads its command", gt=0, le=2000)
     stiffness: float = quantity("N m/rad", "position gain at each front knuckle", gt=0, le=1e4)
     damping: float = quantity("N m s/rad", "velocity gain at each front knuckle", ge=0, le=1e3)
@@ -132,6 +174,7 @@ class DriveParameters(QuantityModel):
     governor: bool = quantity("1", "true: holds the wheel speed; false: throttle frozen, speed droops with load")
     throttle_gain: float = quantity("m/s", "steady speed per unit throttle", gt=0, le=100)
     throttle_offset: float = quantity("m/s", "steady speed at zero throttle of the fitted line", ge=-5, le=5)
+    breakaway_throttle: float = quantity("1", "throttle below which the car without governor stands", ge=0, lt=1)
     governor_gain: float = quantity("N m s/rad", "torque per shaft-speed error with governor", gt=0, le=100)
     time_constant: float = quantity("s", "speed response of the whole car without governor", gt=0.01, le=20)
     torque_limit: float = quantity("N m", "largest torque on the rear axle", gt=0, le=100)

@@ -1,6 +1,7 @@
 """The published manoeuvre figures (thesis Tables 7.1-7.4) and how a run compares with them."""
 
 import csv
+import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
@@ -9,6 +10,19 @@ from workbench.resources import model_path
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
 """Time between the samples that the printed roll sums were made of, s: inferred, not published (ERRATA E35)."""
+
+Platform = Literal["simulated", "physical"]
+
+SIGNALS: dict[Platform, str] = {
+    "simulated": "true motion at the IMU, at 1000 Hz or the log's rate if lower, unfiltered",
+    "physical": "IMU at 100 Hz and GPS at 10 Hz as the car reports them, after its zero-phase filters (5 Hz, 1 Hz)",
+}
+"""Of a run beside the published rows of a platform: what the thesis took. Its simulation logged an IMU at 1000 Hz and
+names no filter (7.1.1); the car logged its IMU at 100 Hz, its GPS at 10 Hz, and filtered both (7.2.1). The simulated
+IMU of the thesis has no noise that it mentions, so it is the truth here."""
+
+FILTERED = "filtered_"
+"""How the columns of metrics from the signals of the physical rows begin; the others have no prefix."""
 
 _ROLL_SUM = "integral_of_roll_rate_as_printed"
 
@@ -50,11 +64,16 @@ class PublishedFigures:
         source: the table it stands in.
     """
 
-    platform: str
+    platform: Platform
     configuration: str
     metrics: TurnMetrics
     roll_sum_as_printed: float
     source: str
+
+    @property
+    def implied_speed(self) -> float:
+        """Mean Kohut over mean yaw rate, m/s: the speed kept in the turn if Kohut is taken sample by sample (E36)."""
+        return self.metrics.average_kohut_deg_m_per_s2 / math.degrees(self.metrics.average_yaw_rate_rad_per_s)
 
 
 @dataclass(frozen=True)
@@ -63,22 +82,22 @@ class Comparison:
 
     Attributes:
         metric: field name of `TurnMetrics`, unit at its end, or the printed roll sum.
-        raw: of the run, signals as logged.
-        filtered: of the run, after the car's filters.
+        platform: of the published figure.
+        ours: of the run, from the signals of that platform (`SIGNALS`).
         published: the published figure.
-        difference: raw - published.
+        difference: ours - published.
         relative: difference / published.
     """
 
     metric: str
-    raw: float
-    filtered: float
+    platform: Platform
+    ours: float
     published: float
 
     @property
     def difference(self) -> float:
-        """Raw less published, in the unit of the metric."""
-        return self.raw - self.published
+        """Ours less published, in the unit of the metric."""
+        return self.ours - self.published
 
     @property
     def relative(self) -> float:
@@ -88,7 +107,7 @@ class Comparison:
 
 def published_figures() -> tuple[PublishedFigures, ...]:
     """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
-    return tuple(_figures(row) for row in _table("manoeuvre_metrics"))
+    return tuple(_figures(row) for row in table_rows("manoeuvre_metrics"))
 
 
 @dataclass(frozen=True)
@@ -101,25 +120,34 @@ class FlipBracket:
 
 def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
     """Published bracket of the simulated car (thesis 7.1.1, 7.1.2; which speed is which: ERRATA E37, E38)."""
-    constants = _constants()
+    constants = _constants("m/s")
     survived = {"tailless": "fastest_simulated_tailless_commanded_speed", "tailed": "simulated_tailed_range_high"}
     return FlipBracket(constants[survived[configuration]], constants[f"simulated_{configuration}_flip_speed"])
 
 
+def inner_lift_yaw_rate() -> float:
+    """Yaw rate up to which both inner wheels of the thesis' simulated car stay on the ground, rad/s (thesis 6.3.4)."""
+    return _constants("rad/s")["tail_trigger_yaw_rate"]
+
+
 def tyre_damping() -> tuple[float, float]:
     """Published damping of a front and of a rear tyre, N s/m (thesis Table 6.1)."""
-    rows = _table("tyre_suspension")
+    rows = table_rows("tyre_suspension")
     named = {row["unit"]: float(row["damping_constant_n_s_per_m"]) for row in rows}
     return named["Front tyres"], named["Back tyres"]
 
 
 def compare_figures(
-    raw: TurnMetrics,
-    filtered: TurnMetrics,
+    ours: TurnMetrics,
     configuration: Literal["tailless", "tailed"],
-    platform: Literal["simulated", "physical"] = "simulated",
+    platform: Platform = "simulated",
 ) -> tuple[Comparison, ...]:
     """Nine comparisons: the eight metrics, and the roll integral once more as the sum of samples that is printed.
+
+    Args:
+        ours: of the run, from the signals of the platform, `RunMetrics.like(platform)`.
+        configuration: of the published row.
+        platform: of the published row.
 
     Raises:
         LogError: nothing is published for that platform and configuration.
@@ -129,18 +157,23 @@ def compare_figures(
         raise LogError(f"no published figures for {platform!r}, {configuration!r}")
     row, sample_time = rows[0], SAMPLE_TIMES[platform]
     eight = [
-        Comparison(name, getattr(raw, name), getattr(filtered, name), getattr(row.metrics, name))
+        Comparison(name, platform, getattr(ours, name), getattr(row.metrics, name))
         for name in (field.name for field in fields(TurnMetrics))
     ]
-    sums = (raw.roll_integral_rad / sample_time, filtered.roll_integral_rad / sample_time)
-    return (*eight, Comparison(_ROLL_SUM, *sums, row.roll_sum_as_printed))
+    printed = Comparison(_ROLL_SUM, platform, ours.roll_integral_rad / sample_time, row.roll_sum_as_printed)
+    return (*eight, printed)
+
+
+def metric_column(metric: str, platform: str) -> str:
+    """Column of a metric in a table of runs, from the signals of a platform's published rows."""
+    return FILTERED + metric if platform == "physical" else metric
 
 
 def _figures(row: dict[str, str]) -> PublishedFigures:
     printed = float(row[_ROLL_SUM])
     direct = {field.name: float(row[field.name]) for field in fields(TurnMetrics) if field.name in row}
     return PublishedFigures(
-        platform=row["platform"],
+        platform=row["platform"],  # type: ignore[arg-type]  # the file holds these two
         configuration=row["configuration"],
         metrics=TurnMetrics(**direct, roll_integral_rad=printed * SAMPLE_TIMES[row["platform"]]),
         roll_sum_as_printed=printed,
@@ -148,10 +181,11 @@ def _figures(row: dict[str, str]) -> PublishedFigures:
     )
 
 
-def _constants() -> dict[str, float]:
-    return {row["name"]: float(row["value_si"]) for row in _table("constants") if row["unit_si"] == "m/s"}
+def _constants(unit: str) -> dict[str, float]:
+    return {row["name"]: float(row["value_si"]) for row in table_rows("constants") if row["unit_si"] == unit}
 
 
-def _table(name: str) -> list[dict[str, str]]:
+def table_rows(name: str) -> list[dict[str, str]]:
+    """Rows of `models/published/NAME.csv`, every cell as printed there."""
     with open(model_path(f"published/{name}.csv"), newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))

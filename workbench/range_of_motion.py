@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from workbench.atomic_write import write_atomically
 from workbench.errors import UserError
+from workbench.parameters import TailParameters
 from workbench.scenario import Scenario, scenario_from_dict
 
 SCHEMA = "aerodima/range-of-motion/1"
@@ -26,11 +27,16 @@ PARTS = ("cage", "deck", "wheels", "ground")
 """What the tail may touch. Deck: chassis, rear deck, electronics and anti-ramp board."""
 
 _TAIL_LINKS = ("tail_rod", "tail_sail")
+_ROUNDING = 1e-8
+"""Under the root of a squared sine: smooth for derivatives, 0.1 mm of a radius of 1 m."""
 _FAR = 0.3
 """m; clearances beyond this are not looked for and count as this."""
 _GROUND_SIZE = 20.0
 _KEPT_PARAMETERS = {
-    "tail": ("length", "sail_length", "sail_width", "mount_x", "mount_height", "roll_limit", "pitch_limit"),
+    "tail": (
+        *("length", "sail_length", "sail_width", "sail_shell_offset", "sail_board_share"),
+        *("mount_x", "mount_height", "roll_limit", "pitch_limit"),
+    ),
     "car": ("track", "wheelbase", "tyre_radius", "tyre_width"),
 }
 
@@ -117,25 +123,30 @@ def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: 
 def ground_clearance(scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0) -> NDArray[Any]:
     """Height of the lowest point of rod and sail above the ground while the car leans, m.
 
-    The car leans about the contact line of its outer wheels: to the right (positive) about the right ones. The sail is
-    the flat plate between its corners; the shell of the drawn sail stands out by up to half its width to one side.
+    The car leans about the contact line of its outer wheels: to the right (positive) about the right ones. A locked
+    sail is the flat plate between its corners; one that turns is the cylinder that it sweeps, board included.
 
     Args:
         scenario: geometry.
         pitch, roll: of the tail, rad.
         car_roll: rad, positive to the right.
     """
-    tail, half_track = scenario.tail, scenario.car.track / 2
+    tail, half_track = scenario.tail, scenario.car.outer_half_track
     pitch, roll, lean = np.asarray(pitch), np.asarray(roll), np.asarray(car_roll)
     low = tail.length - tail.sail_length
-    corners = [(x, z) for x in (-tail.sail_width / 2, tail.sail_width / 2) for z in (low, tail.length)]
-    heights = []
-    for x, z in [*corners, (0.0, 0.0)]:
-        y_B = -z * np.sin(roll)
-        z_B = tail.mount_height + np.cos(pitch) * z * np.cos(roll) - np.sin(pitch) * x
-        side = np.where(np.real(lean) >= 0.0, half_track, -half_track)
-        heights.append((y_B + side) * np.sin(lean) + z_B * np.cos(lean))
-    return np.min(np.broadcast_arrays(*heights), axis=0)
+    side = np.where(np.real(lean) >= 0.0, half_track, -half_track)
+    # Heights over the ground of unit steps along x, y and z of the tail (design section 4).
+    along_x = -np.sin(pitch) * np.cos(lean)
+    along_y = np.cos(roll) * np.sin(lean) + np.cos(pitch) * np.sin(roll) * np.cos(lean)
+    along_z = -np.sin(roll) * np.sin(lean) + np.cos(pitch) * np.cos(roll) * np.cos(lean)
+    root = side * np.sin(lean) + tail.mount_height * np.cos(lean)
+    across: tuple[NDArray[Any], ...]
+    if tail.sail == "locked":
+        across = (-tail.sail_width / 2 * along_x, tail.sail_width / 2 * along_x)
+    else:
+        across = (-tail.sail_reach * np.sqrt(along_x**2 + along_y**2 + _ROUNDING),)
+    heights = [root + z * along_z + x for z in (low, tail.length) for x in across]
+    return np.min(np.broadcast_arrays(root, *heights), axis=0)
 
 
 class _TailQuery:
@@ -149,7 +160,7 @@ class _TailQuery:
         builder = DiagramBuilder()
         built = add_car_plant(builder, scenario)
         self._plant = built.plant
-        self._parts = _make_obstacles(built)
+        self._parts = _make_obstacles(built, None if scenario.tail.sail == "locked" else scenario.tail)
         diagram = builder.Build()
         context = diagram.CreateDefaultContext()
         self._context = self._plant.GetMyMutableContextFromRoot(context)
@@ -170,14 +181,16 @@ class _TailQuery:
         return [least[part] for part in PARTS]
 
 
-def _make_obstacles(built: Any) -> dict[Any, str]:
+def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str]:
     """Gives every drawn shape of car and tail a proximity role, and the ground a body; obstacle -> part.
 
-    Filters leave only the pairs of rod or sail with an obstacle.
+    In the place of a turning sail's shapes stands the cylinder that they sweep. Filters leave only the pairs of rod or
+    sail with an obstacle.
     """
     from pydrake.geometry import (
         Box,
         CollisionFilterDeclaration,
+        Cylinder,
         GeometryInstance,
         GeometrySet,
         ProximityProperties,
@@ -192,6 +205,12 @@ def _make_obstacles(built: Any) -> dict[Any, str]:
     for instance in built.instances:
         for index in plant.GetBodyIndices(instance):
             body = plant.get_body(index)
+            if body.name() == "tail_sail" and turning is not None:
+                middle = RigidTransform(np.array([0.0, 0.0, turning.length - turning.sail_length / 2]))
+                swept = GeometryInstance(middle, Cylinder(turning.sail_reach, turning.sail_length), "swept_sail")
+                swept.set_proximity_properties(ProximityProperties())
+                arm.append(graph.RegisterGeometry(source, plant.GetBodyFrameIdOrThrow(index), swept))
+                continue
             for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(index), Role.kIllustration):
                 graph.AssignRole(source, geometry, ProximityProperties())
                 part = _part(body.name(), inspector.GetName(geometry))
@@ -220,7 +239,7 @@ def _part(body: str, geometry: str) -> str | None:
     """Which of `PARTS` a drawn shape belongs to; None for what the tail need not avoid."""
     if body.endswith("_wheel"):
         return "wheels"
-    if body != "chassis":
+    if body not in ("chassis", "board"):
         return None
     return "cage" if "bar" in geometry or "cage" in geometry else "deck"
 

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from workbench.atomic_write import make_folder, write_atomically
-from workbench.batch import check_workers, run_batch
+from workbench.batch import WORKER_RECORD, check_workers, run_batch
 from workbench.errors import UserError
 from workbench.logs.journal import journal_path
 from workbench.rig_campaign import RigTask
@@ -80,7 +80,7 @@ def run_campaign(
 
     if progress is not None:
         progress(len(tasks) - len(missing), len(tasks))
-    run_batch(partial(_make, out), missing, workers, done, _lost)
+    run_batch(partial(_make, out), missing, workers, done, _lost, record=out / WORKER_RECORD)
     logs = [paths[task.name] for task in tasks if task.name not in failed]
     _write_table(out, [task for task in tasks if task.name not in failed])
     return CampaignResult(logs, failed, len(tasks) - len(missing))

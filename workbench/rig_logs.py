@@ -30,13 +30,14 @@ def sensor_offsets(scenario: RigScenario) -> tuple[float, ...]:
 
 
 def rig_log_metadata(scenario: RigScenario, **facts: Any) -> dict[str, Any]:
-    """Metadata of a rig log: kind, and in `extra` tail, axis, wind_speed_m_per_s, the offsets, and further facts."""
+    """Metadata of a rig log: kind, and in `extra` tail, axis, wind speed, offsets, current sampling and more facts."""
     experiment = scenario.experiment
     extra = {
         "tail": scenario.tail_name,
         "axis": experiment.axis if scenario.has_cheetah_tail else "none",
         "wind_speed_m_per_s": experiment.wind_speed,
         "offsets_to_add": list(sensor_offsets(scenario)),
+        "current_sampling": "mean",
         **facts,
     }
     return run_metadata(scenario.resolved(), scenario.seed, kind=experiment.kind, extra=extra)

@@ -127,6 +127,42 @@ class ForceSensorParameters(QuantityModel):
         return (self.force_range_xy, self.force_range_xy, self.force_range_z, *(self.torque_range,) * 3)
 
 
+class RigUncertaintyParameters(QuantityModel):
+    """Standard deviations of the rig's constants and of its instruments' errors: what every interval of a fit holds.
+
+    A key of zero says that the constant is exact. `wind_speed` and `encoder_gain` are parts of their value.
+    """
+
+    mount_mass: float = quantity("kg", "of mount.mass", ge=0, le=1)
+    mount_com_x: float = quantity("m", "of mount.com_x, the pivot staying where it is", ge=0, le=0.1)
+    mount_com_y: float = quantity("m", "of mount.com_y, the pivot staying where it is", ge=0, le=0.1)
+    pivot_x: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
+    pivot_y: float = quantity("m", "of the pivot from the sensor's measuring point", ge=0, le=0.1)
+    pivot_z: float = quantity("m", "of the height of the pivot over the sensor's measuring point", ge=0, le=0.1)
+    bar_mass: float = quantity("kg", "of bar.mass", ge=0, le=1)
+    bar_com: float = quantity("m", "of bar.com_distance", ge=0, le=0.1)
+    bar_inertia: float = quantity("kg m2", "of bar.inertia_xx", ge=0, le=0.1)
+    bar_width: float = quantity("m", "of bar.width", ge=0, le=0.1)
+    bar_drag: float = quantity("1", "of bar.drag_coefficient", ge=0, le=2)
+    tail_mass: float = quantity("kg", "of the tail's mass", ge=0, le=1)
+    tail_com: float = quantity("m", "of the tail's com_distance", ge=0, le=0.2)
+    tail_gap: float = quantity("m", "of the tail's gap", ge=0, le=0.1)
+    tail_length: float = quantity("m", "of the tail's length", ge=0, le=0.1)
+    tail_width: float = quantity("m", "of the tail's reference width", ge=0, le=0.1)
+    rotor_inertia: float = quantity("kg m2", "of maxon.reflected_inertia", ge=0, le=0.1)
+    torque_constant: float = quantity("N m/A", "of maxon.torque_constant", ge=0, le=1)
+    jet_edge_depth: float = quantity("m", "of tunnel.jet_edge_depth", ge=0, le=0.2)
+    wind_speed: float = quantity("1", "of the wind speed, a part of it", ge=0, le=0.2)
+    air_density: float = quantity("kg/m3", "of environment.air_density", ge=0, le=0.5)
+    coulomb: float = quantity("N m", "of friction.coulomb, where it is not fitted", ge=0, le=1)
+    viscous: float = quantity("N m s/rad", "of friction.viscous, where it is not fitted", ge=0, le=1)
+    encoder_zero: float = quantity("rad", "angle of a reading of zero", ge=0, le=0.5)
+    encoder_gain: float = quantity("1", "of the encoder's scale, a part of it", ge=0, le=0.2)
+    current_bias: float = quantity("A", "of a logged current", ge=0, le=10)
+    current_delay: float = quantity("s", "by which a logged current comes late", ge=0, le=0.1)
+    force_gain: float = quantity("1", "of the force sensor's scale, a part of it", ge=0, le=0.2)
+
+
 class RigAeroParameters(QuantityModel):
     """Coefficients of the tail under test (design section 5)."""
 

@@ -30,6 +30,7 @@ from workbench.rig_parameters import (
     RigAeroParameters,
     RigEncoderParameters,
     RigSimulationParameters,
+    RigUncertaintyParameters,
     RobotRigParameters,
     TunnelParameters,
 )
@@ -63,6 +64,7 @@ class RigScenario(BaseModel):
     friction: FrictionParameters
     tunnel: TunnelParameters
     force_sensor: ForceSensorParameters
+    uncertainty: RigUncertaintyParameters
     aero: RigAeroParameters
     robot: RobotRigParameters
     robot_tail: TailParameters

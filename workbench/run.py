@@ -14,6 +14,7 @@ from workbench.controllers.manoeuvre import make_schedule, run_time
 from workbench.controllers.tail_controller import TailController
 from workbench.controllers.tail_law import TailLaw
 from workbench.controllers.turn_driver import TurnDriver
+from workbench.event_order import Stage
 from workbench.logs.columns import plant_position_columns, sensor_columns
 from workbench.logs.journal import JournalWriter
 from workbench.logs.recorder import RunRecorder, recorded_columns
@@ -121,7 +122,8 @@ def run_scenario(
     metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | law_facts)
     columns = recorded_columns(car.signals)
     with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
-        RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)
+        rate = scenario.simulation.log_rate
+        RunRecorder.add_to_builder(car.builder, journal, car.signals, rate, Stage.RECORD)
         watch = SectionWatch.add_to_builder(car.builder, car.station, scenario.controller.rate)
         simulator = Simulator(car.builder.Build())
         simulator.set_target_realtime_rate(real_time_rate)

@@ -115,6 +115,9 @@ class Scenario(BaseModel):
         return self.model_dump(mode="json", by_alias=True)
 
 
+RETIRED = {"tail": {"sail_centre_of_pressure"}}
+"""Section -> keys that resolved scenarios of earlier versions hold (logs, swing files) and no car needs any more."""
+
 SECTIONS = sections_of(Scenario)
 """Section name -> model; one file of `models/parameters` each."""
 
@@ -158,7 +161,20 @@ def scenario_from_dict(overrides: dict[str, Any], where: str = "scenario") -> Sc
     Raises:
         ScenarioError: unknown key, wrong unit, value out of range, NaN; names the place, the value and what is allowed.
     """
-    return resolve(Scenario, SCENARIO_SCHEMA, default_values(), overrides, where)
+    return resolve(Scenario, SCENARIO_SCHEMA, default_values(), _without_retired(overrides), where)
+
+
+def _without_retired(overrides: dict[str, Any]) -> dict[str, Any]:
+    """A resolved scenario of an earlier version without the keys that are gone; other data as they are.
+
+    Only a whole section can be of an earlier version: in a file that names single keys a retired one is an error.
+    """
+    result = dict(overrides)
+    for section, keys in RETIRED.items():
+        given = overrides.get(section)
+        if isinstance(given, dict) and len(given) > len(SECTIONS[section].model_fields) // 2:
+            result[section] = {key: value for key, value in given.items() if key not in keys}
+    return result
 
 
 def load_scenario(name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> Scenario:

@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 
 from workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
+from workbench.event_order import Stage, period_of
 
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
 
@@ -31,7 +32,7 @@ class SectionWatch(LeafSystem):
         self._validity = self.DeclareVectorInputPort("validity", number)
         self._clear()
         self.DeclareInitializationPublishEvent(self._start)
-        self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._look)
+        self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
 
     @classmethod
     def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float) -> SectionWatch | None:

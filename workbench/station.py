@@ -149,7 +149,7 @@ class _SimulatedCar:
     def _add_steering(self) -> None:
         servo = self._builder.AddNamedSystem(
             "steering_servo",
-            SteeringServo(self._scenario.servo, self._scenario.car, offset=self._scenario.simulation.step),
+            SteeringServo(self._scenario.servo, self._scenario.car),
         )
         actuators = [
             self._plant.get_joint_actuator(index).joint().name()
@@ -188,18 +188,23 @@ class _SimulatedCar:
             zero = self._constant("sail_locked", [0.0])
             angle, rate, sail_age = zero, zero, encoders.GetOutputPort("age")
         else:
-            encoder = SailEncoder.add_to_builder(
-                builder,
-                scenario.sail_encoder,
-                plant=plant,
-                joint=plant.GetJointByName("tail_sail_turn"),
-                seed=scenario.seed,
-            )
+            encoder = self._add_sail_encoder()
             angle, rate, sail_age = (encoder.GetOutputPort(name) for name in ("angle", "rate", "age"))
         state = builder.AddNamedSystem("tail_state", Multiplexer([2, 1, 2, 1]))
         for index, port in enumerate((encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate)):
             builder.Connect(port, state.get_input_port(index))
         return _TailPorts(state.get_output_port(), torque, encoders.GetOutputPort("age"), sail_age, fault=0.0)
+
+    def _add_sail_encoder(self) -> System:
+        """On the joint of a free sail; a sail that faces the wind has no joint, its angle is that of the wind."""
+        builder, scenario, plant = self._builder, self._scenario, self._plant
+        settings, seed = scenario.sail_encoder, scenario.seed
+        if scenario.tail.sail == "free":
+            joint = plant.GetJointByName("tail_sail_turn")
+            return SailEncoder.add_to_builder(builder, settings, plant=plant, joint=joint, seed=seed)
+        encoder = builder.AddSystem(SailEncoder(settings, seed=seed, step=plant.time_step()))
+        builder.Connect(self._tail_force.system.GetOutputPort("wind_direction"), encoder.GetInputPort("plant_state"))
+        return encoder
 
     def _stand_in_for_tail(self) -> _TailPorts:
         for name in ("tail_pitch_command", "tail_roll_command"):
@@ -243,9 +248,9 @@ class _SimulatedCar:
         names = ["body_truth", "contact_truth"]
         if self._car.tail is not None:
             builder.Connect(tail.torque, truth.GetInputPort("tail_torque"))
-            builder.Connect(self._tail_force.GetOutputPort("wrench"), truth.GetInputPort("tail_wrench"))
+            builder.Connect(self._tail_force.wrench, truth.GetInputPort("tail_wrench"))
             for name in ("sections", "validity"):
-                builder.ExportOutput(self._tail_force.GetOutputPort(name), f"tail_{name}_truth")
+                builder.ExportOutput(self._tail_force.system.GetOutputPort(name), f"tail_{name}_truth")
             actuation = builder.GetSubsystemByName("tail_torques").GetOutputPort("actuation")
             builder.ExportOutput(actuation, "tail_actuation_truth")
             names.append("tail_truth")

@@ -8,23 +8,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from workbench.atomic_write import write_atomically
 from workbench.controllers.law_of_scenario import NO_SWING
 from workbench.controllers.swing_law import SwingState
+from workbench.ensemble import BUILT
 from workbench.errors import UserError
 from workbench.logs.schema import RunLog
 from workbench.metrics import Impulses, RunMetrics, TurnMetrics, metrics_of, published_figures, tail_impulses
-from workbench.published import PublishedFigures
+from workbench.published import Platform, PublishedFigures
 from workbench.turn_signals import turn_window
 
 KM_PER_H = 3.6
 """km/h per m/s."""
-
-Platform = Literal["simulated", "physical"]
 
 PUBLISHED_RUNS: dict[tuple[str, int], tuple[tuple[Platform, str], ...]] = {
     ("none", 12): (("simulated", "tailless"), ("physical", "tailless")),
@@ -74,10 +73,16 @@ class RunSummary:
 
 
 def tail_mode_of(scenario: Mapping[str, Any]) -> str:
-    """What the tail does in a resolved scenario: `none`, `held`, `swing`, or `optimised` for a swing from a file."""
-    mode = str(scenario["tail"]["mode"])
-    plays = scenario.get("controller", {}).get("swing_file", NO_SWING) != NO_SWING
-    return "optimised" if mode == "swing" and plays else mode
+    """What the tail does in a resolved scenario: `none`, `held`, `swing`, or a swing that is not the published one.
+
+    Those are `optimised`, played from a file, and `designed`, the published motion of another tail than the built one.
+    """
+    tail = scenario["tail"]
+    if tail["mode"] != "swing":
+        return str(tail["mode"])
+    if scenario.get("controller", {}).get("swing_file", NO_SWING) != NO_SWING:
+        return "optimised"
+    return "swing" if tail.get("name", BUILT) == BUILT else "designed"
 
 
 def summarise(run_log: RunLog, name: str) -> RunSummary:
@@ -116,7 +121,8 @@ def published_for(summary: RunSummary) -> dict[Platform, PublishedFigures]:
 def summary_row(summary: RunSummary) -> dict[str, Any]:
     """One flat row: the run, its metrics, and where they exist the published figures and the differences to them.
 
-    A difference is the raw metric less the published figure. Units are at the end of the names.
+    A difference is the metric, from the signals of that platform (`published.SIGNALS`), less the published figure.
+    Units are at the end of the names.
     """
     metrics = summary.metrics
     row: dict[str, Any] = {
@@ -140,9 +146,9 @@ def summary_row(summary: RunSummary) -> dict[str, Any]:
         row[f"published_{platform}_source"] = None if found is None else found.source
         for field in fields(TurnMetrics):
             figure = None if found is None else getattr(found.metrics, field.name)
-            raw = getattr(metrics.raw, field.name)
+            ours = getattr(metrics.like(platform), field.name)
             row[f"published_{platform}_{field.name}"] = figure
-            row[f"difference_{platform}_{field.name}"] = None if figure is None else raw - figure
+            row[f"difference_{platform}_{field.name}"] = None if figure is None else ours - figure
     return row
 
 

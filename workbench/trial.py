@@ -16,6 +16,7 @@ from pydrake.systems.framework import Context
 
 from workbench.controllers.manoeuvre import run_time
 from workbench.controllers.tail_law import TailLaw
+from workbench.event_order import Stage
 from workbench.logs.recorder import RunRecorder, recorded_columns
 from workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
 from workbench.outcome_record import FlipWatch, OutcomeRecord
@@ -112,6 +113,6 @@ class _Rows:
 
 def _record_everything(car: CarDiagram, scenario: Scenario) -> Callable[[Context], pd.DataFrame]:
     rows = _Rows()
-    RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate)
+    RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
     columns = recorded_columns(car.signals)
     return lambda context: pd.DataFrame(np.array(rows.rows), columns=columns)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import GeometryId
 from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import ContactResults, PointPairContactInfo
+from pydrake.multibody.tree import JointIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from workbench.logs.columns import (
@@ -30,11 +30,16 @@ TAIL_TRUTH = PortFields("TailTruth", tuple(column.name for column in tail_truth_
 WIND_TRUTH = PortFields("WindTruth", tuple(column.name for column in wind_truth_columns()))
 
 
+LEAST_LOAD = 1e-9
+"""N; of a wheel in the air, whose contact point is the origin."""
+
+
 class CarTruth(LeafSystem):
     """What the plant knows and the car does not. Evaluated only when somebody reads it, such as the run log.
 
     Kinematics come from the plant's state through a context of its own; accelerations and contact forces are those of
     the plant's last step (Drake's sampled output ports). Fields, units and axes: `workbench.logs.columns`.
+    Bodies and joints are kept by index: see design section 13.
 
     Input ports:
         plant_state: [q; v] of the plant.
@@ -52,9 +57,9 @@ class CarTruth(LeafSystem):
         self._tail = car_plant.tail
         self._instances = car_plant.instances
         self._kinematics = plant.CreateDefaultContext()
-        self._chassis = plant.GetBodyByName("chassis")
+        self._chassis = plant.GetBodyByName("chassis").index()
         self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
-        self._shaft: Any = plant.GetJointByName("drive_shaft_spin")
+        self._shaft = plant.GetJointByName("drive_shaft_spin").index()
         self._contact_slots = contact_slots(car_plant)
         self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self._acceleration_port = self.DeclareAbstractInputPort(
@@ -66,8 +71,8 @@ class CarTruth(LeafSystem):
         self.DeclareVectorOutputPort("contact_truth", CONTACT_TRUTH.size, self._calc_contact)
         if self._tail is not None:
             self._length = scenario.tail.length
-            self._rod = plant.GetBodyByName("tail_rod")
-            self._tail_joints: list[Any] = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
+            self._rod = plant.GetBodyByName("tail_rod").index()
+            self._tail_joints = [plant.GetJointByName(name).index() for name in ("tail_pitch", "tail_roll")]
             self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
             self._wrench_port = self.DeclareVectorInputPort("tail_wrench", 9)
             self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, self._calc_tail)
@@ -77,12 +82,17 @@ class CarTruth(LeafSystem):
         self._plant.SetPositionsAndVelocities(self._kinematics, state)
         return self._kinematics
 
+    def _rate(self, joint: JointIndex, kinematics: Context) -> float:
+        revolute: Any = self._plant.get_joint(joint)
+        return revolute.get_angular_rate(kinematics)
+
     def _calc_body(self, context: Context, output: BasicVector) -> None:
         kinematics = self._kinematics_at(context)
-        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, self._chassis)
-        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, self._chassis)
+        chassis = self._plant.get_body(self._chassis)
+        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, chassis)
+        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, chassis)
         accelerations: Any = self._acceleration_port.Eval(context)
-        A_WB = accelerations[int(self._chassis.index())]
+        A_WB = accelerations[int(self._chassis)]
         R_WB = X_WB.rotation().matrix()
         angles, gyro, acceleration = motion_at_imu(X_WB, V_WB, A_WB, self._p_BoImu_B)
         com = self._plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
@@ -98,23 +108,24 @@ class CarTruth(LeafSystem):
         ground = dict.fromkeys(GROUND_CONTACTS, 0.0)
         for slot, force, info in ground_forces(results, self._contact_slots):
             if slot in forces:
-                forces[slot] = force
-                points[slot] = info.contact_point()
+                forces[slot] = forces[slot] + force
+                points[slot] = points[slot] + force[2] * info.contact_point()
             else:
                 ground[slot] += float(np.linalg.norm(force))
+        points = {name: place / max(forces[name][2], LEAST_LOAD) for name, place in points.items()}
         kinematics = self._kinematics_at(context)
         torque: Any = self._drive_port.Eval(context)
-        power = float(torque[0]) * self._shaft.get_angular_rate(kinematics)
+        power = float(torque[0]) * self._rate(self._shaft, kinematics)
         output.SetFromVector(np.concatenate([*forces.values(), *points.values(), list(ground.values()), [power]]))
 
     def _calc_tail(self, context: Context, output: BasicVector) -> None:
         kinematics, plant = self._kinematics_at(context), self._plant
-        X_WT = plant.EvalBodyPoseInWorld(kinematics, self._rod)
+        X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
         momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, self._instances[1:], np.zeros(3))
         wrench: Any = self._wrench_port.Eval(context)
         force, moment, p_WTo = wrench[:3], wrench[3:6], wrench[6:]
         torque: Any = self._torque_port.Eval(context)
-        rates = [joint.get_angular_rate(kinematics) for joint in self._tail_joints]
+        rates = [self._rate(joint, kinematics) for joint in self._tail_joints]
         output.SetFromVector(
             np.concatenate(
                 [
@@ -131,31 +142,32 @@ class CarTruth(LeafSystem):
 
 
 def ground_forces(
-    results: ContactResults, slots: dict[GeometryId, str]
+    results: ContactResults, slots: dict[int, str]
 ) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
     """Slot (`contact_slots`), force (3) of the ground on it in W, N, and Drake's account of each contact."""
     for index in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(index)
         pair = info.point_pair()
-        slot = slots.get(pair.id_B)
+        slot = slots.get(pair.id_B.get_value())
         force: Any = info.contact_force()
         if slot is None:
-            yield slots[pair.id_A], -1.0 * force, info
+            yield slots[pair.id_A.get_value()], -1.0 * force, info
         else:
             yield slot, force, info
 
 
-def contact_slots(car_plant: CarPlant) -> dict[GeometryId, str]:
-    """GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`, that it belongs to."""
+def contact_slots(car_plant: CarPlant) -> dict[int, str]:
+    """Value of the GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`, that it belongs to."""
     plant = car_plant.plant
     inspector = car_plant.scene_graph.model_inspector()
-    slots: dict[GeometryId, str] = {}
+    slots: dict[int, str] = {}
     for instance in car_plant.instances:
         for index in plant.GetBodyIndices(instance):
             body = plant.get_body(index)
             for geometry in plant.GetCollisionGeometriesForBody(body):
                 shape = inspector.GetName(geometry).split("::")[-1]
-                slots[geometry] = body.name().removesuffix("_wheel") if shape == "tyre" else shape.split("_")[0]
+                part = body.name().removesuffix("_wheel") if shape.startswith("tyre") else shape.split("_")[0]
+                slots[geometry.get_value()] = part
     return slots
 
 

@@ -1,12 +1,13 @@
 """The signals of one run that metrics are made of, with the sign turned so that the turn is positive.
 
-Ground truth is used where the log has it, otherwise the sensors; `TurnSignals.source` says which. Turning the sign
-makes a left turn and its mirror image in a right turn equal: yaw rate and lateral acceleration are positive into the
-turn, roll and roll rate are positive outwards (to the right in a left turn: a positive rotation about x of B).
+Ground truth is used where the log has it, otherwise the sensors, or the sensors alone; `TurnSignals.source` says which.
+Turning the sign makes a left turn and its mirror image in a right turn equal: yaw rate and lateral acceleration are
+positive into the turn, roll and roll rate are positive outwards (to the right in a left turn: a positive rotation about
+x of B).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +22,8 @@ FloatArray = NDArray[np.float64]
 
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
+_RATE_MARGIN = 0.05
+"""A log is not thinned out for this much of its rate."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,20 @@ class TurnSignals:
     wheel_loads: FloatArray | None
     ground_contact: FloatArray | None
 
+    def sampled(self, rate: float) -> "TurnSignals":
+        """What a logger of `rate` (Hz) would have kept: the newest row at each k / rate; all of a slower log."""
+        count = self.time.size
+        if (count - 1) / (self.time[-1] - self.time[0]) <= rate * (1.0 + _RATE_MARGIN):
+            return self
+        first, last = (math.ceil(self.time[0] * rate - _TIME_MARGIN), math.floor(self.time[-1] * rate + _TIME_MARGIN))
+        rows = np.searchsorted(self.time, np.arange(first, last + 1) / rate + _TIME_MARGIN, side="right") - 1
+        kept: dict[str, Any] = {
+            field.name: values[rows]
+            for field in fields(self)
+            if isinstance(values := getattr(self, field.name), np.ndarray)
+        }
+        return replace(self, **kept)
+
     @property
     def in_window(self) -> NDArray[np.bool_]:
         """Which samples lie in the window, both ends included."""
@@ -69,8 +86,8 @@ class TurnSignals:
         return self.time >= self.window[0] - _TIME_MARGIN
 
 
-def turn_signals(run_log: RunLog) -> TurnSignals:
-    """Signals of a run's turn.
+def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = None) -> TurnSignals:
+    """Signals of a run's turn, from the given source; by default from the truth where the log has it.
 
     Raises:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
@@ -79,10 +96,8 @@ def turn_signals(run_log: RunLog) -> TurnSignals:
     check_time(time)
     sign = turn_sign(run_log)
     window = turn_window(run_log)
-    if run_log.has_truth:
-        named, source = _from_truth(run_log), "truth"
-    else:
-        named, source = _from_sensors(run_log, window), "sensors"
+    source = source or ("truth" if run_log.has_truth else "sensors")
+    named = _from_truth(run_log) if source == "truth" else _from_sensors(run_log, window)
     check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
     if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
         raise LogError(
@@ -94,7 +109,7 @@ def turn_signals(run_log: RunLog) -> TurnSignals:
         time=time,
         window=window,
         sign=sign,
-        source="truth" if source == "truth" else "sensors",
+        source=source,
         speed=named["speed"],
         tilt=named["tilt"],
         wheel_loads=_columns(run_log, [f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS]),

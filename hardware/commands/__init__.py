@@ -6,7 +6,7 @@ from importlib import import_module
 
 import typer
 
-COMMAND_MODULES: tuple[str, ...] = ("console", "drive", "emulate", "firmware")
+COMMAND_MODULES: tuple[str, ...] = ("console", "drive", "emulate", "firmware", "install_files")
 """Modules of this package in the order of the help page; each has `register(app)`."""
 
 

@@ -36,6 +36,9 @@ def console(
     out: Annotated[Path, typer.Option(help="New folder of the emulated car.")] = Path("console_car"),
     wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can; with --emulate.")] = "teensy_bridge",
     view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
+    car_number: Annotated[
+        int, typer.Option("--car", min=0, max=255, help="Number of the car (its ports file); with --radio.")
+    ] = 0,
     record: Annotated[Path, typer.Option(help="File (JSON lines) for what is recorded.")] = Path("console.jsonl"),
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=2; with --emulate.")
@@ -75,8 +78,10 @@ def console(
                 signal.signal(signal.SIGTERM, signal.default_int_handler)  # or nobody would end the car
                 car.start(typer.echo)
                 ports = car.ports
-            device = _device(ports) if ports else ConsoleDevice.model_validate(_radio(radio, receiver))
-            _serve(listener, device, recording, car, scenario)
+            device, number = (
+                _device(ports) if ports else (ConsoleDevice.model_validate(_radio(radio, receiver)), car_number)
+            )
+            _serve(listener, device, recording, car, scenario, number)
         finally:
             if car is not None:
                 car.close()
@@ -86,14 +91,15 @@ def _radio(radio: str | None, receiver: int | None) -> dict[str, object]:
     return {"path": radio, **({} if receiver is None else {"receiver": receiver})}
 
 
-def _device(ports: Path) -> ConsoleDevice:
+def _device(ports: Path) -> tuple[ConsoleDevice, int]:
+    """The console's module and the number of the car."""
     from hardware.wiring.car_ports import read_ports
     from workbench.errors import HardwareError
 
-    device = read_ports(ports).console
-    if device is None:
+    read = read_ports(ports)
+    if read.console is None:
         raise HardwareError(f"{ports}: console: missing; an emulator writes it with `aerodima emulate --console`")
-    return device
+    return read.console, read.car
 
 
 def _serve(
@@ -102,19 +108,28 @@ def _serve(
     recording: ConsoleRecord,
     car: EmulatedCarProcess | None,
     scenario: Scenario,
+    number: int,
 ) -> None:
     from hardware.console.access import Access
     from hardware.console.console import Console, Limits
     from hardware.console.operator_radio import OperatorRadio
     from hardware.console.server import run_server
+    from hardware.transport.device_lock import lock_devices
     from hardware.transport.serial_link import SerialLink
+    from workbench.errors import HardwareError
 
     limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
-    link = SerialLink.open(device.settings)
+    lock = lock_devices([device.path], "a console")
     try:
-        served = Console(OperatorRadio(link, device.receiver, device.escaped), recording, limits, car)
+        link = SerialLink.open(device.settings)
+    except HardwareError:
+        lock.close()
+        raise
+    try:
+        served = Console(OperatorRadio(link, device.receiver, device.escaped, number), recording, limits, car)
         access = Access(listener.getsockname()[1])
         typer.echo(f"open once: {access.url}")
         run_server(listener, served, access, typer.echo)
     finally:
         link.close()
+        lock.close()

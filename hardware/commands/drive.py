@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +14,6 @@ from workbench.help_sections import CAR
 if TYPE_CHECKING:
     from hardware.wiring.base import WiringName
     from hardware.wiring.car_ports import CarPorts
-    from hardware.wiring.wired_car import WiredCar
     from workbench.scenario import Scenario
 
 
@@ -27,7 +27,7 @@ def drive(
         str, typer.Argument(help="Scenario file (YAML), the name of one that ships, or a bundle (.json) of `export`.")
     ],
     ports: Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, see docs/deployment.md.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can.")] = "teensy_bridge",
+    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
     swing: Annotated[str | None, typer.Option(help="Swing file (YAML) to play, or the name of one that ships.")] = None,
     other_car: Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")] = False,
     law: Annotated[str | None, typer.Option(help="Tail law of your own, such as my_law.py:MyLaw.")] = None,
@@ -42,6 +42,19 @@ def drive(
     watchdog_test: Annotated[
         bool, typer.Option("--watchdog-test", help="Cut the link, see the motors off, record it.")
     ] = False,
+    motor_test: Annotated[
+        str | None, typer.Option(help="Move tail_pitch or tail_roll by 5 degrees and back, judge it, and end.")
+    ] = None,
+    zero: Annotated[
+        bool, typer.Option("--zero", help="Tail held upright by hand: write its angles as zeros into the ports file.")
+    ] = False,
+    motors_may_run_on: Annotated[
+        bool,
+        typer.Option(
+            "--motors-may-run-on",
+            help="Real motors on direct_can: accept that they hold their last command when this computer dies.",
+        ),
+    ] = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")] = False,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=3; may be repeated.")
@@ -52,9 +65,10 @@ def drive(
 
     The operator's radio chooses AUTO or MANUAL and must stay alive. Ctrl-C switches the motors off at once.
 
-    Example: aerodima drive auto_turn --ports car.json --wiring direct_can --log run.parquet
+    Example: aerodima drive auto_turn --ports car.json --log run.parquet
     """
     from hardware.drive.session import DriveOptions, run_drive
+    from hardware.held_car import make_car
     from hardware.wiring.car_ports import read_ports
     from workbench.atomic_write import make_folder, refuse_existing
     from workbench.bundle import load_drive
@@ -73,8 +87,18 @@ def drive(
 
         refuse_other_car(chosen)
     car_ports = read_ports(ports)
-    if traffic is not None and name != "direct_can":
-        raise HardwareError(f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with direct_can")
+    if traffic is not None and name == "teensy_bridge":
+        raise HardwareError(
+            f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with direct_can and watched_can"
+        )
+    if name == "direct_can" and not motors_may_run_on:
+        _warn_of_unwatched(name, car_ports, dry_run)
+    if zero:
+        _set_zero(ports, car_ports, name, arm)
+        return
+    if motor_test is not None:
+        _motor_test(chosen, car_ports, name, motor_test, arm)
+        return
     if watchdog_test:
         _watchdog_test(chosen, car_ports, name, arm)
         return
@@ -82,7 +106,9 @@ def drive(
     make_folder(log.parent, LogError)
     law_name = "" if law is None else type(tail_law).__name__
     options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, tail_law=law_name)
-    result = run_drive(_car(chosen, car_ports, name, traffic), chosen, tail_law, car_ports, options, typer.echo)
+    result = run_drive(
+        make_car(chosen, car_ports, name, traffic, typer.echo), chosen, tail_law, car_ports, options, typer.echo
+    )
     if result.log is not None:
         typer.echo(f"log: {result.log}")
     typer.echo(f"ended: {result.reason}", err=not result.orderly)
@@ -96,6 +122,51 @@ def drive(
         raise typer.Exit(2)
 
 
+def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
+    from hardware.first_contact import JOINTS, run_motor_test
+    from hardware.held_car import make_car
+    from workbench.errors import HardwareError
+
+    chosen = next((name for name in JOINTS if name == joint), None)
+    if chosen is None or scenario.tail.mode == "none":
+        raise HardwareError(f"--motor-test {joint}: allowed: {', '.join(JOINTS)}, with a scenario that has a tail")
+    _ask_to_arm(arm)
+    car = make_car(scenario, ports, wiring, say=typer.echo)
+    found = run_motor_test(car, chosen, typer.echo, _eyes(ports, wiring)[0])
+    warm = "not reported" if found.temperature is None else f"{found.temperature:g} degC"
+    torque = f"torque {found.torque:+.2f} N m where {found.wanted:+.2f} is asked for"
+    typer.echo(f"{chosen}: well: moved by {math.degrees(found.moved):+.1f} degrees, {torque}, temperature {warm}")
+
+
+def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
+    from hardware.first_contact import joint_angles, read_motor_angles, write_zeros
+    from workbench.errors import HardwareError
+
+    question = "hold the tail exactly upright, it is let go; type zero to read its angles"
+    if not arm and _typed(question) != "zero":
+        raise HardwareError("zero: nobody said that the tail is held upright; nothing was written")
+    angles = read_motor_angles(ports, wiring)
+    for joint, angle in joint_angles(ports, angles).items():
+        typer.echo(f"{joint}: {math.degrees(angle):+.1f} degrees by the zero of before")
+    write_zeros(path, angles)
+    typer.echo(f"zeros: {', '.join(f'{joint} {angle:.4f} rad' for joint, angle in angles.items())} in {path}")
+    if wiring == "teensy_bridge":
+        typer.echo(f"the firmware limits motor angles: write it anew with `aerodima firmware FOLDER --ports {path}`")
+
+
+def _warn_of_unwatched(wiring: WiringName, ports: CarPorts, dry_run: bool) -> None:
+    """A dry run says what a drive is refused for."""
+    from hardware.watchdog.record import refuse_unwatched
+    from workbench.errors import HardwareError
+
+    try:
+        refuse_unwatched(wiring, ports, accepted=False)
+    except HardwareError as error:
+        if not dry_run:
+            raise
+        typer.echo(f"FAILED  independent watchdog: {error}")
+
+
 def _wiring_name(wiring: str) -> WiringName:
     from hardware.wiring.base import WIRINGS
     from workbench.errors import HardwareError
@@ -106,40 +177,37 @@ def _wiring_name(wiring: str) -> WiringName:
     raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
 
 
-def _car(scenario: Scenario, ports: CarPorts, wiring: WiringName, traffic: Path | None) -> WiredCar:
-    from hardware.watchdog.process import WatchdogProcess
-    from hardware.watchdog.record import require_watchdog_test
-    from hardware.wiring.direct_can import direct_can
-    from hardware.wiring.teensy_bridge import teensy_bridge
-
-    def authorise() -> None:
-        require_watchdog_test(wiring, ports)
-
-    if wiring == "teensy_bridge":
-        return teensy_bridge(scenario, ports, authorise)
-    return direct_can(scenario, ports, authorise, lambda can: WatchdogProcess(can, ports.motor_ids), traffic)
-
-
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from hardware.watchdog.record import is_emulated
     from hardware.watchdog.trial import run_watchdog_test
-    from workbench.errors import HardwareError
 
     typer.echo("the motors are switched on and hold the tail where it is")
-    confirm: Callable[[str], bool] = typer.confirm
-    seen_by = "operator"
-    if is_emulated(wiring, ports):  # there is nothing to be moved by hand
-        confirm, seen_by = (lambda _: True), "emulator"
-    elif not arm and not _confirm():
-        raise HardwareError("not armed: nobody said that the motors may be switched on")
+    confirm, seen_by = _eyes(ports, wiring)
+    _ask_to_arm(arm or seen_by == "emulator")
     record, path = run_watchdog_test(scenario, ports, wiring, confirm, seen_by)
     typer.echo(f"{record.cut}: exit frames after {record.time_to_exit * 1000:.0f} ms")
     typer.echo(f"record: {path}")
 
 
+def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
+    """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be seen."""
+    from hardware.watchdog.record import is_emulated
+
+    return ((lambda _: True), "emulator") if is_emulated(wiring, ports) else (typer.confirm, "operator")
+
+
+def _ask_to_arm(arm: bool) -> None:
+    from workbench.errors import HardwareError
+
+    if not arm and not _confirm():
+        raise HardwareError("not armed: nobody said that the motors may be switched on")
+
+
 def _confirm() -> bool:
-    question = "keep clear of the tail; type arm to switch the motors on"
+    return _typed("keep clear of the tail; type arm to switch the motors on") == "arm"
+
+
+def _typed(question: str) -> str:
     try:
-        return bool(typer.prompt(question, default="", show_default=False) == "arm")
+        return str(typer.prompt(question, default="", show_default=False))
     except typer.Abort:  # nobody is there to answer
-        return False
+        return ""

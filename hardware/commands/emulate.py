@@ -21,7 +21,7 @@ def register(app: typer.Typer) -> None:
 def emulate(
     scenario: Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")],
     out: Annotated[Path, typer.Option(help="New folder for the ports and the logs.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can.")] = "teensy_bridge",
+    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
     faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
     profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
     motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),

@@ -17,33 +17,43 @@ def register(app: typer.Typer) -> None:
 
 def firmware(
     folder: Annotated[Path, typer.Argument(help="New folder for the sketch; its last name is the sketch's.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can.")] = "teensy_bridge",
+    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
     profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
     motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),
     encoder: Annotated[str, typer.Option(help="Part that reads the sail: aeat_6012 or aeat_6010.")] = "aeat_6012",
+    ports: Annotated[
+        Path | None, typer.Option(help="Ports file (JSON): ids, zeros and profile of the motors from there.")
+    ] = None,
+    scenario: Annotated[str, typer.Option(help="Scenario whose tail the limits of the motors are of.")] = "auto_turn",
     published_strings: Annotated[
         bool, typer.Option("--published-strings", help="Strings as printed in the thesis, without checksum.")
     ] = False,
 ) -> None:
     """Write the Teensy's sketch with a config.h made of the parameters, ready for the Arduino IDE.
 
-    Example: aerodima firmware aerodima_teensy --wiring direct_can
+    Example: aerodima firmware aerodima_teensy --ports car.json
     """
     from hardware.firmware.build import firmware_hash
     from hardware.firmware.export import export_sketch
     from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
-    from hardware.protocol.ak70_profiles import firmware_profile
     from hardware.protocol.sail_encoder import encoder_profile
     from hardware.protocol.teensy import StringForm
+    from hardware.wiring.car_ports import SCHEMA, ports_from_dict, read_ports
+    from hardware.wiring.open_ports import firmware_limits
+    from workbench.scenario import load_scenario
 
+    motors = {"tail_pitch": {"motor_id": motor_ids[0]}, "tail_roll": {"motor_id": motor_ids[1]}}
+    bare = {"schema": SCHEMA, "firmware_profile": profile, "teensy": {"path": "-"}, "imu": {"path": "+"}, **motors}
+    car = ports_from_dict(bare, "firmware") if ports is None else read_ports(ports)
     settings = FirmwareSettings(
         wiring,
-        firmware_profile(profile),
+        car.profile,
         load_teensy_timing(),
-        motor_ids,
+        car.motor_ids,
         encoder_profile(encoder),
         StringForm.PUBLISHED if published_strings else StringForm.CHECKED,
+        firmware_limits(load_scenario(scenario), car),
     )
     sketch = export_sketch(settings, folder)
     typer.echo(f"sketch: {sketch}")
-    typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {profile}")
+    typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {car.firmware_profile}")

@@ -12,7 +12,7 @@ from typing import Protocol
 from hardware.protocol.can_frame import FrameError
 from hardware.protocol.car_report import CarReport, decode_report
 from hardware.protocol.radio import OperatorCommand, RadioMode, make_command, make_emergency_stop, make_heartbeat
-from hardware.protocol.xbee import BROADCAST, ApiStream, make_transmit
+from hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_transmit
 from hardware.radio_link import IDLE
 
 _REPEAT = 0.05
@@ -54,18 +54,22 @@ class OperatorRadio:
 
     Args:
         link: open; the caller closes it.
-        receiver: serial number of the car's module.
+        receiver: serial number of the car's module; reports of other modules are not believed. `BROADCAST`: the module
+            that is heard first, as long as this lives.
         escaped: API mode 2.
+        car: its number; reports of another car are not believed.
 
     Attributes:
         stopped_by: what asked for the emergency stop that stays until `reset`; empty for none.
         confirmed: the car has reported that stop.
         mode: of the last command that was passed on.
         report: the car's last one; None before the first.
-        rejected: frames that are no report.
+        rejected: frames that are no report. foreign: reports of other modules or cars.
     """
 
-    def __init__(self, link: Link, receiver: int = BROADCAST, escaped: bool = False) -> None:
+    def __init__(self, link: Link, receiver: int = BROADCAST, escaped: bool = False, car: int = 0) -> None:
+        self._sender = None if receiver == BROADCAST else receiver
+        self._car = car
         self._link, self._receiver, self._escaped = link, receiver, escaped
         self._stream = ApiStream(escaped)
         self._stop_due = math.inf
@@ -76,7 +80,7 @@ class OperatorRadio:
         self.mode = RadioMode.IDLE
         self._rested = False
         self.report: CarReport | None = None
-        self.rejected = 0
+        self.rejected = self.foreign = 0
 
     @property
     def stopped(self) -> bool:
@@ -150,17 +154,24 @@ class OperatorRadio:
             self._losses, self._lost = self._link.losses, now
         for arrival, data in self._link.poll():
             for packet in self._stream.feed(data):
-                self._take(packet.data, arrival)
+                self._take(packet, arrival)
         if self._stops() and now >= self._stop_due:
             self._stop_due = now + _REPEAT
             self._send(self._stops())
 
-    def _take(self, data: bytes, arrival: float) -> None:
+    def _take(self, packet: ReceivedPacket, arrival: float) -> None:
+        if self._sender not in (None, packet.sender):
+            self.foreign += 1
+            return
         try:
-            self.report = decode_report(data)
+            report = decode_report(packet.data)
         except FrameError:
             self.rejected += 1
             return
+        if report.car != self._car:
+            self.foreign += 1
+            return
+        self._sender, self.report = packet.sender, report
         self._heard = arrival
         self.confirmed = self.stopped and self.report.stopped  # a car that is armed anew under a stop is stopped again
 

@@ -22,6 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from hardware.console.access import HOST, Access
 from hardware.console.console import Console
 from hardware.console.messages import read_message
+from hardware.console.waiting import impatient_http
 from workbench.errors import HardwareError, UserError
 
 _TURN, _SHOW = 0.01, 0.05
@@ -29,6 +30,8 @@ _TURN, _SHOW = 0.01, 0.05
 _FAREWELL = 0.3
 """s in which pages hear that the console has failed, before it ends."""
 _MOST_BYTES = 4096
+_BACKLOG = 16
+"""Connections that are accepted in one go; more of them could take every file before the first one is looked at."""
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
 _PAGES = ("index.html", "console.css", "console.js", "gamepads.js", "inputs.js", "news.js", "plots.js")
 Say = Callable[[str], None]
@@ -40,7 +43,7 @@ def open_socket(port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((HOST, port))
-        listener.listen(16)
+        listener.listen(_BACKLOG)
     except (OSError, OverflowError) as error:
         listener.close()
         reason = getattr(error, "strerror", None) or "allowed: 0 to 65535"
@@ -110,22 +113,29 @@ def run_server(listener: socket.socket, console: Console, access: Access, say: S
     def end() -> None:
         server.should_exit = True
 
+    server = make_server(make_app(console, access, say, end))
+    with contextlib.suppress(KeyboardInterrupt):
+        server.run(sockets=[listener])
+    if console.failure:
+        raise HardwareError(f"the console has failed: {console.failure}")
+
+
+def make_server(app: Starlette) -> uvicorn.Server:
+    """The server of the app, with limits for what others send and for what they do not send."""
     config = uvicorn.Config(
-        make_app(console, access, say, end),
+        app,
         log_level="warning",
+        http=impatient_http(),
         ws="websockets-sansio",
         ws_max_size=_MOST_BYTES,
         ws_ping_interval=1.0,
         ws_ping_timeout=2.0,
         ws_per_message_deflate=False,
         server_header=False,
+        backlog=_BACKLOG,
         timeout_graceful_shutdown=1,
     )
-    server = uvicorn.Server(config)
-    with contextlib.suppress(KeyboardInterrupt):
-        server.run(sockets=[listener])
-    if console.failure:
-        raise HardwareError(f"the console has failed: {console.failure}")
+    return uvicorn.Server(config)
 
 
 async def _watched(console: Console, task: Coroutine[Any, Any, None]) -> None:

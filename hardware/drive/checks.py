@@ -79,6 +79,19 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
     return [*checks, _gps_clock(gps_time)]
 
 
+_WATCHES = {
+    "teensy_bridge": "the Teensy, on the motors' bus",
+    "watched_can": "a process of this computer, and the Teensy on the motors' bus",
+    "direct_can": "a process of this computer only: if both die together the motors hold their last command",
+}
+
+
+def watchdog_check(wiring: str, unwatched: str) -> Check:
+    """Who switches the motors off when this program dies, and whether it answers."""
+    passed = False if unwatched else None if wiring == "direct_can" else True
+    return Check("watchdog", passed, unwatched or _WATCHES[wiring])
+
+
 def motor_checks(car: WiredCar, scenario: Scenario, ports: CarPorts, safety: DriveSafety) -> list[Check]:
     """Firmware profile by the replies, and the zero by where the tail is held; with the motors holding."""
     checks = []

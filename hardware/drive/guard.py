@@ -9,9 +9,10 @@
    |                                                                                    | after `after_exit`
    +--------------------- reset, by hand ------------------------------------------- STOPPED
 ```
-Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the run is over. Hard: the
-operator's emergency stop, a fault of a motor, a bus or the Teensy, a command that is not finite, a loop that comes too
-late, a signal. Every reason means throttle 0 and steering 0 in the same cycle, and stays until `reset`.
+Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the car is too fast, the run
+is over. Hard: the operator's emergency stop, a fault of a motor, a bus or the Teensy, a car that has tipped over, a
+command that is not finite, a loop that comes too late, a signal. Every reason means throttle 0 and steering 0 in the
+same cycle, and stays until `reset`.
 
 A switch that stands on AUTO, MANUAL or CONTROL while the car is being armed moves nothing: the operator must be heard
 in IDLE once the motors hold, and only what is chosen after that is obeyed.
@@ -20,8 +21,10 @@ in IDLE once the motors hold, and only what is chosen after that is obeyed.
 from __future__ import annotations
 
 from array import array
+from dataclasses import replace
 from enum import IntEnum
 
+from hardware.drive.limits import DriveLimits
 from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import RadioMode
 from hardware.wiring.base import CarCommand, CarReading, SourceFault, Wiring
@@ -75,6 +78,7 @@ class CarGuard:
     def __init__(self, wiring: Wiring, safety: DriveSafety, has_tail: bool = True) -> None:
         self.wiring = wiring
         self._safety = safety
+        self._limits = DriveLimits(safety)
         self._has_tail = has_tail
         self.stage = Stage.READY
         self.reason = ""
@@ -193,7 +197,11 @@ class CarGuard:
         """The second half: the command of driver and tail law, if the car drives; otherwise throttle 0."""
         if self.stage is Stage.DRIVING and not command.finite:
             self.stop("the controller commands NaN or infinity", now, hard=True)
-        self.wiring.write(command if self.stage is Stage.DRIVING else CarCommand(), now)
+        if self.stage is Stage.DRIVING:
+            self.wiring.write(replace(command, throttle=self._limits.throttle(command.throttle, now)), now)
+        else:
+            self._limits.rest()
+            self.wiring.write(CarCommand(), now)
 
     def _look_at_clock(self, now: float, due: float | None) -> None:
         self.lateness = 0.0 if due is None else now - due
@@ -219,6 +227,8 @@ class CarGuard:
 
     def _judge(self, now: float) -> None:
         hard, reason = self._reason(self.reading)
+        tilt, speed = self._limits.tilt(self.reading, now), self._limits.too_fast(self.reading, now)
+        hard, reason = hard or bool(tilt), reason or tilt or speed
         armed = self.reading.status[_ARMED] == 1.0
         if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
             hard, reason = True, reason or "the tail motors are off"

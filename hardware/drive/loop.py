@@ -11,6 +11,7 @@ import numpy as np
 from hardware.drive.guard import CarGuard, Stage
 from hardware.drive.pilots import Pilot, PilotStep
 from hardware.drive.run_journal import RunJournal
+from hardware.latency import SWITCH_INTERVAL
 from hardware.wiring.base import CarCommand, CarReading
 from workbench.logs.unwrapping import RowUnwrapper
 from workbench.scenario import Scenario
@@ -25,8 +26,14 @@ Wait = Callable[[float], None]
 
 
 def wait_until(due: float) -> None:
-    """Sleeps until `time.monotonic()` is `due`; returns at once when it is later."""
-    time.sleep(max(0.0, due - time.monotonic()))
+    """Sleeps until `time.monotonic()` is `due`; returns at once when it is later.
+
+    A thread that wakes up must wait for the interpreter until a thread that computes lets go of it, `SWITCH_INTERVAL`
+    at most: it wakes up that much earlier and looks at the clock for the rest.
+    """
+    time.sleep(max(0.0, due - time.monotonic() - SWITCH_INTERVAL))
+    while time.monotonic() < due:
+        pass
 
 
 class Row:

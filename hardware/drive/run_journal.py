@@ -17,12 +17,15 @@ from workbench.errors import LogError
 from workbench.logs.columns import sensor_columns
 from workbench.logs.journal import JournalWriter
 from workbench.logs.schema import run_metadata
+from workbench.realtime import restore_ordinary
 from workbench.scenario import Scenario
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
 """Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
 clock of the run. The Teensy's clock is aligned by `hardware.clock_alignment`."""
 _MOST_WAITING = 3000
+_FLUSH = 0.08
+"""s; with the period of the loop, what a killed drive loses stays below 0.1 s."""
 _LAST_WAIT = 5.0
 """For the disk at the end of the drive, s."""
 
@@ -42,7 +45,7 @@ class RunJournal(JournalWriter):
     """
 
     def __init__(self, path: Path, columns: Sequence[str], metadata: Mapping[str, Any], force: bool = False) -> None:
-        super().__init__(path, columns, metadata, force)
+        super().__init__(path, columns, metadata, force, flush_interval=_FLUSH)
         self.columns = list(columns)
         self.error = ""
         self.lost = 0
@@ -94,6 +97,7 @@ class RunJournal(JournalWriter):
             super().abandon()
 
     def _write(self) -> None:
+        restore_ordinary()  # a log may wait; the loop that started this thread may not
         while (row := self._waiting.get()) is not None:
             if self.error:
                 self.lost += 1

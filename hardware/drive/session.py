@@ -15,15 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.drive.checks import Check, desk_checks, device_checks, motor_checks, refuse_failed
+from hardware.drive.checks import Check, desk_checks, device_checks, motor_checks, refuse_failed, watchdog_check
 from hardware.drive.guard import CarGuard, Stage
 from hardware.drive.loop import idle_until, run_loop
 from hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
 from hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
+from hardware.drive.standstill import standstill_checks
 from hardware.drive.stop_signals import stop_on_signals
-from hardware.latency import prefer_latency, restore_latency
+from hardware.latency import DRIVE_PRIORITY, prefer_latency, restore_latency
 from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import RadioMode
+from hardware.sensors.bno055 import Bno055Sample
 from hardware.wiring.base import SourceFault
 from hardware.wiring.car_ports import CarPorts
 from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
@@ -33,6 +35,7 @@ from workbench.controllers.tail_law import TailLaw
 from workbench.errors import HardwareError
 from workbench.logs.schema import TAIL_LAW
 from workbench.ports import STATUS
+from workbench.realtime import is_realtime, prefer_realtime, restore_ordinary
 from workbench.scenario import Scenario
 
 _HOUR = 3600.0
@@ -105,6 +108,8 @@ def run_drive(
         guard.stop(name, time.monotonic(), hard=True)
 
     with stop_on_signals(stop) as came:
+        scheduling = prefer_realtime(DRIVE_PRIORITY)
+        say(str(Check("scheduling", True if is_realtime() else None, scheduling)))
         try:
             car.start()
             result = _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say), came)
@@ -115,6 +120,7 @@ def run_drive(
         finally:
             car.stop(guard.reason or "the drive is over")
             restore_latency()
+            restore_ordinary()
     return replace(result, traffic_error=car.traffic_error)
 
 
@@ -133,7 +139,9 @@ class _Drive:
 def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
     guard, options = drive.guard, drive.options
     _wait_for_devices(drive)
-    _tell(device_checks(guard.reading, _gps_time(drive.car), drive.safety), drive.say, refuse=not options.dry_run)
+    checks = device_checks(guard.reading, _gps_time(drive.car), drive.safety)
+    checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
+    _tell(checks, drive.say, refuse=not options.dry_run)
     journal = open_run_journal(options.log, drive.scenario, drive.car.name, options.force)
     try:
         run = _prepare(drive, journal)
@@ -150,13 +158,13 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
 
 
 def _wait_for_devices(drive: _Drive) -> None:
-    """Until sail, IMU, GPS and operator are heard; what is still silent then is named by the checks."""
+    """Until sail, IMU, GPS, operator and watchdog are heard; what is still silent then is named by the checks."""
     faults = [STATUS.index(f"{source}_fault") for source in ("sail", "imu", "speed", "operator")]
     # A Teensy that heard nothing yet reports that its watchdog has acted; an IMU that is being set up counts as lost.
     waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT, SourceFault.REPORTED, SourceFault.LOST)
     idle_until(
         drive.guard,
-        lambda: not any(drive.guard.reading.status[index] in waiting for index in faults),
+        lambda: not (any(drive.guard.reading.status[index] in waiting for index in faults) or drive.car.unwatched),
         drive.safety.answer_timeout,
     )
 
@@ -164,8 +172,23 @@ def _wait_for_devices(drive: _Drive) -> None:
 def _arm_and_choose(drive: _Drive) -> RadioMode:
     idle_until(drive.guard, lambda: False, 0.1)  # what came while the diagram was built
     _ask(drive)
+    _look_at_standing_car(drive)
     _arm(drive)
     return _wait_for_operator(drive)
+
+
+def _look_at_standing_car(drive: _Drive) -> None:
+    """Refuses a car that is moved, lies on its side, or whose IMU has frozen."""
+    seen: dict[float, Bno055Sample] = {}
+    imu = None if drive.car.devices is None else drive.car.devices.imu
+
+    def collect() -> bool:
+        if imu is not None and imu.newest is not None:
+            seen[imu.newest[0]] = imu.newest[1]
+        return False
+
+    idle_until(drive.guard, collect, drive.safety.still_time)
+    _tell(standstill_checks(list(seen.values()), drive.guard.reading.imu, drive.safety), drive.say)
 
 
 def _ask(drive: _Drive) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import can
 
@@ -15,13 +15,15 @@ from hardware.transport.traffic_log import TrafficLog
 
 
 class EmulatedBus:
-    """Whoever owns the bus gives it frames and gets the answers.
+    """Whoever owns the bus gives it frames and gets the answers; a second node may hear all and send too.
 
     Bus-off is a state of the owner's controller: nothing goes out and nothing comes in until its channel is opened anew
     or the fault ends.
 
     Attributes:
         frames: carried so far, answers included.
+        watch: hears every frame of the owner and of the motors, when a second node is on the bus.
+        to_owner: hears what the second node sends, and what the motors answer to it.
     """
 
     def __init__(self, motors: Sequence[EmulatedMotor], board: FaultBoard, log: TrafficLog) -> None:
@@ -29,6 +31,8 @@ class EmulatedBus:
         self._board, self._log = board, log
         self._healed = False
         self.frames = 0
+        self.watch: Callable[[CanFrame], None] | None = None
+        self.to_owner: Callable[[CanFrame], None] | None = None
 
     @property
     def off(self) -> bool:
@@ -43,6 +47,19 @@ class EmulatedBus:
         """Takes a frame of the owner; the motors' answers."""
         if self.off:
             return []
+        answers = self._pass_on(frame)
+        if self.watch is not None:
+            for heard in (frame, *answers):
+                self.watch(heard)
+        return answers
+
+    def carry_from_watch(self, frame: CanFrame) -> None:
+        """Takes a frame of the second node."""
+        for heard in (frame, *self._pass_on(frame)):
+            if self.to_owner is not None and not self.off:
+                self.to_owner(heard)
+
+    def _pass_on(self, frame: CanFrame) -> list[CanFrame]:
         self._note(frame, received=False)
         motor = None if frame.extended else self._motors.get(frame.arbitration_id)
         answers = motor.receive(frame.data) if motor is not None and len(frame.data) == 8 else []

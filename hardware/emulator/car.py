@@ -13,6 +13,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from hardware.drive.run_journal import RunJournal
 from hardware.protocol.ak70 import MitCommand
+from workbench.event_order import Stage
 from workbench.logs.columns import sensor_columns
 from workbench.logs.recorder import RunRecorder, recorded_columns
 from workbench.logs.schema import run_metadata
@@ -72,7 +73,7 @@ class EmulatedCar:
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
         self._journal = RunJournal(log, recorded_columns(signals), metadata)  # a disk that is asked to sync may wait
-        RunRecorder.add_to_builder(builder, self._journal, signals, log_rate)
+        RunRecorder.add_to_builder(builder, self._journal, signals, log_rate, Stage.RECORD)
         self._simulator = Simulator(builder.Build())
         self._context: Any = self._simulator.get_mutable_context()
         self._simulator.Initialize()

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hardware.emulator.bus import EmulatedBus
 from hardware.emulator.car import EmulatedCar
 from hardware.emulator.events import EventLog
@@ -35,15 +37,19 @@ from hardware.emulator.script import JOINTS, Device, Fault, Script, load_emulato
 from hardware.emulator.serial_devices import CAR, EmulatedAir, EmulatedGps, EmulatedImu, EmulatedOperator
 from hardware.emulator.slcan import SlcanAdapter
 from hardware.emulator.teensy import EmulatedTeensy
-from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
-from hardware.latency import prefer_latency
+from hardware.firmware.settings import FirmwareSettings, MotorLimits, load_teensy_timing
+from hardware.latency import EMULATOR_PRIORITY, prefer_latency
 from hardware.protocol.ak70_profiles import AK70_10_V1_0_8, FirmwareProfile
 from hardware.protocol.teensy import StringForm
 from hardware.transport.traffic_log import TrafficLog
 from hardware.wiring.base import WiringName
 from hardware.wiring.car_ports import SCHEMA as PORTS_SCHEMA
+from hardware.wiring.car_ports import CarPorts
+from hardware.wiring.drive_safety import load_drive_safety
 from hardware.wiring.mounting import load_mounting
+from hardware.wiring.open_ports import firmware_limits
 from workbench.errors import HardwareError
+from workbench.realtime import prefer_realtime
 from workbench.scenario import Scenario
 
 _TURN = 0.001
@@ -92,7 +98,12 @@ class Emulator:
 
     def __init__(self, settings: EmulatorSettings) -> None:
         firmware = FirmwareSettings(
-            settings.wiring, settings.profile, load_teensy_timing(), settings.motor_ids, form=settings.form
+            settings.wiring,
+            settings.profile,
+            load_teensy_timing(),
+            settings.motor_ids,
+            form=settings.form,
+            limits=_limits_of(settings),
         )
         self._settings, self._folder = settings, settings.folder
         self._numbers = load_emulator_numbers()
@@ -108,6 +119,7 @@ class Emulator:
         self._view = _open_view() if settings.view else None
         self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts, self._view)
         self._sample_due = 0.0
+        self._tipped, self._tipping_angle = False, load_drive_safety().attitude_limit
         self._begin = time.monotonic()
 
     def _make_devices(self, firmware: FirmwareSettings) -> None:
@@ -119,11 +131,19 @@ class Emulator:
             if settings.scenario.tail.mode != "none"
         ]
         bus = EmulatedBus(self._motors, board, self._log)
-        direct = settings.wiring == "direct_can"
+        direct, watched = settings.wiring != "teensy_bridge", settings.wiring == "watched_can"
         self._adapter = SlcanAdapter(bus, board) if direct else None
         self._teensy = EmulatedTeensy(
-            firmware, None if direct else bus, board, self._events, self._numbers.restart_time, time.monotonic()
+            firmware,
+            bus if watched or not direct else None,
+            board,
+            self._events,
+            self._numbers.restart_time,
+            time.monotonic(),
+            watches=watched,
         )
+        if watched and self._adapter is not None:
+            bus.to_owner = self._adapter.hear
         self._imu = EmulatedImu(self._mounting, board)
         self._gps = EmulatedGps(settings.scenario.gps.rate, board)
         entries = () if settings.console else settings.script.operator
@@ -142,6 +162,8 @@ class Emulator:
         """Serves until `stop` or the duration; what came out, also in the last event. ready: called when it begins."""
         step = self._settings.scenario.simulation.step
         self._advance(step)  # the first step takes twenty times as long as the others
+        scheduling = prefer_realtime(EMULATOR_PRIORITY)
+        self._events.add("scheduling", applies=scheduling)
         prefer_latency()  # a collection that looks through all of Drake's objects would stop the car for 30 ms
         self._begin = time.monotonic() - step
         self._board.begin("start", self._begin)
@@ -174,6 +196,7 @@ class Emulator:
             now = time.monotonic()
             self._look(now)
             self._write("teensy", self._teensy.turn(now))
+            self._pass_on_heard()
             self._write("radio", self._operator.turn(now))
             open_ports = [port for port in self._ports.values() if port.plugged]
             readable, _, _ = select.select(open_ports, [], [], min(_TURN, max(0.0, due - now)))
@@ -190,6 +213,9 @@ class Emulator:
             self._write("teensy", self._teensy.turn(now))
         elif name == "can" and self._adapter is not None:
             self._write("can", self._adapter.feed(data))
+            if self._settings.wiring == "watched_can":  # the Teensy answers a heartbeat at once
+                self._write("teensy", self._teensy.turn(now))
+                self._pass_on_heard()
         elif name == "imu":
             self._imu.set_reading(self._car.output("imu"))
             self._write("imu", self._imu.feed(data))
@@ -199,6 +225,10 @@ class Emulator:
             self._write("console", self._air.to_console(data))
         elif name == "radio":
             self._operator.hear(data)
+
+    def _pass_on_heard(self) -> None:
+        if self._adapter is not None:
+            self._write("can", self._adapter.take())
 
     def _write(self, name: Device, data: bytes) -> None:
         if data:
@@ -232,8 +262,12 @@ class Emulator:
             self._sample(time_s)
 
     def _sample(self, time_s: float) -> None:
-        """What GPS and sail measure anew; the slower GPS keeps its own pace."""
+        """What GPS and sail measure anew; the slower GPS keeps its own pace. A car that tips over is an event."""
         car = self._car
+        tipped = bool(np.max(np.abs(car.output("imu")[:2])) > self._tipping_angle)
+        if tipped and not self._tipped:
+            self._events.add("tipped")
+        self._tipped = tipped
         self._write("gps", self._gps.turn(float(car.output("speed")[0]), time_s))
         if car.has_tail:
             self._teensy.set_sail(self._mounting.encoder_angle(float(car.output("tail_state")[2])))
@@ -287,6 +321,20 @@ def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: emulator.stop())
     return emulator.run(ready)
+
+
+def _limits_of(settings: EmulatorSettings) -> tuple[MotorLimits, MotorLimits] | None:
+    """As `aerodima firmware` exports them; None for a car without a tail."""
+    ports = CarPorts.model_validate(
+        {
+            "schema": PORTS_SCHEMA,
+            "firmware_profile": settings.profile.name,
+            "teensy": {"path": "-"},
+            "imu": {"path": "-"},
+            **{joint: {"motor_id": number} for joint, number in zip(JOINTS, settings.motor_ids, strict=True)},
+        }
+    )
+    return firmware_limits(settings.scenario, ports)
 
 
 def _open_view() -> Any:

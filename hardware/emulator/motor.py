@@ -49,7 +49,7 @@ class EmulatedMotor:
         self._profile, self._numbers, self._board, self._events = profile, numbers, board, events
         self._zero, self._direction = zero, direction
         self._command = NEUTRAL
-        self._angle = self._speed = self._torque = 0.0
+        self._angle = self._speed = self._torque = self._blocked_at = 0.0
         self.entered = False
 
     @property
@@ -80,8 +80,9 @@ class EmulatedMotor:
                 self._command = decode_command(data, self._profile)
             except FrameError:
                 return []  # a real one has no way to complain
-        if self._board.entry(Fault.MOTOR_FAULT, self.joint) and self.entered:
-            self._set_entered(False, "its own fault")
+        for fault in (Fault.MOTOR_FAULT, Fault.MOTOR_OFF):
+            if self._board.entry(fault, self.joint) and self.entered:
+                self._set_entered(False, "its own fault" if fault is Fault.MOTOR_FAULT else "by itself")
         return self._answers()
 
     def _obey_special(self, last: int) -> None:
@@ -103,6 +104,9 @@ class EmulatedMotor:
         numbers, board, profile = self._numbers, self._board, self._profile
         fault = board.entry(Fault.MOTOR_FAULT, self.joint)
         hot = board.entry(Fault.OVER_TEMPERATURE, self.joint)
+        if board.entry(Fault.BLOCKED, self.joint):
+            return self._blocked_reply()
+        self._blocked_at = self._angle
         angle = self._angle
         if board.entry(Fault.ENCODER_JUMP, self.joint):
             angle += numbers.encoder_jump
@@ -121,6 +125,14 @@ class EmulatedMotor:
             ),
             profile,
         )
+
+    def _blocked_reply(self) -> CanFrame:
+        """Of a joint that is held where it was when the fault came: all of the torque works against what holds it."""
+        command, profile = self._command if self.entered else NEUTRAL, self._profile
+        torque = command.kp * (command.position - self._blocked_at) + command.kd * command.velocity + command.torque
+        torque = min(max(torque, -profile.torque), profile.torque)
+        long_form = (self._numbers.temperature, 0) if 8 in profile.reply_lengths else (None, None)
+        return make_reply(MitReply(self.motor_id, self._blocked_at, 0.0, torque, *long_form), profile)
 
     def _answers(self) -> list[CanFrame]:
         frame, board, joint = self._reply(), self._board, self.joint

@@ -50,8 +50,14 @@ class Fault(StrEnum):
     MOTOR_FAULT = "motor_fault"
     ENCODER_JUMP = "encoder_jump"
     OUT_OF_RANGE = "out_of_range"
+    MOTOR_OFF = "motor_off"
+    BLOCKED = "blocked"
     BUS_OFF = "bus_off"
     TEENSY_HUNG = "teensy_hung"
+    TEENSY_OFF_BUS = "teensy_off_bus"
+    TIPPED_OVER = "tipped_over"
+    OVER_SPEED = "over_speed"
+    IMU_FROZEN = "imu_frozen"
     SILENT = "silent"
     UNPLUGGED = "unplugged"
     SERIAL_NOISE = "serial_noise"
@@ -91,10 +97,11 @@ class FaultEntry(_Entry):
 class OperatorEntry(_Entry):
     """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop: emergency stop.
 
-    mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before.
+    mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before; `manual_when_asked`
+    likewise.
     """
 
-    mode: Literal["idle", "manual", "auto", "control", "auto_when_asked"] = "auto_when_asked"
+    mode: Literal["idle", "manual", "auto", "control", "auto_when_asked", "manual_when_asked"] = "auto_when_asked"
     throttle: float = Field(default=0.0, ge=-1.0, le=1.0)
     steering: float = Field(default=0.0, ge=-3.14, le=3.14)
     pitch_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
@@ -103,8 +110,9 @@ class OperatorEntry(_Entry):
 
     def command(self, asked: bool) -> OperatorCommand:
         """As a frame carries it; `asked`: the car asks for a choice, or did so last."""
-        if self.mode == "auto_when_asked":
-            mode = RadioMode.AUTO if asked else RadioMode.IDLE
+        chosen, waits, _ = self.mode.partition("_when_asked")
+        if waits:
+            mode = RadioMode[chosen.upper()] if asked else RadioMode.IDLE
         else:
             mode = RadioMode[self.mode.upper()]
         return OperatorCommand(mode, self.throttle, self.steering, self.pitch_tail, self.roll_tail)

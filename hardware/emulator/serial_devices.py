@@ -20,6 +20,8 @@ from hardware.wiring.mounting import Mounting
 
 _DAY = 86_400.0
 _STOP_FRAMES = 3
+_ON_ITS_SIDE, _TOO_FAST = 1.57, 9.0
+"""Roll (rad) and speed (m/s) that the faults `tipped_over` and `over_speed` report."""
 OPERATOR, CAR = 0x0013_A200_4000_0001, 0x0013_A200_4000_0002
 """64-bit serial numbers of the emulated modules of operator and car; the first half is the maker's."""
 
@@ -44,9 +46,15 @@ class EmulatedImu:
 
     def __init__(self, mounting: Mounting, board: FaultBoard) -> None:
         self._mounting, self._line, self._chip = mounting, _Line("imu", board), Bno055Chip()
+        self._board, self._sampled = board, False
 
     def set_reading(self, reading: np.ndarray) -> None:
         """(9,) as `workbench.ports.IMU`."""
+        if self._board.entry(Fault.IMU_FROZEN) and self._sampled:
+            return
+        self._sampled = True
+        if self._board.entry(Fault.TIPPED_OVER):
+            reading = np.array([_ON_ITS_SIDE, *reading[1:]])
         self._chip.set_sample(self._mounting.imu_sample(reading))
 
     def feed(self, data: bytes) -> bytes:
@@ -59,12 +67,15 @@ class EmulatedGps:
 
     def __init__(self, rate: float, board: FaultBoard) -> None:
         self._period, self._next, self._line = 1.0 / rate, 0.0, _Line("gps", board)
+        self._board = board
 
     def turn(self, speed: float, now: float) -> bytes:
         """Bytes that are due; speed in m/s."""
         if now < self._next:
             return b""
         self._next = max(self._next + self._period, now)
+        if self._board.entry(Fault.OVER_SPEED):
+            speed = _TOO_FAST
         sample = GpsSample(max(0.0, speed), 0.05, True, 12, time.time() % _DAY)
         return self._line.through(make_nav_pvt(sample, tow=now))
 

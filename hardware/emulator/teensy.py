@@ -11,6 +11,7 @@ from hardware.emulator.fault_board import FaultBoard
 from hardware.emulator.script import Fault
 from hardware.firmware.core import CoreState, TeensyCore
 from hardware.firmware.settings import FirmwareSettings
+from hardware.protocol.can_frame import CanFrame
 from hardware.protocol.sail_encoder import encode_angle
 from hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
 
@@ -21,7 +22,7 @@ class EmulatedTeensy:
     A hung Teensy does nothing, its outputs stay as they are; the processor's own watchdog restarts it after a while.
 
     Args:
-        bus: None in the wiring `direct_can`.
+        bus: None in the wiring `direct_can`. watches: it is the second node there, beside the computer's adapter.
         restart_time: s, of the processor's watchdog.
     """
 
@@ -33,7 +34,11 @@ class EmulatedTeensy:
         events: EventLog,
         restart_time: float,
         now: float,
+        watches: bool = False,
     ) -> None:
+        self._watches = watches
+        if watches and bus is not None:
+            bus.watch = self._hear
         self._settings, self._bus, self._board, self._events = settings, bus, board, events
         self._restart_time = restart_time
         self._core = TeensyCore(settings, now)
@@ -67,7 +72,11 @@ class EmulatedTeensy:
             return b""
         self._core.step(now)
         for frame in self._core.frames():
-            if self._bus is not None:
+            if self._board.entry(Fault.TEENSY_OFF_BUS) is not None:
+                continue
+            if self._watches and self._bus is not None:
+                self._bus.carry_from_watch(frame)
+            elif self._bus is not None:
                 for answer in self._bus.carry(frame):
                     self._core.receive(answer)
         self._core.step(now)  # a reply that waited for the motors goes out at once
@@ -78,6 +87,11 @@ class EmulatedTeensy:
         if reply and self._board.meets(Fault.SERIAL_NOISE, "teensy"):
             return self._random.randbytes(12) + reply[7:]
         return reply
+
+    def _hear(self, frame: CanFrame) -> None:
+        runs = self._hung_since is None or math.isinf(self._hung_since)
+        if runs and self._board.entry(Fault.TEENSY_OFF_BUS) is None:
+            self._core.receive(frame)
 
     def _runs(self, now: float) -> bool:
         if self._board.entry(Fault.TEENSY_HUNG) is None:

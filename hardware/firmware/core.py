@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from ctypes import POINTER, Structure, c_char_p, c_double, c_int, c_int32, c_size_t, c_uint8, c_uint32, c_void_p
 from dataclasses import astuple, dataclass
 from functools import cache
 from typing import Any
 
 from hardware.firmware.build import build_core
-from hardware.firmware.settings import FirmwareSettings, milliseconds
+from hardware.firmware.settings import FirmwareSettings, MotorLimits, milliseconds
 from hardware.protocol.ak70 import MitCommand, MitReply
 from hardware.protocol.ak70_profiles import FirmwareProfile
 from hardware.protocol.can_frame import CanFrame, FrameError
 from hardware.protocol.teensy import (
+    Attitude,
     MotorOrder,
     MotorRequest,
     StringForm,
@@ -24,6 +26,7 @@ from hardware.protocol.teensy import (
 
 _WRAP = 1 << 32
 _LONGEST = 512
+_UNKNOWN_AGE = 65535
 
 
 class _Frame(Structure):
@@ -37,17 +40,31 @@ class _Profile(Structure):
     )
 
 
+class _Limits(Structure):
+    _fields_ = tuple(
+        (name, c_double) for name in ("low", "high", "speed", "torque", "kp", "kd", "rated_torque", "budget")
+    )
+
+
 class _Config(Structure):
     _fields_ = (
         ("profile", _Profile),
+        ("limits", _Limits * 2),
+        *((name, c_double) for name in ("attitude_limit", "throttle_start", "throttle_rate")),
         ("owns_can", c_int32),
+        ("watches_bus", c_int32),
         ("checked", c_int32),
         *(
             (name, c_uint32)
-            for name in ("watchdog_ms", "exit_burst", "exit_cycles", "exit_cycle_ms", "reminder_ms", "reply_wait_ms")
+            for name in (
+                *("watchdog_ms", "exit_burst", "exit_cycles", "exit_cycle_ms", "reminder_ms", "reply_wait_ms"),
+                *("attitude_ms", "attitude_age_ms"),
+            )
         ),
         ("sail_bits", c_int32),
         ("motor_ids", c_int32 * 2),
+        ("throttle_least", c_int32),
+        ("throttle_most", c_int32),
     )
 
 
@@ -56,7 +73,14 @@ class _Order(Structure):
 
 
 class _Command(Structure):
-    _fields_ = (("orders", _Order * 2), ("servo", c_int32), ("throttle", c_int32))
+    _fields_ = (
+        ("orders", _Order * 2),
+        ("roll", c_double),
+        ("pitch", c_double),
+        ("servo", c_int32),
+        ("throttle", c_int32),
+        ("age", c_int32),
+    )
 
 
 class _Report(Structure):
@@ -71,7 +95,13 @@ class _Reply(Structure):
 
 
 class _State(Structure):
-    _fields_ = (("servo", c_int32), ("throttle", c_int32), ("status", c_int32), ("rejected", c_uint32))
+    _fields_ = (
+        ("servo", c_int32),
+        ("throttle", c_int32),
+        ("status", c_int32),
+        ("rejected", c_uint32),
+        ("load", c_double * 2),
+    )
 
 
 _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
@@ -89,6 +119,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "ad_make_reply": (c_size_t, [POINTER(_Reply), c_int, c_char_p, c_size_t]),
     "ad_make_command": (c_int, [c_int, POINTER(c_double), POINTER(_Profile), POINTER(_Frame)]),
     "ad_decode_reply": (c_int, [POINTER(_Frame), POINTER(_Profile), POINTER(_Report)]),
+    "ad_limit": (c_int, [POINTER(_Limits), POINTER(c_double), c_size_t, POINTER(c_double), POINTER(c_double)]),
     "ad_reader_new": (c_void_p, [c_int]),
     "ad_reader_free": (None, [c_void_p]),
     "ad_reader_feed": (c_int, [c_void_p, c_char_p, c_size_t, POINTER(_Command), POINTER(c_uint32)]),
@@ -113,12 +144,14 @@ class CoreState:
         servo, throttle: pulses in us.
         status: whether its watchdog has acted.
         rejected: strings that could not be obeyed.
+        load: I2t of the two motors, (N m)^2 s.
     """
 
     servo: int
     throttle: int
     status: TeensyStatus
     rejected: int
+    load: tuple[float, float] = (0.0, 0.0)
 
 
 class TeensyCore:
@@ -135,9 +168,15 @@ class TeensyCore:
     def __init__(self, settings: FirmwareSettings, now: float) -> None:
         self._library = library()
         timing = settings.timing
+        least, most, start, rate = settings.throttle_pulses
         config = _Config(
             _profile(settings.profile),
+            (_Limits * 2)(*(_Limits(*astuple(limits)) for limits in settings.last_limits)),
+            settings.safety.attitude_limit,
+            start,
+            rate,
             settings.owns_can,
+            settings.watches_bus,
             settings.form is StringForm.CHECKED,
             milliseconds(timing.watchdog_timeout),
             timing.exit_burst,
@@ -145,8 +184,12 @@ class TeensyCore:
             milliseconds(timing.exit_cycle),
             milliseconds(timing.reminder),
             milliseconds(timing.reply_wait),
+            milliseconds(timing.attitude_time),
+            milliseconds(timing.attitude_age),
             settings.encoder.bits,
             (c_int32 * 2)(*settings.motor_ids),
+            least,
+            most,
         )
         self._core = self._library.ad_core_new(ctypes.byref(config), _clock(now))
 
@@ -188,7 +231,9 @@ class TeensyCore:
         """Pulses and status as they are now."""
         state = _State()
         self._library.ad_core_state(self._core, ctypes.byref(state))
-        return CoreState(state.servo, state.throttle, TeensyStatus(state.status), state.rejected)
+        return CoreState(
+            state.servo, state.throttle, TeensyStatus(state.status), state.rejected, (state.load[0], state.load[1])
+        )
 
 
 class CommandReader:
@@ -272,6 +317,22 @@ def decode_reply(frame: CanFrame, profile: FirmwareProfile) -> MitReply:
     return MitReply(report.motor_id, report.position, report.velocity, report.torque, *health)
 
 
+def limit_command(
+    command: MitCommand, replies: Sequence[tuple[float, float, float, float]], limits: MotorLimits
+) -> MitCommand:
+    """What the core leaves of a command after replies (position, velocity, torque, time in s)."""
+    flat = [value for *state, when in replies for value in (*state, 1000.0 * when)]
+    limited = (c_double * 5)()
+    library().ad_limit(
+        ctypes.byref(_Limits(*astuple(limits))),
+        (c_double * len(flat))(*flat),
+        len(replies),
+        (c_double * 5)(*astuple(command)),
+        limited,
+    )
+    return MitCommand(*limited)
+
+
 def _clock(now: float) -> int:
     return int(now * 1000.0) % _WRAP
 
@@ -302,4 +363,6 @@ def _command(command: _Command) -> TeensyCommand:
     first, second = (
         MotorOrder(order.motor_id, MotorRequest(order.request), MitCommand(*order.values)) for order in command.orders
     )
-    return TeensyCommand((first, second), command.servo, command.throttle)
+    known = command.age != _UNKNOWN_AGE
+    attitude = Attitude(command.roll, command.pitch, command.age) if known else None
+    return TeensyCommand((first, second), command.servo, command.throttle, attitude)

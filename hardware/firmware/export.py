@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 from hardware.firmware.build import SKETCH, core_sources, firmware_hash
@@ -37,8 +38,10 @@ def export_sketch(settings: FirmwareSettings, folder: Path) -> Path:
 def config_header(settings: FirmwareSettings) -> str:
     """Content of `config.h`: the settings as the sketch's configuration."""
     timing, profile = settings.timing, settings.profile
+    least, most, start, rate = settings.throttle_pulses
     assignments = {
         "owns_can": _flag(settings.owns_can),
+        "watches_bus": _flag(settings.watches_bus),
         "checked": _flag(settings.form is StringForm.CHECKED),
         "profile.position": repr(profile.position),
         "profile.speed": repr(profile.speed),
@@ -54,15 +57,25 @@ def config_header(settings: FirmwareSettings) -> str:
         "exit_cycle_ms": milliseconds(timing.exit_cycle),
         "reminder_ms": milliseconds(timing.reminder),
         "reply_wait_ms": milliseconds(timing.reply_wait),
+        "attitude_limit": repr(settings.safety.attitude_limit),
+        "attitude_ms": milliseconds(timing.attitude_time),
+        "attitude_age_ms": milliseconds(timing.attitude_age),
+        "throttle_least": least,
+        "throttle_most": most,
+        "throttle_start": repr(start),
+        "throttle_rate": repr(rate),
         "sail_bits": settings.encoder.bits,
         "motor_ids[0]": settings.motor_ids[0],
         "motor_ids[1]": settings.motor_ids[1],
     }
+    for index, limits in enumerate(settings.last_limits):
+        assignments |= {f"limits[{index}].{name}": repr(value) for name, value in asdict(limits).items()}
     lines = "\n".join(f"  config.{name} = {value};" for name, value in assignments.items())
     return (
         f"// Written by `aerodima firmware`: {settings.wiring}, {profile.name}, firmware {firmware_hash()[:12]}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
-        f"#define AERODIMA_OWNS_CAN {int(settings.owns_can)}\n#define AERODIMA_SAIL_BITS {settings.encoder.bits}\n\n"
+        f"#define AERODIMA_ON_BUS {int(settings.owns_can or settings.watches_bus)}\n"
+        f"#define AERODIMA_SAIL_BITS {settings.encoder.bits}\n\n"
         f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  return config;\n}}\n"
     )
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from hardware.motor_settings import MotorSettings
 from hardware.protocol.ak70 import check_motor_id
 from hardware.protocol.ak70_profiles import FirmwareProfile
 from hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
-from hardware.protocol.teensy import StringForm
+from hardware.protocol.teensy import THROTTLE_PULSES, StringForm
 from hardware.wiring.base import WIRINGS
+from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
 from workbench.errors import HardwareError
 from workbench.parameter_files import load_section
 from workbench.quantity import QuantityModel, quantity
@@ -23,6 +25,8 @@ class TeensyTiming(QuantityModel):
     exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
     exit_cycle: float = quantity("s", "interval of these", gt=0, le=0.1)
     reminder: float = quantity("s", "interval of the exit frames after that", gt=0, le=1)
+    attitude_time: float = quantity("s", "beyond the attitude limit, after which it acts", ge=0, le=1)
+    attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
     reply_wait: float = quantity("s", "how long a reply string waits for the motors", gt=0, le=0.01)
 
 
@@ -32,13 +36,55 @@ def load_teensy_timing() -> TeensyTiming:
 
 
 @dataclass(frozen=True)
+class MotorLimits:
+    """What the firmware lets through to one motor, in the motor's own angle.
+
+    Attributes:
+        low, high: rad. speed: rad/s. torque: of the whole loop, N m. kp: N m/rad. kd: N m s/rad.
+        rated_torque: N m for ever. budget: (N m)^2 s beyond that.
+    """
+
+    low: float
+    high: float
+    speed: float
+    torque: float
+    kp: float
+    kd: float
+    rated_torque: float
+    budget: float
+
+
+def motor_limits(settings: MotorSettings) -> MotorLimits:
+    """The limits that the computer keeps for this motor."""
+    ends = settings.motor_angle(settings.low), settings.motor_angle(settings.high)
+    safety = settings.safety
+    return MotorLimits(
+        min(ends),
+        max(ends),
+        safety.speed_limit,
+        settings.torque_limit,
+        settings.kp_max,
+        settings.kd_max,
+        safety.rated_torque,
+        safety.overload,
+    )
+
+
+def wide_limits(profile: FirmwareProfile) -> MotorLimits:
+    """Everything that the profile can express: for tests of what comes before the limits."""
+    p = profile
+    return MotorLimits(-p.position, p.position, p.speed, p.torque, p.kp, p.kd, p.torque, 1e9)
+
+
+@dataclass(frozen=True)
 class FirmwareSettings:
     """What one Teensy is built for.
 
     Attributes:
-        wiring: in `direct_can` the Teensy does not touch the CAN bus.
+        wiring: in `direct_can` the Teensy does not touch the CAN bus; in `watched_can` it sends exit frames only.
         profile: of the motors. encoder: of the sail. form: of the strings. timing: of its watchdog and its replies.
         motor_ids: pitch and roll; switched off when the Teensy starts.
+        limits: of the two motors; None: all that the profile allows. safety: of attitude and throttle.
 
     Raises:
         HardwareError: unknown wiring; an id that is not allowed, or one id for both motors.
@@ -50,6 +96,8 @@ class FirmwareSettings:
     motor_ids: tuple[int, int] = (1, 2)
     encoder: EncoderProfile = AEAT_6012
     form: StringForm = StringForm.CHECKED
+    limits: tuple[MotorLimits, MotorLimits] | None = None
+    safety: DriveSafety = field(default_factory=load_drive_safety)
 
     def __post_init__(self) -> None:
         if self.wiring not in WIRINGS:
@@ -63,6 +111,30 @@ class FirmwareSettings:
     def owns_can(self) -> bool:
         """Whether the motors hang on the Teensy."""
         return self.wiring == "teensy_bridge"
+
+    @property
+    def watches_bus(self) -> bool:
+        """Whether the Teensy listens to the heartbeat on the bus of the computer's adapter."""
+        return self.wiring == "watched_can"
+
+    @property
+    def last_limits(self) -> tuple[MotorLimits, MotorLimits]:
+        """Of the two motors."""
+        wide = wide_limits(self.profile)
+        return self.limits or (wide, wide)
+
+    @property
+    def throttle_pulses(self) -> tuple[int, int, float, float]:
+        """Least and most pulse (us), the part that comes on at once (us), and the rate of the rest (us/ms)."""
+        least, idle, most = THROTTLE_PULSES
+        safety, half = self.safety, (THROTTLE_PULSES[2] - THROTTLE_PULSES[0]) / 2
+        share = safety.throttle_limit
+        return (
+            round(idle - share * (idle - least)),
+            round(idle + share * (most - idle)),
+            safety.throttle_start * half,
+            safety.throttle_rate * half / 1000.0,
+        )
 
 
 def milliseconds(seconds: float) -> int:

@@ -1,8 +1,9 @@
 """What the car tells the operator by radio, 20 times per second: armed, faults, and what the plots show.
 
 Class 4, packed little-endian: class, sequence, flags (1 armed, 2 the emergency stop came, 4 and 8 what the car asks the
-operator for, 16 the car has no tail), mode last heard, fault codes of `workbench.ports.STATUS_SOURCES`, eight 32-bit
-floats, then the worst fault in words. 42 to 100 bytes, as many as the smallest modules carry.
+operator for, 16 the car has no tail), number of the car, mode last heard, fault codes of
+`workbench.ports.STATUS_SOURCES`, eight 32-bit floats, then the worst fault in words.
+43 to 100 bytes, as many as the smallest modules carry.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from hardware.protocol.radio import RadioMode
 REPORT_CLASS = 4
 PERIOD = 0.05
 """s between two reports."""
-_HEAD = struct.Struct("<BBBB6B8f")
+_HEAD = struct.Struct("<BBBBB6B8f")
 _MOST_BYTES = 100
 _ARMED, _STOPPED = 1, 2
 _ASKS_SHIFT = 2
@@ -48,6 +49,7 @@ class CarReport:
         speed: m/s. operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
         asks: what the operator must do before the car drives.
+        car: number of the car among those that share a radio channel, 0 to 255.
         has_tail: the car has tail motors; without them their faults, angles and torques say nothing.
     """
 
@@ -66,6 +68,7 @@ class CarReport:
     text: str = ""
     asks: Asks = Asks.NOTHING
     has_tail: bool = True
+    car: int = 0
 
 
 def make_report(report: CarReport, sequence: int = 0) -> bytes:
@@ -82,7 +85,7 @@ def make_report(report: CarReport, sequence: int = 0) -> bytes:
         report.speed,
         report.operator_age,
     )
-    head = _HEAD.pack(REPORT_CLASS, sequence % 256, flags, report.mode, *report.faults, *numbers)
+    head = _HEAD.pack(REPORT_CLASS, sequence % 256, flags, report.car, report.mode, *report.faults, *numbers)
     return head + report.text.encode()[: _MOST_BYTES - _HEAD.size]
 
 
@@ -94,7 +97,7 @@ def decode_report(data: bytes) -> CarReport:
     """
     if not _HEAD.size <= len(data) <= _MOST_BYTES:
         raise FrameError(f"car report of {len(data)} bytes; allowed are {_HEAD.size} to {_MOST_BYTES}")
-    report_class, _, flags, mode, *rest = _HEAD.unpack_from(data)
+    report_class, _, flags, car, mode, *rest = _HEAD.unpack_from(data)
     if report_class != REPORT_CLASS:
         raise FrameError(f"car report of class {report_class}; allowed is {REPORT_CLASS}")
     if mode not in tuple(RadioMode):
@@ -108,4 +111,4 @@ def decode_report(data: bytes) -> CarReport:
         raise FrameError(f"car report with NaN: {numbers}")
     report = CarReport(bool(flags & _ARMED), bool(flags & _STOPPED), RadioMode(mode), tuple(faults), *numbers)
     text = data[_HEAD.size :].decode(errors="ignore")
-    return replace(report, text=text, asks=Asks(asks), has_tail=not flags & _NO_TAIL)
+    return replace(report, text=text, asks=Asks(asks), has_tail=not flags & _NO_TAIL, car=car)

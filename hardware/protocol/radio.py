@@ -21,7 +21,7 @@ _LEAST_NORMAL = 2.0**-126
 
 
 class RadioClass(IntEnum):
-    """First byte of a frame."""
+    """First byte of a frame. The thesis has a class that starts the logging; here a drive logs from its first cycle."""
 
     COMMAND = 1
     HEARTBEAT = 2
@@ -35,7 +35,7 @@ class RadioMode(IntEnum):
     MANUAL = 1
     AUTO = 2
     CONTROL = 3
-    """The operator drives, the tail swings by its law. Not in the thesis' list of values."""
+    """The operator drives, the tail swings by its law: the control drive mode of the thesis. It prints no values."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,12 @@ TOR |` standing in it as printed, so that a command has three `|`.
 Reply: `ID 1 ; POS 1 ; VEL 1 ; CUR 1 ; ID 2 ; POS 2 ; VEL 2 ; CUR 2 ; ENC POS |`.
 
 The published strings carry no checksum, no time, no fault and no sign that a motor has fallen silent. The `CHECKED`
-form adds before the last `|` of a string `;*HH`, a CRC-8 over everything since the start of the string, and to the
-reply, per motor, a counter of CAN replies, temperature and fault, then the Teensy's clock and its status.
+form adds before the last `|` of a string `;*HH`, a CRC-8 over everything since the start of the string; to the command
+the car's attitude, `;ROLL;PITCH;AGE` behind the throttle; and to the reply, per motor, a counter of CAN replies,
+temperature and fault, then the Teensy's clock and its status.
+
+The attitude is sent since the IMU hangs on the computer: with it the Teensy stops a car that lies on its side although
+a drive goes on commanding. A chip of its own would have to be wired, calibrated and tested on the Teensy.
 
 Units: rad, rad/s, N m/rad, N m s/rad, N m (the thesis calls the reply's field a current; it is the torque field of the
 motor's frame), pulses in us, sail angle in degrees, clock in ms.
@@ -47,10 +51,16 @@ class MotorRequest(IntEnum):
 
 
 class TeensyStatus(IntEnum):
-    """Status of the checked reply."""
+    """Status of the checked reply: why the Teensy has switched everything off.
+
+    WATCHDOG_ACTED: no string that can be obeyed, or a restart. ATTITUDE: the car lies on its side, or its attitude is
+    not known while it is to drive. BEATS_STOPPED: no heartbeat on the bus while the motors are armed.
+    """
 
     RUNNING = 0
     WATCHDOG_ACTED = 1
+    ATTITUDE = 2
+    BEATS_STOPPED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +79,22 @@ class MotorOrder:
 
 
 @dataclass(frozen=True, slots=True)
+class Attitude:
+    """How the car stands. roll, pitch: rad. age: of the sample, ms; a larger one than the field holds is cut."""
+
+    roll: float
+    pitch: float
+    age: int
+
+
+@dataclass(frozen=True, slots=True)
 class TeensyCommand:
-    """Two motors and two pulses. servo, throttle: us."""
+    """Two motors and two pulses. servo, throttle: us. attitude: None if it is not known; in the checked form only."""
 
     motors: tuple[MotorOrder, MotorOrder]
     servo: int = SERVO_PULSES[1]
     throttle: int = THROTTLE_PULSES[1]
+    attitude: Attitude | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +142,8 @@ def make_command(command: TeensyCommand, form: StringForm) -> bytes:
     _check_pulse("servo", command.servo, SERVO_PULSES)
     _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
     text = "|;".join(_write_order(order) for order in command.motors) + f"|;{command.servo};{command.throttle}"
+    if form is StringForm.CHECKED:
+        text += _write_attitude(command.attitude)
     return _close(text, form)
 
 
@@ -141,12 +163,13 @@ def decode_command(text: bytes, form: StringForm) -> TeensyCommand:
     first, second, pulses = _three_parts(_open(text, form), text)
     motors = (_read_order(first), _read_order(second))
     _check_ids(motors[0].motor_id, motors[1].motor_id)
-    if len(pulses) != 2:
-        raise FrameError(f"Teensy command {text!r}: {len(pulses)} pulses; allowed are servo and throttle")
-    servo, throttle = (_read_integer("pulse", field, 0, 9999) for field in pulses)
+    expected = 2 if form is StringForm.PUBLISHED else 5
+    if len(pulses) != expected:
+        raise FrameError(f"Teensy command {text!r}: {len(pulses)} fields behind the motors; allowed are {expected}")
+    servo, throttle = (_read_integer("pulse", field, 0, 9999) for field in pulses[:2])
     _check_pulse("servo", servo, SERVO_PULSES)
     _check_pulse("throttle", throttle, THROTTLE_PULSES)
-    return TeensyCommand(motors, servo, throttle)
+    return TeensyCommand(motors, servo, throttle, _read_attitude(pulses[2:]) if pulses[2:] else None)
 
 
 def decode_reply(text: bytes, form: StringForm) -> TeensyReply:
@@ -182,6 +205,10 @@ def _crc_of(byte: int) -> int:
 _CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
 
 _MOST_DIGITS = 12
+_UNKNOWN_AGE = 65535
+"""Age of an attitude that is not known, ms."""
+_MOST_ANGLE = 3.2
+"""Of roll and pitch, rad."""
 _RANGES = {"position": 100.0, "velocity": 200.0, "kp": 500.0, "kd": 5.0, "torque": 200.0}
 """Widest values that any firmware profile can carry; the profile's own range is checked where it is known."""
 
@@ -199,6 +226,25 @@ def _write_order(order: MotorOrder) -> str:
             _number("torque", command.torque, 4),
         )
     )
+
+
+def _write_attitude(attitude: Attitude | None) -> str:
+    if attitude is None:
+        return f";0.0000;0.0000;{_UNKNOWN_AGE}"
+    for name, angle in (("roll", attitude.roll), ("pitch", attitude.pitch)):
+        if not abs(angle) <= _MOST_ANGLE:
+            raise FrameError(f"Teensy {name} {angle!r}: allowed is -{_MOST_ANGLE:g} to {_MOST_ANGLE:g} rad")
+    age = min(max(attitude.age, 0), _UNKNOWN_AGE - 1)
+    return f";{_number('roll', attitude.roll, 4)};{_number('pitch', attitude.pitch, 4)};{age}"
+
+
+def _read_attitude(fields: list[str]) -> Attitude | None:
+    roll, pitch = (
+        _read_number(name, field, -_MOST_ANGLE, _MOST_ANGLE)
+        for name, field in zip(("roll", "pitch"), fields[:2], strict=True)
+    )
+    age = _read_integer("age", fields[2], 0, _UNKNOWN_AGE)
+    return None if age == _UNKNOWN_AGE else Attitude(roll, pitch, age)
 
 
 def _write_report(report: MotorReport) -> str:

@@ -16,11 +16,14 @@ import time
 from pathlib import Path
 from typing import Any
 
+from hardware.latency import WATCHDOG_PRIORITY
 from hardware.transport.can_settings import CanSettings
-from hardware.watchdog.guard import Guard
+from hardware.watchdog.control_group import leave_control_group
+from hardware.watchdog.guard import ANSWER, Guard, Word
 from hardware.watchdog.line import ExitLine, open_line
 from hardware.watchdog.settings import WatchdogTiming, load_watchdog_timing
 from workbench.errors import UserError
+from workbench.realtime import prefer_realtime
 
 _LOOK = 0.005
 """How often it looks at the clock, s."""
@@ -65,6 +68,8 @@ class Watchdog:
             now = time.monotonic()
             if data:
                 self._guard.take(data, now)
+                with contextlib.suppress(OSError):  # nobody reads: then nobody beats either
+                    os.write(1, ANSWER * (data.count(Word.BEAT.value) + data.count(Word.ARMED.value)))
             else:
                 self._guard.end(now)
 
@@ -110,8 +115,11 @@ def main() -> int:
     for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):  # Ctrl-C is for the drive process
         signal.signal(ignored, signal.SIG_IGN)
     settings: dict[str, Any] = json.loads(sys.argv[1])
+    os.set_blocking(1, False)
     report = None if settings["report"] is None else Path(settings["report"])
     try:
+        leave_control_group()
+        prefer_realtime(WATCHDOG_PRIORITY)
         line = open_line(CanSettings(**settings["can"]), tuple(settings["motor_ids"]))
         Watchdog(line, load_watchdog_timing(), report).run()
     except UserError as error:

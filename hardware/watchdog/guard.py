@@ -19,10 +19,15 @@ class Word(Enum):
     """What the drive process writes."""
 
     BEAT = b"."
+    """Every beat is answered: `ANSWER` comes back."""
     ARMED = b"A"
     DISARMED = b"D"
     TRIP = b"T"
     QUIT = b"Q"
+
+
+ANSWER = b"\x06"
+"""What the watchdog writes for a beat; no byte of its lines of text."""
 
 
 class Guard:

@@ -1,6 +1,7 @@
 """A drive process to be killed: `python -m hardware.watchdog.holder SETTINGS` enters the motors and holds them.
 
-SETTINGS is JSON: `scenario` (resolved), `ports`, `report`. It prints `holding` once the motors hold, with
+SETTINGS is JSON: `scenario` (resolved), `ports`, `report`, `wiring`. It prints `holding` and the id of its watchdog
+once the motors hold, with
 the gains of the scenario's controller, and goes on until it is killed. Only a watchdog test starts it.
 """
 
@@ -12,9 +13,14 @@ import time
 from pathlib import Path
 
 from hardware.motor_group import MotorGroup
+from hardware.protocol.heartbeat import ANSWER_ID
 from hardware.transport.can_bus import CanBus
+from hardware.transport.device_lock import can_address, lock_devices
+from hardware.watchdog.bus_watch import BusWatch, Watchdogs
 from hardware.watchdog.process import WatchdogProcess
+from hardware.watchdog.settings import load_watchdog_timing
 from hardware.wiring.car_ports import ports_from_dict
+from hardware.wiring.devices import Watchdog
 from hardware.wiring.mounting import load_mounting
 from hardware.wiring.open_ports import tail_motors
 from workbench.errors import HardwareError, UserError
@@ -25,16 +31,21 @@ SETTLING = 50
 """Cycles of holding before the cut: the gains have come on."""
 
 
-def hold(scenario: dict, ports_data: dict, report: Path) -> None:
+def hold(scenario: dict, ports_data: dict, report: Path, wiring: str) -> None:
     """Enters and holds until something fails; raises `HardwareError` then."""
     ports = ports_from_dict(ports_data)
     if ports.can is None:
-        raise HardwareError("ports: can: missing; wiring direct_can needs a CAN adapter")
+        raise HardwareError(f"ports: can: missing; wiring {wiring} needs a CAN adapter")
     settings = ports.can.settings
-    bus = CanBus.open(settings, listen={0, *ports.motor_ids})
-    watchdog = WatchdogProcess(settings, ports.motor_ids, report)
+    lock = lock_devices([can_address(settings)], "a watchdog test")
+    bus = CanBus.open(settings, listen={0, ANSWER_ID, *ports.motor_ids})
+    process = WatchdogProcess(settings, ports.motor_ids, report, lock)
+    watch = BusWatch(bus, load_watchdog_timing())
+    watched = wiring == "watched_can"
+    watchdog: Watchdog = Watchdogs(process, watch) if watched else process
     motors = tail_motors(scenario_from_dict(scenario), ports, load_mounting())
-    with MotorGroup(motors, bus) as group:
+    with MotorGroup(motors, watch if watched else bus) as group:
+        _hear_the_teensy(group, watchdog)
         watchdog.arm()
         group.set_enter(time.monotonic())
         due, cycles = time.monotonic(), 0
@@ -42,19 +53,32 @@ def hold(scenario: dict, ports_data: dict, report: Path) -> None:
             now = time.monotonic()
             group.step(now)
             watchdog.beat()
+            if not watchdog.healthy:
+                raise HardwareError(watchdog.reason)
             cycles = cycles + 1 if group.ready else 0
             if cycles == SETTLING:
-                print("holding", flush=True)
+                print(f"holding {process.pid}", flush=True)
             due = max(due + PERIOD, now)
             time.sleep(due - now)
         raise HardwareError(group.fault_text)
+
+
+def _hear_the_teensy(group: MotorGroup, watchdog: Watchdog) -> None:
+    """Beats until every watchdog is well, for a second at most."""
+    end = time.monotonic() + 1.0
+    while time.monotonic() < end:
+        group.step(time.monotonic())
+        watchdog.beat()
+        time.sleep(PERIOD)
+        if watchdog.healthy and end - time.monotonic() < 1.0 - 10 * PERIOD:
+            return
 
 
 def main() -> int:
     """2 if the motors cannot be held; otherwise it does not return."""
     settings = json.loads(sys.argv[1])
     try:
-        hold(settings["scenario"], settings["ports"], Path(settings["report"]))
+        hold(settings["scenario"], settings["ports"], Path(settings["report"]), settings["wiring"])
     except UserError as error:
         print(f"error: {error}", flush=True)
     return 2

@@ -13,7 +13,9 @@ from pathlib import Path
 
 from hardware.protocol.ak70 import check_motor_id
 from hardware.transport.can_settings import CanSettings
-from hardware.watchdog.guard import Word
+from hardware.transport.device_lock import DeviceLock
+from hardware.watchdog.guard import ANSWER, Word
+from hardware.watchdog.settings import load_watchdog_timing
 from workbench.errors import HardwareError
 
 _START_TIME = 15.0
@@ -23,26 +25,36 @@ class WatchdogProcess:
     """A running watchdog for the motors on one adapter.
 
     Start it after the drive process has opened the adapter. `arm` before the motors are entered, `beat` in every cycle,
-    `disarm` when they are off, `close` at the end. None of these waits, except `close`. The motors must be switched off
-    when `healthy` is False, and nothing may be armed with it again.
+    `disarm` when they are off, `close` at the end. None of these waits, except `close`. It answers every beat: one
+    that hangs is not healthy. The motors must be switched off when `healthy` is False, and nothing may be armed with it
+    again.
 
     Args:
         settings: the adapter, as the drive process opens it.
         motor_ids: whom it switches off.
         report: file that it writes when it acts (cause, and the times of cause and first exit frame on the clock of
             `time.monotonic`); for the record of a watchdog test.
+        lock: of the adapter; it inherits it, so that nobody else drives while it sends.
 
     Raises:
         HardwareError: it cannot open the adapter, or does not start within 15 s.
     """
 
-    def __init__(self, settings: CanSettings, motor_ids: tuple[int, ...], report: Path | None = None) -> None:
+    def __init__(
+        self,
+        settings: CanSettings,
+        motor_ids: tuple[int, ...],
+        report: Path | None = None,
+        lock: DeviceLock | None = None,
+    ) -> None:
         for motor_id in motor_ids:
             check_motor_id(motor_id)
         self._text = b""
         self._lines: list[str] = []
         self._broken = ""
         self._tripped = False
+        self._asked: float | None = None  # when the first heartbeat without an answer left
+        self._answer_timeout = load_watchdog_timing().answer_timeout
         content = {
             "can": {**asdict(settings), "options": dict(settings.options)},
             "motor_ids": list(motor_ids),
@@ -52,13 +64,16 @@ class WatchdogProcess:
             [sys.executable, "-m", "hardware.watchdog", json.dumps(content)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            process_group=0,  # signals of the terminal are not for it
+            start_new_session=True,  # what is meant for the terminal or the session of the drive is not for it
+            pass_fds=() if lock is None else lock.files,
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
         os.set_blocking(self._in, False)
         os.set_blocking(self._out, False)
+        if lock is not None:
+            lock.entrust(self._process.pid)
         self._wait_ready()
 
     @property
@@ -80,17 +95,18 @@ class WatchdogProcess:
             return f"the watchdog has {acted}"
         if self._broken or self._process.poll() is not None:
             return "the watchdog process has ended"
-        return ""
+        waited = 0.0 if self._asked is None else time.monotonic() - self._asked
+        return f"the watchdog process does not answer for {waited:.2f} s" if waited > self._answer_timeout else ""
 
     def arm(self) -> None:
         """From now on it waits for heartbeats. Raises `HardwareError` if it is not healthy."""
         if not self.healthy:
             raise HardwareError(f"{self.reason}; start anew")
-        self._write(Word.ARMED)
+        self._ask(Word.ARMED)
 
     def beat(self) -> None:
         """The loop lives."""
-        self._write(Word.BEAT)
+        self._ask(Word.BEAT)
 
     def disarm(self) -> None:
         """The motors are off; no heartbeats follow."""
@@ -108,12 +124,15 @@ class WatchdogProcess:
         that is plugged in again, and ends by itself.
         """
         self._read()
-        acted = self._tripped or bool(self.reason)
+        hangs = self._asked is not None and "does not answer" in self.reason
+        acted = (self._tripped or bool(self.reason)) and not hangs
         self._write(Word.QUIT)
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()
         self._broken = self._broken or "closed"
+        if hangs:  # it would keep the adapter's lock for ever, and switches nothing off
+            self._process.kill()
         if acted and self._process.poll() is None:
             return
         try:
@@ -135,13 +154,21 @@ class WatchdogProcess:
     def _read(self) -> None:
         try:
             while data := os.read(self._out, 4096):
-                self._text += data
+                if ANSWER in data:
+                    self._asked = None
+                self._text += data.replace(ANSWER, b"")
         except BlockingIOError:
             pass
         except (OSError, ValueError) as error:
             self._broken = str(error)
         *lines, self._text = self._text.split(b"\n")
         self._lines += [line.decode("utf-8", "replace") for line in lines]
+
+    def _ask(self, word: Word) -> None:
+        self._read()
+        if self._asked is None:
+            self._asked = time.monotonic()
+        self._write(word)
 
     def _write(self, word: Word) -> None:
         if self._broken:

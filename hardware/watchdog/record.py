@@ -120,7 +120,7 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | No
     record = read_record(path)
     emulated = is_emulated(wiring, ports)
     changed = [] if emulated else _changed_ports(wiring, record, ports)
-    unchecked = wiring == "teensy_bridge" and ports.string_form is not StringForm.CHECKED
+    unchecked = wiring != "direct_can" and ports.string_form is not StringForm.CHECKED
     reasons = (
         (unchecked, "cannot speak for string_form published: its replies hide a silent motor; allowed: checked"),
         (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
@@ -147,7 +147,7 @@ def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
         return is_emulated_port(ports.teensy.path)
     can = ports.can
     if can is None:
-        raise HardwareError("ports: can: missing; wiring direct_can needs a CAN adapter")
+        raise HardwareError(f"ports: can: missing; wiring {wiring} needs a CAN adapter")
     return can.interface == "virtual" or (can.interface == "slcan" and is_emulated_port(can.channel))
 
 
@@ -172,15 +172,28 @@ def _hash_of(paths: list[Path], begin: bytes = b"") -> str:
 
 def _changed_ports(wiring: WiringName, record: WatchdogTest, ports: CarPorts) -> list[str]:
     """What the test was made with and is not so now: the way to the motors, and who they are."""
-    way = "can" if wiring == "direct_can" else "teensy"
+    ways = {"direct_can": ["can"], "teensy_bridge": ["teensy"], "watched_can": ["can", "teensy"]}[wiring]
     now = ports.model_dump(mode="json", by_alias=True)
 
     def motor(data: dict[str, Any], joint: str) -> Any:
         return (data.get(joint) or {}).get("motor_id")
 
-    changed = [key for key in (way, "firmware_profile", "string_form") if record.ports.get(key) != now[key]]
+    changed = [key for key in (*ways, "firmware_profile", "string_form") if record.ports.get(key) != now[key]]
     return changed + [f"{j}.motor_id" for j in ("tail_pitch", "tail_roll") if motor(record.ports, j) != motor(now, j)]
 
 
 def _write(target: Path, text: str) -> None:
     target.write_text(text, encoding="utf-8")
+
+
+def refuse_unwatched(wiring: WiringName, ports: CarPorts, accepted: bool) -> None:
+    """Real motors on `direct_can` hold their last command when drive and watchdog die together: only by a flag.
+
+    Raises:
+        HardwareError: the motors are real and nobody has named the risk.
+    """
+    if wiring == "direct_can" and not accepted and not is_emulated(wiring, ports):
+        raise HardwareError(
+            "wiring direct_can: when this computer dies, its watchdog dies with it and the motors hold their last "
+            "command for ever; use teensy_bridge or watched_can, or name the risk with --motors-may-run-on"
+        )

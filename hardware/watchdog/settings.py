@@ -11,6 +11,7 @@ class WatchdogTiming(QuantityModel):
     """When the watchdog process acts, and what it sends then."""
 
     heartbeat_timeout: float = quantity("s", "without a heartbeat while armed, after which it acts", ge=0.05, le=0.25)
+    answer_timeout: float = quantity("s", "without an answer to a heartbeat, after which the car stops", gt=0, le=0.25)
     exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
     exit_interval: float = quantity("s", "interval of the exit frames after that", gt=0, le=0.1)
     exit_time: float = quantity("s", "for how long it sends these", gt=0, le=10)

@@ -1,8 +1,9 @@
 """What the computer tells the car and hears of it once per cycle, whichever way it is wired (design section 14).
 
-`direct_can` has the motors on a CAN adapter of the computer and the Teensy for servo, throttle and sail; in
-`teensy_bridge` everything goes through the strings of the Teensy. Both are a `Wiring`, with the same readings, the same
-faults and the same way out. Plain NumPy: it runs where Drake has no wheel.
+In `teensy_bridge` everything goes through the strings of the Teensy. `direct_can` has the motors on a CAN adapter of
+the computer and the Teensy for servo, throttle and sail; `watched_can` is the same with the Teensy on the bus as
+watchdog. All are a `Wiring`, with the same readings, the same faults and the same way out.
+Plain NumPy: it runs where Drake has no wheel.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from hardware.protocol.radio import OperatorCommand
 from hardware.radio_link import IDLE
 from workbench.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 
-WiringName = Literal["direct_can", "teensy_bridge"]
+WiringName = Literal["direct_can", "teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
 
 
@@ -101,7 +102,7 @@ class Wiring(Protocol):
 
     @property
     def name(self) -> WiringName:
-        """Which of the two it is."""
+        """Which of them it is."""
         ...
 
     def start(self) -> None:

@@ -89,12 +89,14 @@ class MountedMotor(_Part):
 class CarPorts(_Part):
     """Where everything is plugged in; a device that is None is not fitted.
 
-    `can` is needed by `direct_can` only, `console` by `aerodima console` only.
+    `can` is needed by `direct_can` and `watched_can` only, `console` by `aerodima console` only. `car` is the number of
+    the car among those that share a radio channel: its reports carry it, and the console believes no other.
     """
 
     schema_: Literal["aerodima/ports/1"] = Field("aerodima/ports/1", alias="schema")
     firmware_profile: str = "ak70_10_v1_0_8"
     string_form: StringForm = StringForm.CHECKED
+    car: int = Field(0, ge=0, le=255)
     can: CanPort | None = None
     teensy: SerialDevice
     imu: SerialDevice

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hardware.protocol.car_report import PERIOD, Asks, CarReport, make_report
 from hardware.radio_link import RadioLink
 from hardware.wiring.base import CarReading
@@ -16,11 +18,11 @@ class CarReporter:
     """One car's reports.
 
     Args:
-        has_tail: the car has tail motors.
+        has_tail: the car has tail motors. car: its number, which tells it from others on the channel.
     """
 
-    def __init__(self, has_tail: bool = True) -> None:
-        self._has_tail = has_tail
+    def __init__(self, has_tail: bool = True, car: int = 0) -> None:
+        self._has_tail, self._car = has_tail, car
         self._due = 0.0
         self._sequence = 0
 
@@ -32,7 +34,8 @@ class CarReporter:
             return
         self._due = now + PERIOD
         self._sequence += 1
-        radio.report(make_report(report_of(reading, radio.stopped, asks, self._has_tail), self._sequence))
+        report = replace(report_of(reading, radio.stopped, asks, self._has_tail), car=self._car)
+        radio.report(make_report(report, self._sequence))
 
 
 def report_of(reading: CarReading, stopped: bool, asks: Asks = Asks.NOTHING, has_tail: bool = True) -> CarReport:

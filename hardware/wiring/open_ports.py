@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from hardware.firmware.settings import MotorLimits, motor_limits
 from hardware.motor_group import FramePort, check_distinct_ids
 from hardware.motor_settings import MotorSettings, load_motor_safety, motor_settings
 from hardware.radio_link import RadioLink
 from hardware.sensors.readers import gps_thread, imu_thread
 from hardware.teensy_link import TeensyLink
+from hardware.transport.can_settings import CanSettings
+from hardware.transport.device_lock import DeviceLock, Say, can_address, lock_devices
 from hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
 from hardware.wiring.car_ports import CarPorts, MountedMotor
 from hardware.wiring.devices import Devices
 from hardware.wiring.drive_safety import DriveSafety
-from hardware.wiring.mounting import Mounting
+from hardware.wiring.mounting import Mounting, load_mounting
 from workbench.errors import HardwareError
 from workbench.scenario import Scenario
 
@@ -53,15 +56,39 @@ def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tupl
     return motors
 
 
+def firmware_limits(scenario: Scenario, ports: CarPorts) -> tuple[MotorLimits, MotorLimits] | None:
+    """What the firmware lets through to the motors of a scenario on these ports; None for a car without a tail."""
+    motors = tail_motors(scenario, ports, load_mounting())
+    return (motor_limits(motors[0]), motor_limits(motors[1])) if motors else None
+
+
 @contextmanager
-def closing_on_error() -> Iterator[list[Callable[[], None]]]:
-    """A list of what to close; all of it is closed when the block raises."""
+def closing_on_error(*last: DeviceLock) -> Iterator[list[Callable[[], None]]]:
+    """A list of what to close; all of it is closed when the block raises. Locks are given back after all else."""
     closers: list[Callable[[], None]] = []
     try:
         yield closers
     except BaseException:
         for close in reversed(closers):
             close()
+        for lock in last:
+            lock.close()
+        raise
+    closers += [lock.close for lock in last]
+
+
+def lock_car(ports: CarPorts, say: Say, can: CanSettings | None = None) -> list[DeviceLock]:
+    """The locks of every device of a car for a drive; that of its CAN adapter first, for the watchdog to inherit.
+
+    Raises `HardwareError` as `lock_devices` does, with nothing locked.
+    """
+    fitted = (ports.teensy, ports.imu, ports.gps, ports.radio)
+    locks = [] if can is None else [lock_devices([can_address(can)], "a drive", say)]
+    try:
+        return [*locks, lock_devices([device.path for device in fitted if device is not None], "a drive", say)]
+    except BaseException:
+        for lock in locks:
+            lock.close()
         raise
 
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from hardware.transport.device_lock import Say, tell_on_stderr
 from hardware.wiring.car_ports import CarPorts
 from hardware.wiring.devices import Devices
 from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
 from hardware.wiring.mounting import Mounting, load_mounting
-from hardware.wiring.open_ports import closing_on_error, open_common, tail_motors
+from hardware.wiring.open_ports import closing_on_error, lock_car, open_common, tail_motors
 from hardware.wiring.wired_car import WiredCar
 from workbench.scenario import Scenario
 
@@ -22,13 +23,15 @@ def teensy_bridge(
     authorise: Callable[[], None],
     mounting: Mounting | None = None,
     safety: DriveSafety | None = None,
+    say: Say = tell_on_stderr,
 ) -> WiredCar:
     """The car of a scenario on this wiring; opens nothing yet. Arguments and errors as for `direct_can`."""
     limits = safety or load_drive_safety()
 
     def open_devices() -> Devices:
-        with closing_on_error() as closers:
+        with closing_on_error(*lock_car(ports, say)) as closers:
             return open_common(ports, limits, closers, lambda teensy: teensy)
 
     table = mounting or load_mounting()
-    return WiredCar("teensy_bridge", tail_motors(scenario, ports, table), table, limits, open_devices, authorise)
+    motors = tail_motors(scenario, ports, table)
+    return WiredCar("teensy_bridge", motors, table, limits, open_devices, authorise, ports.car)

@@ -28,11 +28,12 @@ from hardware.wiring.drive_safety import DriveSafety
 from hardware.wiring.mounting import Mounting
 from hardware.wiring.recent import ListeningPort, SailRate
 from workbench.errors import HardwareError
-from workbench.ports import STATUS
+from workbench.ports import IMU, STATUS
 
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""
 _CYCLE = 0.01
+_ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 _TEENSY_FAULTS = {
     TeensyFault.NONE: SourceFault.NONE,
     TeensyFault.NO_REPLY_YET: SourceFault.NO_SAMPLE_YET,
@@ -51,6 +52,7 @@ class WiredCar:
         mounting, safety: signs and limits.
         open_devices: opens every port; what it opened before a failure it closes itself.
         authorise: raises `HardwareError` while no watchdog test of this wiring is recorded.
+        car: its number, for the operator's station.
 
     Attributes:
         devices: open ones; None before `start` and after `stop`.
@@ -69,6 +71,7 @@ class WiredCar:
         safety: DriveSafety,
         open_devices: Callable[[], Devices],
         authorise: Callable[[], None],
+        car: int = 0,
     ) -> None:
         self.name: WiringName = name
         self._settings = motors
@@ -82,7 +85,7 @@ class WiredCar:
         self.asks = Asks.NOTHING
         self.traffic_error = ""
         self._sail = SailRate()
-        self._reporter = CarReporter(has_tail=bool(motors))
+        self._reporter = CarReporter(bool(motors), car)
         self._released = False  # by hand; what stands for `armed` where there are no motors
         self._tail_seen = np.zeros((2, 3))
         self._imu_seen = (math.nan, self.reading.imu)
@@ -139,6 +142,12 @@ class WiredCar:
         if self.devices is None or self.group is None:
             raise HardwareError(f"{self.name}: is not started" + (f" ({self.stop_reason})" * bool(self.stop_reason)))
         return self.devices, self.group
+
+    @property
+    def unwatched(self) -> str:
+        """Why the watchdog of this wiring cannot be relied on, in words; empty while it can, or before `start`."""
+        watchdog = None if self.devices is None else self.devices.watchdog
+        return "" if watchdog is None or watchdog.healthy else watchdog.reason
 
     def replies(self, motor_id: int) -> list[tuple[float, CanFrame]]:
         """The newest frames that name a motor, with their arrival (s), oldest first."""
@@ -198,6 +207,8 @@ class WiredCar:
             for motor in group.motors:
                 motor.set_fault(MotorFault.BAD_COMMAND, "the controller commands NaN or infinity", now)
         devices.teensy.set_pulses(servo, throttle)
+        taken, imu = self._imu_seen
+        devices.teensy.set_attitude(float(imu[_ROLL]), float(imu[_PITCH]), taken)
         devices.teensy.commit()
 
     # -- what is known

@@ -1,23 +1,25 @@
 """What calibration runs tell about cars: the group at which each flips, and whether it meets a bracket of speeds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from optimisation.calibration.data import Datum, Turn, log_likelihood
 from optimisation.calibration.edge import Edge, closeness
-from optimisation.calibration.plan import Discrepancy
 from optimisation.calibration.prior import Prior
 from optimisation.calibration.runs import RunStore, Wanted, car_values, flips_in_the_turn, survives
 from optimisation.sweep.engine import Engine
-from workbench.published import FlipBracket, PublishedFigures
+from workbench.published import FlipBracket
 from workbench.scenario import Scenario
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]
 
+TAIL_MODE = "none"
+"""Of the runs of a target."""
 SHARP = 0.003
 """Standard deviation of a critical group that is known well enough."""
 BELOW, BELOW_DEVIATION = 0.012, 0.006
@@ -30,24 +32,25 @@ ENDS = (0.01, 0.99)
 
 @dataclass(frozen=True)
 class Target:
-    """What cars are held to.
+    """What cars without tail are held to.
 
     Attributes:
-        tail_mode: of the runs.
         bracket: survived and flipped speed, m/s.
-        published: metrics of the run at the survived speed; None if only the bracket counts.
-        discrepancy: of the metrics.
+        data: fitted figures of the run at the survived speed.
     """
 
-    tail_mode: str
     bracket: FlipBracket
-    published: PublishedFigures | None
-    discrepancy: dict[str, Discrepancy]
+    data: tuple[Datum, ...]
 
     @property
     def speeds(self) -> tuple[float, float]:
         """Survived, flipped, m/s."""
         return self.bracket.survived, self.bracket.flipped
+
+    @property
+    def turns(self) -> tuple[Turn, Turn]:
+        """At these speeds."""
+        return Turn(TAIL_MODE, self.bracket.survived), Turn(TAIL_MODE, self.bracket.flipped)
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,16 @@ class Evaluated:
         """Which do both (m)."""
         return self.survive & self.flip
 
+    def log_likelihood(self, target: Target) -> FloatArray:
+        """Log likelihood (m) of the target from the runs themselves, up to a constant; -inf where it is not met."""
+        values = {datum.name: datum.values(self.slow) for datum in target.data}
+        return np.where(self.meet, log_likelihood(target.data, values, len(self.coordinates)), -np.inf)
+
+    def kept(self, cars: NDArray[np.bool_]) -> "Evaluated":
+        """Only some of the cars."""
+        slow, fast = (rows[cars].reset_index(drop=True) for rows in (self.slow, self.fast))
+        return Evaluated(self.coordinates[cars], slow, fast)
+
     def merged(self, other: "Evaluated") -> "Evaluated":
         """Both."""
         return Evaluated(
@@ -163,7 +176,7 @@ def critical_groups(
     """Searches the coordinate of the group at which each car flips at the two speeds of a target.
 
     Args:
-        target: its tail mode and speeds.
+        target: its speeds.
         prior: of the cars.
         cars: (m, n).
         guess: what is known before at the slow speed, and how far below it the fast one is expected (m).
@@ -188,7 +201,7 @@ def critical_groups(
             trial = cars[open_].copy()
             trial[:, prior.leading] = np.clip(edge.middle, lowest, highest)[open_]
             values = car_values(prior.keys, prior.values(trial))
-            wanted = [Wanted(car, target.tail_mode, speed, step) for car in values]
+            wanted = [Wanted(car, TAIL_MODE, speed, step) for car in values]
             done = runner.run(wanted, f"flip at {speed:g} m/s, pilot {pilot + 1} of at most {count}")
             density = edge.log_density.copy()
             found = closeness(done, steering_end(prior.base))
@@ -223,13 +236,17 @@ def _plausible_ends(prior: Prior, cars: FloatArray, edge: Edge, below: FloatArra
 def run_through(
     coordinates: FloatArray, prior: Prior, target: Target, runner: Runner
 ) -> tuple[NDArray[np.bool_], Evaluated]:
-    """Runs cars (m, n) at the slow speed, and those that survive it at the fast one: which survived (m), and these."""
+    """Runs cars (m, n) at the slow speed, and those that survive it at the fast one: which meet it (m), and these."""
     cars = car_values(prior.keys, prior.values(coordinates))
-    slow = runner.run([Wanted(car, target.tail_mode, target.speeds[0]) for car in cars], "drawn cars, slow")
+    first, second = target.turns
+    slow = runner.run([first.wanted(car) for car in cars], "drawn cars, slow")
     upright = survives(slow)
     left = [car for car, is_upright in zip(cars, upright, strict=True) if is_upright]
-    fast = runner.run([Wanted(car, target.tail_mode, target.speeds[1]) for car in left], "drawn cars, fast")
-    return upright, Evaluated(coordinates[upright], slow[upright].reset_index(drop=True), fast)
+    fast = runner.run([second.wanted(car) for car in left], "drawn cars, fast")
+    found = Evaluated(coordinates[upright], slow[upright].reset_index(drop=True), fast)
+    meet = upright.copy()
+    meet[upright] = found.meet
+    return meet, found.kept(found.meet)
 
 
 def steering_end(base: Scenario) -> float:
@@ -241,8 +258,15 @@ def run_cars(
     coordinates: FloatArray, prior: Prior, target: Target, runner: Runner, step: float | None = None
 ) -> Evaluated:
     """Runs cars (m, n) at the two speeds of a target; default step without `step`."""
+    slow, fast = run_turns(coordinates, prior, target.turns, runner, step).values()
+    return Evaluated(coordinates, slow, fast)
+
+
+def run_turns(
+    coordinates: FloatArray, prior: Prior, turns: Sequence[Turn], runner: Runner, step: float | None = None
+) -> dict[Turn, pd.DataFrame]:
+    """Rows of cars (m, n) in some turns; default step without `step`."""
     cars = car_values(prior.keys, prior.values(coordinates))
-    wanted = [Wanted(car, target.tail_mode, speed, step) for speed in target.speeds for car in cars]
-    rows = runner.run(wanted, f"cars with tail {target.tail_mode}")
-    slow, fast = rows[: len(cars)], rows[len(cars) :]
-    return Evaluated(coordinates, slow.reset_index(drop=True), fast.reset_index(drop=True))
+    rows = runner.run([turn.wanted(car, step) for turn in turns for car in cars], "turns of possible cars")
+    count = len(cars)
+    return {turn: rows[k * count : (k + 1) * count].reset_index(drop=True) for k, turn in enumerate(turns)}

@@ -5,19 +5,25 @@ directions are the generalised eigenvectors of C_posterior v = lambda C_prior v,
 that are positive count by their logarithm: a product such as friction x height is then a direction.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from optimisation.calibration.draw import Draw
 from optimisation.calibration.prior import Prior
-from optimisation.calibration.stages import StageResult
+from optimisation.calibration.weights import normalised
 
 FloatArray = NDArray[np.float64]
 
 STEP = 0.1
 """Step of a sensitivity, share of the prior range."""
+CANDIDATES = 2**17
+"""Of the prior, for the covariances: with some hundred of them effective after the calibration, the least determined
+variances scatter by about a tenth of the prior's; with a quarter of it a third combination seemed determined."""
+FLIP_SPEED = "flip_speed_m_per_s"
 NAMED = 0.35
 """A parameter is named in a direction when its loading reaches this share of the largest."""
 
@@ -37,19 +43,23 @@ class Direction:
     words: str
 
 
-def sensitivities(stage: StageResult) -> dict[str, FloatArray]:
-    """Change of each target for a step of each parameter by a tenth of its prior range, the others held.
+def sensitivities(draw: Draw) -> dict[str, FloatArray]:
+    """Change of each fitted quantity for a step of each parameter by a tenth of its prior range, the others held.
 
     Mean over the members by their weight, from the surrogates; the step goes to both sides and is clipped to the range.
 
     Returns:
-        Target name, with unit at its end -> (n), in the order of the keys.
+        Source and metric, with unit at its end -> (n), in the order of the keys.
     """
-    prior = stage.prior
-    kept = stage.weights > 0.0
-    values, weights = prior.values(stage.members.coordinates[kept]), stage.weights[kept]
-    targets = {"flip_speed_m_per_s": stage.flip.flip_speed}
-    targets |= {name: surrogate.predict for name, surrogate in stage.metrics.items()}
+    prior, cars = draw.prior, len(draw.cars.keys)
+    kept = draw.weights > 0.0
+    values, weights = prior.values(draw.coordinates[kept]), draw.weights[kept]
+    targets: dict[str, Callable[[FloatArray], FloatArray]] = {
+        FLIP_SPEED: lambda points: draw.surrogates.flip.flip_speed(points[:, :cars])
+    }
+    for datum, surrogate in draw.surrogates.car.items():
+        targets[datum.name] = lambda points, surrogate=surrogate: surrogate.predict(points[:, :cars])  # type: ignore[misc]
+    targets |= {datum.name: surrogate.predict for datum, surrogate in draw.surrogates.tailed.items()}
     found = {name: np.zeros(len(prior.keys)) for name in targets}
     for column, (low, high) in enumerate(prior.ranges):
         ends = []
@@ -79,19 +89,23 @@ def shrinkage(prior: Prior, values: FloatArray, weights: FloatArray, reference: 
     return result
 
 
-def directions(stage: StageResult) -> list[Direction]:
-    """Combinations of parameters, best determined first; from the candidates of the stage with its surrogates.
+def directions(draw: Draw, seed: int) -> list[Direction]:
+    """Combinations of parameters, best determined first; from candidates of the prior with the draw's surrogates.
 
     The members themselves are too few for a covariance of this size.
     """
-    pairs = (stage.before, stage.before_weights), (stage.after, stage.after_weights)
-    before, after = (_covariance(_scaled(stage.prior, stage.prior.values(cars)), shares) for cars, shares in pairs)
+    prior, cars, surrogates = draw.prior, len(draw.cars.keys), draw.surrogates
+    plain, log_plain = prior.draw(CANDIDATES, seed)
+    points, log_prior = prior.draw(CANDIDATES, seed, window=lambda p: surrogates.flip.window(p[:, :cars]))
+    log_after = log_prior + surrogates.log_likelihood(points, cars)
+    pairs = (plain, normalised(log_plain)), (points, normalised(log_after))
+    before, after = (_covariance(_scaled(prior, prior.values(each)), shares) for each, shares in pairs)
     deviation = np.sqrt(np.diag(before))
     ratios, vectors = eigh(after / np.outer(deviation, deviation), before / np.outer(deviation, deviation))
     found = []
     for ratio, vector in zip(ratios, vectors.T, strict=True):
         loadings = vector / vector[int(np.argmax(np.abs(vector)))]
-        found.append(Direction(float(ratio), loadings, _in_words(loadings, stage.prior)))
+        found.append(Direction(float(ratio), loadings, _in_words(loadings, prior)))
     return found
 
 

@@ -13,11 +13,11 @@ from optimisation.calibration.calibrate import Calibration, member_frame, member
 from optimisation.calibration.design import Runner
 from optimisation.calibration.identifiability import directions, sensitivities, shrinkage
 from optimisation.calibration.page import calibration_page
-from optimisation.calibration.plan import assumed_elsewhere
+from optimisation.calibration.plan import assumed_elsewhere, fitted_names
 from optimisation.calibration.runs import RunStore
 from optimisation.calibration.shipped import Shipped, shipped_car
-from optimisation.calibration.validation import LEVELS, validate
-from optimisation.calibration.weights import effective_size, systematic_sample
+from optimisation.calibration.validation import LEVELS, as_table, validate
+from optimisation.calibration.weights import systematic_sample
 from optimisation.sweep.engine import Engine
 from workbench.atomic_write import write_atomically
 from workbench.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
@@ -32,33 +32,34 @@ PRIOR_SAMPLE = 4096
 def write_calibration(
     result: Calibration, out: Path, store: RunStore, engine: Engine, say: Callable[[str], None]
 ) -> Path:
-    """Writes `<plan>.yaml` (the ensemble), `members.parquet`, three tables as CSV and `index.html`; the page's path."""
+    """Writes `<plan>.yaml` (the ensemble), `members.parquet`, five tables as CSV and `index.html`; the page's path."""
     path = out / f"{result.plan.name}.yaml"
     shipped = shipped_car(result, Runner(store, engine, say))
     _write_text(path, ensemble_text(result))
     ensemble = load_ensemble(path)
     say("validation: Tables 7.1 to 7.4 ...")
-    validated = validate(ensemble.members, result.plan.discrepancy, store, engine)
+    validated, outcomes = validate(ensemble.members, result.plan, store, engine)
     frame = member_frame(result)
     write_atomically(out / "members.parquet", lambda temporary: frame.to_parquet(temporary), True, UserError)
     sensitivity = sensitivity_table(result)
     parameters = parameter_table(result, shipped)
-    _write_csv(out / "validation.csv", pd.DataFrame([v.as_row() for v in validated]))
+    _write_csv(out / "validation.csv", as_table(validated))
+    _write_csv(out / "outcomes.csv", as_table(outcomes))
     _write_csv(out / "sensitivities.csv", sensitivity)
     _write_csv(out / "parameters.csv", parameters)
-    combinations = directions(result.car)
+    combinations = directions(result.draw, result.plan.seed)
     _write_csv(
         out / "directions.csv",
         pd.DataFrame([{"variance_ratio": d.ratio, "combination": d.words} for d in combinations]),
     )
-    page = calibration_page(result, ensemble, validated, sensitivity, parameters, combinations, shipped)
+    page = calibration_page(result, ensemble, validated, outcomes, sensitivity, parameters, combinations, shipped)
     _write_text(out / REPORT, page)
     return out / REPORT
 
 
 def ensemble_text(result: Calibration) -> str:
     """The ensemble as the text of its file: equal calibrations give equal text."""
-    weights = result.tail.weights
+    weights = result.draw.weights
     content: dict[str, Any] = {
         "schema": ENSEMBLE_SCHEMA,
         "name": result.plan.name,
@@ -66,7 +67,7 @@ def ensemble_text(result: Calibration) -> str:
         "best": member_name(result.best),
     }
     lines = [
-        "# Cars that the published flip speeds and Table 7.1 leave possible, each with its weight; made by",
+        "# Cars with tails that the fitted figures of the plan leave possible, each with its weight; made by",
         f"# `aerodima calibrate --plan {result.plan.name} --seed {result.plan.seed}` (workbench/ensemble.py reads it).",
         yaml.safe_dump(content, sort_keys=False, width=116, allow_unicode=True).rstrip(),
         "members:",
@@ -81,32 +82,20 @@ def ensemble_text(result: Calibration) -> str:
 
 def provenance(result: Calibration) -> dict[str, Any]:
     """How the ensemble was made, as plain data."""
-    tail, check = result.tail, result.check
-    none, swing = result.car.target.bracket, tail.target.bracket
-    shares = {
-        "share_of_weight_that_survives_the_slow_speed": round(tail.survive, 3),
-        "share_of_weight_that_flips_in_the_turn_at_the_fast_speed": round(tail.flip, 3),
-        "share_of_weight_that_does_both": round(tail.meet, 3),
-    }
+    draw, check = result.draw, result.check
     return {
         "method": "surrogates of a design, importance sampling within searched windows, weights by the cars' own runs",
         "plan": f"calibration/plans/{result.plan.name}.yaml",
         "seed": result.plan.seed,
         "runs": result.runs,
-        "targets": {
-            "tailless": f"survives {none.survived:g} m/s, flips at {none.flipped:g} m/s; Table 7.1 with discrepancy",
-            "tailed": f"survives {swing.survived:g} m/s, flips at {swing.flipped:g} m/s",
-            "tailed_is_met": tail.is_met,
-            "tails_of_the_prior": shares,
-        },
-        "cars_drawn": result.car.drawn,
-        "effective_sample_size_of_cars": round(result.car.effective_size, 1),
-        "effective_sample_size": round(effective_size(tail.weights), 1),
+        "fitted": fitted_names(result.plan),
+        "cars_drawn": draw.drawn,
+        "tails_of_each_car": draw.sampling.tails,
+        "effective_sample_size": round(draw.effective_size, 1),
         "fine_step": {
             "step_s": check.step,
             "members": len(check.places),
-            "share_of_weight_in_tailless_bracket": round(check.tailless_share, 3),
-            "share_of_weight_in_tailed_bracket": None if check.tailed_share is None else round(check.tailed_share, 3),
+            "share_of_weight_in_tailless_bracket": round(check.share, 3),
         },
         "left_at_their_value": assumed_elsewhere(result.plan),
         "versions": software_versions(),
@@ -114,21 +103,21 @@ def provenance(result: Calibration) -> dict[str, Any]:
 
 
 def sensitivity_table(result: Calibration) -> pd.DataFrame:
-    """Change of each target for a tenth of the prior range of each parameter, one row per parameter."""
-    frame = pd.DataFrame({"parameter": result.car.prior.keys})
-    for name, values in sensitivities(result.car).items():
+    """Change of each fitted quantity for a tenth of the prior range of each parameter, one row per parameter."""
+    frame = pd.DataFrame({"parameter": result.draw.prior.keys})
+    for name, values in sensitivities(result.draw).items():
         frame[name] = values
     return frame
 
 
 def parameter_table(result: Calibration, shipped: Shipped) -> pd.DataFrame:
     """Per parameter: prior, quantiles of the ensemble, best value, how much was learnt, and the shipped car."""
-    prior, places = result.tail.prior, result.kept
-    values = prior.values(result.tail.members.coordinates[places])
-    weights = result.tail.weights[places]
+    prior, places = result.draw.prior, result.kept
+    values = prior.values(result.draw.coordinates[places])
+    weights = result.draw.weights[places]
     reference = _prior_sample(result)
     learnt = shrinkage(prior, values, weights, reference)
-    best = prior.values(result.tail.members.coordinates[[result.best]])[0]
+    best = prior.values(result.draw.coordinates[[result.best]])[0]
     rows = []
     for column, key in enumerate(prior.keys):
         low, median, high = weighted_quantiles(values[:, column], weights, LEVELS)
@@ -151,10 +140,10 @@ def parameter_table(result: Calibration, shipped: Shipped) -> pd.DataFrame:
 
 def _prior_sample(result: Calibration) -> np.ndarray:
     """Cars of the plausible prior, equally likely (k, n)."""
-    points, density = result.tail.prior.draw(PRIOR_SAMPLE, result.plan.seed)
+    points, density = result.draw.prior.draw(PRIOR_SAMPLE, result.plan.seed)
     weights = np.exp(density - np.max(density))
     chosen = systematic_sample(weights, len(points), result.plan.seed)
-    return result.tail.prior.values(points[chosen])
+    return result.draw.prior.values(points[chosen])
 
 
 def _number(value: Any) -> str:

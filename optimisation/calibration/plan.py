@@ -1,7 +1,8 @@
 """The plan of a calibration: what varies, what it is held to, what is implausible, and how many runs that takes.
 
-Plans are files of `models/calibration/plans` (schema `aerodima/calibration-plan/1`). The prior of a parameter is its
-range in `models/parameters`; the targets are the published tables; the plan adds how far the model may be off.
+Plans are files of `models/calibration/plans` (schema `aerodima/calibration-plan/2`). The prior of a parameter is its
+range in `models/parameters`; the figures are those of the published tables; the plan says which of them make the
+weights and which test them (it is the one place that does), and how far the model may be off.
 """
 
 from pathlib import Path
@@ -18,21 +19,48 @@ from workbench.quantity import explain, nearest
 from workbench.resources import model_path, models_dir
 from workbench.scenario import SECTIONS, load_parameter_entries
 
-PLAN_SCHEMA = "aerodima/calibration-plan/1"
+PLAN_SCHEMA = "aerodima/calibration-plan/2"
 
-CALIBRATED_METRICS = tuple(
+OWN_METRICS = tuple(
     name for name in TurnMetrics.__dataclass_fields__ if name != "speed_m_per_s" and "kohut" not in name
 )
 """Metrics that carry information of their own: the speed is commanded, Kohut is speed times yaw rate."""
+SPEED_IN_TURN, LIFT = "speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s"
+
+FIGURES = {
+    "Table 7.1": (*OWN_METRICS, SPEED_IN_TURN),
+    "Section 6.3.4": (LIFT,),
+    "Table 7.2": OWN_METRICS,
+    "Table 7.3": OWN_METRICS,
+    "Table 7.4": OWN_METRICS,
+}
+"""What a plan must say of each place of the thesis."""
 
 
-class Discrepancy(BaseModel):
-    """How far the model may be off from one published metric: one standard deviation over the published figure."""
+class Figure(BaseModel):
+    """What the calibration does with one published figure.
+
+    Attributes:
+        use: `fitted` figures make the weights, those that are `held out` test them.
+        discrepancy: how far the model may be off: one standard deviation over the published figure.
+        reason: for both.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    relative: float = Field(gt=0, le=10)
+    use: Literal["fitted", "held out"]
+    discrepancy: float = Field(gt=0, le=10)
     reason: str = Field(min_length=1)
+
+
+class Outcomes(BaseModel):
+    """What the calibration does with published outcomes; only the tailless bracket can be fitted."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    tailless_bracket: Literal["fitted"]
+    tailed_bracket: Literal["held out"]
+    real_car_with_tail: Literal["held out"]
 
 
 class Limit(BaseModel):
@@ -78,14 +106,16 @@ class Round(BaseModel):
     pilots: Pilots
 
 
-class CarStage(BaseModel):
-    """Runs of the stage of the car.
+class Size(BaseModel):
+    """How many runs a calibration may take.
 
     Attributes:
         points: cars of the design.
         pilots: most runs of the search for the flip of each car of the design, at the slow and at the fast speed.
         step: of the plant in the design, s; members have the default step.
         rounds: of cars, as many of them as are needed; the surrogates of a round learn from those before.
+        tails: that each car which meets the tailless bracket is run with.
+        enough: effective sample size that ends the rounds, and that an ensemble needs.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -93,15 +123,9 @@ class CarStage(BaseModel):
     points: int = Field(ge=4, le=4096)
     pilots: Pilots
     step: float = Field(gt=0, le=0.005)
-    rounds: tuple[Round, ...] = Field(min_length=1, max_length=8)
-
-
-class TailStage(BaseModel):
-    """Runs of the stage of the tail: how many tails each car of the ensemble gets."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    tails: int = Field(ge=1, le=256)
+    rounds: tuple[Round, ...] = Field(min_length=1, max_length=12)
+    tails: int = Field(ge=1, le=64)
+    enough: float = Field(ge=2, le=4096)
 
 
 class CheckSize(BaseModel):
@@ -118,21 +142,24 @@ class CalibrationPlan(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
-    schema_: Literal["aerodima/calibration-plan/1"] = Field(alias="schema")
+    schema_: Literal["aerodima/calibration-plan/2"] = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
     seed: int = Field(ge=0)
     car: tuple[str, ...] = Field(min_length=1)
     tail: tuple[str, ...] = Field(min_length=1)
-    discrepancy: dict[str, Discrepancy]
+    figures: dict[str, dict[str, Figure]]
+    outcomes: Outcomes
     plausible: Plausible
-    car_stage: CarStage
-    tail_stage: TailStage
+    size: Size
     check: CheckSize
 
     @model_validator(mode="after")
     def _names_are_known(self) -> "CalibrationPlan":
-        if set(self.discrepancy) != set(CALIBRATED_METRICS):
-            raise ValueError(f"discrepancy: {sorted(self.discrepancy)}; allowed: {', '.join(CALIBRATED_METRICS)}")
+        if set(self.figures) != set(FIGURES):
+            raise ValueError(f"figures: {sorted(self.figures)}; allowed: {', '.join(FIGURES)}")
+        for source, metrics in FIGURES.items():
+            if set(self.figures[source]) != set(metrics):
+                raise ValueError(f"figures: {source}: {sorted(self.figures[source])}; allowed: {', '.join(metrics)}")
         needed = {"car.com_height", "car.tyre_friction", "car.track"}
         if not needed <= set(self.car):
             raise ValueError(f"car: {', '.join(sorted(needed - set(self.car)))} missing; the flip depends on it first")
@@ -188,6 +215,14 @@ def prior_ranges(keys: tuple[str, ...], where: str = "prior") -> NDArray[np.floa
             raise ScenarioError(f"{where}: {key}: has no prior range; allowed in {section}: {', '.join(others)}")
         ranges.append(prior)
     return np.array(ranges)
+
+
+def fitted_names(plan: CalibrationPlan) -> list[str]:
+    """What a plan's weights rest on, as plain words: what agrees with it is no evidence."""
+    outcomes = [name.replace("_", " ") for name, use in plan.outcomes if use == "fitted"]
+    return outcomes + [
+        f"{source} {name}" for source in FIGURES for name, f in plan.figures[source].items() if f.use == "fitted"
+    ]
 
 
 def assumed_elsewhere(plan: CalibrationPlan) -> list[str]:

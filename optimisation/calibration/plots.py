@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from optimisation.calibration.identifiability import Direction
+from optimisation.calibration.identifiability import FLIP_SPEED, Direction
 from optimisation.calibration.validation import Validated
 from workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from workbench.report.words import metric_name
@@ -43,12 +44,12 @@ def plot_posterior(parameters: pd.DataFrame, members: pd.DataFrame) -> Figure:
     return figure
 
 
-def plot_group(members: pd.DataFrame) -> Figure:
-    """The two combinations that decide: friction against height of the centre of mass over half the track."""
+def plot_group(members: pd.DataFrame, half_track: NDArray[np.float64]) -> Figure:
+    """The two combinations that decide: friction against height of the centre of mass over half the track (m)."""
     with styled():
         figure, axes = new_figure(5.2, 3.6)
         axis = axes[0, 0]
-        ratio = members["car.com_height"] / (0.5 * members["car.track"])
+        ratio = members["car.com_height"] / half_track
         size = 25 + 900 * members["weight"]
         axis.scatter(members["car.tyre_friction"], ratio, s=size, color=BLUE, alpha=0.55, linewidth=0)
         friction = np.linspace(members["car.tyre_friction"].min(), members["car.tyre_friction"].max(), 50)
@@ -79,22 +80,22 @@ def plot_sensitivities(table: pd.DataFrame) -> Figure:
 
 
 def plot_validation(validated: Sequence[Validated]) -> Figure:
-    """Band of the ensemble over the published figure, per table and metric; 1 is the published figure."""
+    """Band of the ensemble over the published figure, per place and metric; orange where it is no evidence."""
     sources = list(dict.fromkeys(v.source for v in validated))
     with styled():
-        figure, axes = new_figure(10.5, 3.4, 1, len(sources), sharey=True)
+        figure, axes = new_figure(12.0, 3.4, 1, len(sources))
         for axis, source in zip(axes.flat, sources, strict=True):
             rows = [v for v in validated if v.source == source]
             for place, v in enumerate(rows):
-                colour = ORANGE if v.used else BLUE
+                colour = BLUE if v.is_test else ORANGE
                 low, median, high = (value / v.published for value in (v.low, v.median, v.high))
                 axis.plot([low, high], [place, place], color=colour, linewidth=5, alpha=0.5, solid_capstyle="butt")
                 axis.plot(median, place, "|", color=colour, markersize=12, markeredgewidth=2)
             axis.axvline(1.0, color=VERMILION)
-            axis.set_title(f"{source}{' (calibrated to)' if any(v.used for v in rows) else ''}")
+            axis.set_title(source)
             axis.set_xlabel("ensemble / published")
             axis.set_yticks(range(len(rows)), [metric_name(v.metric) for v in rows], fontsize=8)
-        axes[0, 0].invert_yaxis()
+            axis.invert_yaxis()
     return figure
 
 
@@ -113,7 +114,8 @@ def plot_directions(found: Sequence[Direction]) -> Figure:
 
 
 def _target_name(name: str) -> str:
-    return "flip speed [m/s]" if name == "flip_speed_m_per_s" else metric_name(name)
+    source, _, metric = name.rpartition(" ")
+    return "flip speed [m/s]" if name == FLIP_SPEED else f"{source}: {metric_name(metric)}"
 
 
 def _wrapped(text: str) -> str:

@@ -1,9 +1,10 @@
 """Prior of the cars: uniform over the ranges of the parameters, cut to what is plausible.
 
 A car is a point of the unit cube, one coordinate per parameter. The coordinate of the centre of mass stands for the
-group G = friction x height / (track / 2), which decides the flip (design section 7): drawn uniformly within the plan's
-limits it spends the runs where the flip is. A uniform prior of the height then has the density (track / 2) / friction
-in G, which `Prior.log_density` returns.
+group G = friction x height / half track, which decides the flip (design section 7): drawn uniformly within the plan's
+limits it spends the runs where the flip is. Half the track is that of the line on which the outer tyres stand once
+the car leans (`CarParameters.outer_half_track`). A uniform prior of the height then has the density half track /
+friction in G, which `Prior.log_density` returns.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,7 @@ FloatArray = NDArray[np.float64]
 Window = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Coordinates (m, n) -> ends (m), (m) of the coordinate of the group; it may not look at that coordinate."""
 
-HEIGHT, FRICTION, TRACK = "car.com_height", "car.tyre_friction", "car.track"
+HEIGHT, FRICTION, TRACK, WIDTH = "car.com_height", "car.tyre_friction", "car.track", "car.tyre_width"
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,13 @@ class Prior:
     def group(self, coordinate: FloatArray) -> FloatArray:
         """Friction x height of the centre of mass / half track of its coordinate (m)."""
         return self.plausible.lowest_group.value + np.asarray(coordinate) * self.group_scale
+
+    def half_track(self, values: FloatArray) -> FloatArray:
+        """`CarParameters.outer_half_track` (m) of cars (m, n), m."""
+        width = values[:, self.keys.index(WIDTH)] if WIDTH in self.keys else self.base.car.tyre_width
+        edge = 0.5 * width if self.base.car.tyre_shape == "cylinder" else 0.0
+        found: FloatArray = 0.5 * values[:, self.keys.index(TRACK)] + edge
+        return found
 
     def values(self, coordinates: FloatArray) -> FloatArray:
         """Parameters (m, n) in their units of coordinates (m, n) in [0, 1]."""
@@ -148,4 +156,4 @@ class Prior:
         return low, high
 
     def _half_track_over_friction(self, values: FloatArray) -> FloatArray:
-        return 0.5 * values[:, self.keys.index(TRACK)] / values[:, self.keys.index(FRICTION)]
+        return self.half_track(values) / values[:, self.keys.index(FRICTION)]

@@ -4,6 +4,7 @@ Every decision of a calibration follows from its plan, its seed and the rows of 
 same folder repeats the decisions, takes the rows that are there, and runs only what is missing.
 """
 
+import fcntl
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,10 +22,12 @@ from workbench.atomic_write import make_folder
 from workbench.ensemble import Value
 from workbench.errors import UserError
 from workbench.logs.schema import software_versions
-from workbench.scenario import Scenario
+from workbench.scenario import Scenario, load_scenario
 
-RUNS_SCHEMA = "aerodima/calibration-runs/1"
+RUNS_SCHEMA = "aerodima/calibration-runs/2"
 RUNS = "runs.jsonl"
+SCENARIOS = ("turn_none", "turn_held", "turn_swing", "slalom")
+"""Whose numbers must be those of the runs that a folder holds, whatever varies from car to car."""
 
 DEFAULT_LOG_RATE = 500.0
 """Hz; a coarser step than its period logs every step."""
@@ -76,27 +79,32 @@ def car_values(keys: Sequence[str], rows: NDArray[np.float64]) -> list[dict[str,
 
 
 class RunStore:
-    """Rows of finished runs in `runs.jsonl` of a folder.
+    """Rows of finished runs in `runs.jsonl` of a folder, which is locked as long as the store lives.
 
     Args:
         folder: made when it is not there.
-        base: scenario of everything that does not vary.
-        varied: keys that do, left out of what must agree.
+        varied: keys that vary from car to car, left out of what must agree.
         force: drop the rows that are there.
 
     Raises:
-        UserError: the folder holds runs of other parameters or versions, or no such file at all can be made.
+        UserError: the folder holds runs of other parameters or versions, another process works in it, or no such file
+            at all can be made.
     """
 
-    def __init__(self, folder: Path, base: Scenario, varied: Iterable[str], *, force: bool = False):
+    def __init__(self, folder: Path, varied: Iterable[str], *, force: bool = False):
         make_folder(folder, UserError)
         self.path = folder / RUNS
+        self._stream = self.path.open("ab+")
+        try:
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._stream.close()
+            raise UserError(f"{folder}: another process works in it; wait for it, or choose another folder") from None
         if force:
-            self.path.unlink(missing_ok=True)
-        self._head = {"schema": RUNS_SCHEMA, "versions": software_versions(), "base": _digest(base, varied)}
+            self._stream.truncate(0)
+        bases = {name: _digest(load_scenario(name), tuple(varied)) for name in SCENARIOS}
+        self._head = {"schema": RUNS_SCHEMA, "versions": software_versions(), "scenarios": bases}
         self._rows = self._read()
-        if not self.path.exists():
-            self._append(self._head)
 
     def run(self, wanted: Sequence[Wanted], engine: Engine, said: Said | None = None) -> pd.DataFrame:
         """Rows of runs, in their order; those that are not in the store are run and stored first."""
@@ -119,27 +127,32 @@ class RunStore:
     def __len__(self) -> int:
         return len(self._rows)
 
+    def close(self) -> None:
+        """Frees the folder; the end of the process does so too."""
+        self._stream.close()
+
     def _append(self, row: dict[str, Any]) -> None:
-        with self.path.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(row, default=_plain) + "\n")
+        self._stream.write((json.dumps(row, default=_plain) + "\n").encode())
+        self._stream.flush()
 
     def _read(self) -> dict[str, dict[str, Any]]:
         """Rows by name; a last line that an interruption cut off is dropped from the file."""
-        if not self.path.exists():
-            return {}
-        text = self.path.read_text(encoding="utf-8")
-        if text and not text.endswith("\n"):  # cut off exactly before the end of a line, or within it
-            self.path.write_text(text + "\n", encoding="utf-8")
-        lines = text.splitlines()
+        self._stream.seek(0)
+        lines = self._stream.read().splitlines(keepends=True)
         rows = []
-        for number, text in enumerate(lines):
+        for number, line in enumerate(lines):
             try:
-                rows.append(json.loads(text))
+                rows.append(json.loads(line))
             except ValueError:
                 if number != len(lines) - 1:
                     raise UserError(f"{self.path}: line {number + 1} is damaged; drop the runs with --force") from None
-                self.path.write_text("".join(line + "\n" for line in lines[:-1]), encoding="utf-8")
-        if not rows or rows[0] != self._head:
+                self._stream.truncate(sum(map(len, lines[:-1])))
+                break
+            if not line.endswith(b"\n"):  # cut off exactly before the end of the line
+                self._stream.write(b"\n")
+        if not rows:
+            self._append(self._head)
+        elif rows[0] != self._head:
             raise UserError(
                 f"{self.path}: holds runs of other parameters, or of another version; choose another folder, or drop "
                 "them with --force"
@@ -163,7 +176,7 @@ def _acts_without_arm(key: str) -> bool:
     return not key.startswith("tail.") or key.startswith("tail.mount_")
 
 
-def _digest(base: Scenario, varied: Iterable[str]) -> str:
+def _digest(base: Scenario, varied: Sequence[str]) -> str:
     content = base.resolved()
     for key in varied:
         section, _, name = key.partition(".")

@@ -11,12 +11,12 @@ from optimisation.calibration.prior import Prior
 
 @dataclass(frozen=True)
 class Shipped:
-    """The shipped car.
+    """The shipped car with its tail.
 
     Attributes:
         values: of its parameters (n), in the order of the keys of car and tail.
         z: (value - mean of the ensemble) / standard deviation of the ensemble (n).
-        relative_density: posterior density without tail over that of the best member; 0 when it misses the bracket.
+        relative_density: posterior density over that of the best member; 0 when it misses the tailless bracket.
     """
 
     values: FloatArray
@@ -25,14 +25,14 @@ class Shipped:
 
 
 def shipped_car(result: Calibration, runner: Runner) -> Shipped:
-    """Runs the shipped car at both tailless speeds and compares it with the ensemble."""
-    prior, weights = result.tail.prior, result.tail.weights
-    members = prior.values(result.tail.members.coordinates)
+    """Runs the shipped car as each member was run and compares it with the ensemble."""
+    prior, weights = result.draw.prior, result.draw.weights
+    members = prior.values(result.draw.coordinates)
     mean = weights @ members
     deviation = np.sqrt(weights @ (members - mean) ** 2)
     own = _values(prior)
-    cars = np.vstack([prior.coordinates(own[None])[0], result.tail.members.coordinates[result.best]])
-    shipped, best = log_posterior(result.car, cars, runner)
+    cars = np.vstack([prior.coordinates(own[None])[0], result.draw.coordinates[result.best]])
+    shipped, best = log_posterior(result.draw, cars, runner)
     return Shipped(own, (own - mean) / deviation, float(np.exp(shipped - best)))
 
 

@@ -2,14 +2,17 @@
 
 Sums of Legendre polynomials up to degree 2, orthonormal over the unit cube, with a Gaussian prior on the coefficients
 that holds second-order terms smaller than linear ones. They only steer where real runs are made; the weight of every
-member rests on its real run (`optimisation.calibration.stages`).
+member rests on its real run (`optimisation.calibration.draw`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
+
+from optimisation.calibration.data import Datum, log_density
 
 FloatArray = NDArray[np.float64]
 
@@ -95,6 +98,23 @@ def fit(
                 best = error, scales * (scaled.T @ (inverse @ y))
     assert best is not None
     return Surrogate(centre, spread, best[1], best[0] * spread)
+
+
+def surrogate_log_likelihood(
+    coordinates: FloatArray, surrogates: Mapping[Datum, Surrogate], *, widened: bool = False
+) -> FloatArray:
+    """Log likelihood (m) of figures by their surrogates, up to a constant.
+
+    Args:
+        coordinates: (m, n).
+        surrogates: of the figures.
+        widened: by the errors of the surrogates: a proposal is to be wider than its target.
+    """
+    total: FloatArray = np.zeros(len(coordinates))
+    for datum, surrogate in surrogates.items():
+        deviation = np.hypot(datum.discrepancy, surrogate.error) if widened else datum.discrepancy
+        total += log_density((surrogate.predict(coordinates) - datum.figure) / deviation)
+    return total
 
 
 @dataclass(frozen=True)

@@ -1,32 +1,27 @@
-"""Every metric of Tables 7.1 to 7.4 beside the ensemble. Table 7.1 was calibrated to, the others test it.
+"""Every published figure and outcome beside the ensemble: what the weights rest on, and what tests them.
 
-The simulated rows are compared with raw metrics of the turn, as the thesis simulated it; the physical rows with the
-metrics after the car's zero-phase filters. The turns are those of the simulation at the speed of the row, not the
-car's AUTO sequence: the thesis gives throttle, not speed, for those.
+Each row is compared with metrics from the signals that the thesis took for it (`workbench.published.SIGNALS`). The
+turns are those of the simulation at the speed of the row, not the car's AUTO sequence: the thesis gives throttle, not
+speed, for those.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from optimisation.calibration.plan import Discrepancy
-from optimisation.calibration.runs import RunStore, Wanted, survives
+from optimisation.calibration.data import Datum, FloatArray, Turn, Use, plan_data
+from optimisation.calibration.plan import CalibrationPlan
+from optimisation.calibration.runs import RunStore, flips_in_the_turn, survives
 from optimisation.sweep.engine import Engine
 from workbench.ensemble import Member, weighted_quantiles
-from workbench.published import PublishedFigures, TurnMetrics, flip_bracket, published_figures
+from workbench.published import flip_bracket, published_figures
 
 LEVELS = (0.05, 0.5, 0.95)
 """Of the band that is reported: it holds 90 % of the weight."""
-
-GENTLE_START = ("manoeuvre.speed_ramp=3.0", "manoeuvre.turn_start=3.8", "manoeuvre.duration=5.8")
-"""Start of the runs beyond the simulated speeds: within the usual 1.2 s such a car tips over backwards before its turn
-(models/README.md), and the real one had 15 s (design section 10)."""
-
-SCENARIOS = {"tailless": "none", "tailed": "swing"}
 
 
 @dataclass(frozen=True)
@@ -34,18 +29,18 @@ class Validated:
     """One published metric beside the ensemble.
 
     Attributes:
-        source: its table.
-        used: whether the calibration used it.
+        source: its table or section.
+        use: what the calibration did with it.
         metric: name with unit.
         published: figure.
         low, median, high: quantiles of the ensemble at `LEVELS`.
         z: (published - mean) / standard deviation of the ensemble.
         z_with_discrepancy: the same with the model discrepancy of the plan added to the variance.
-        survived: share of the weight that survived these runs.
+        survived: share of the weight that survived these runs; only these have figures here.
     """
 
     source: str
-    used: bool
+    use: Use
     metric: str
     published: float
     low: float
@@ -55,76 +50,85 @@ class Validated:
     z_with_discrepancy: float
     survived: float
 
-    def as_row(self) -> dict[str, Any]:
-        """For a table."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+    @property
+    def is_test(self) -> bool:
+        """Whether agreement is evidence."""
+        return self.use == "held out"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One published outcome beside the ensemble.
+
+    Attributes:
+        claim: in words.
+        use: what the calibration did with it.
+        share: of the weight that shows it.
+        tipped: share of the weight that tipped over before its turn, which says nothing about the claim.
+    """
+
+    claim: str
+    use: Use
+    share: float
+    tipped: float
 
 
 def validate(
-    members: Sequence[Member], discrepancy: dict[str, Discrepancy], store: RunStore, engine: Engine
-) -> list[Validated]:
-    """Runs the members as each table was made and compares all eight metrics."""
+    members: Sequence[Member], plan: CalibrationPlan, store: RunStore, engine: Engine
+) -> tuple[list[Validated], list[Outcome]]:
+    """Runs the members as each figure was made and compares all of them."""
     weights = np.array([member.weight for member in members])
-    found = []
-    for published in published_figures():
-        speed = commanded_speed(published)
-        start = start_settings(speed)
-        wanted = [Wanted(m.values, SCENARIOS[published.configuration], speed, settings=start) for m in members]
-        found += compare(published, store.run(wanted, engine), weights, discrepancy)
-    return found
+
+    def run(turn: Turn) -> pd.DataFrame:
+        return store.run([turn.wanted(member.values) for member in members], engine)
+
+    figures = [compare(datum, run(datum.turn), weights) for datum in plan_data(plan)]
+    none, swing = flip_bracket("tailless"), flip_bracket("tailed")
+    real = next(r for r in published_figures() if (r.platform, r.configuration) == ("physical", "tailed"))
+    fastest = real.metrics.speed_m_per_s
+    outcomes = []
+    claims: tuple[tuple[str, str, float, Use], ...] = (
+        ("survives", "none", none.survived, plan.outcomes.tailless_bracket),
+        ("flips", "none", none.flipped, plan.outcomes.tailless_bracket),
+        ("survives", "swing", swing.survived, plan.outcomes.tailed_bracket),
+        ("flips", "swing", swing.flipped, plan.outcomes.tailed_bracket),
+        ("survives", "swing", fastest, plan.outcomes.real_car_with_tail),
+    )
+    for verb, mode, speed, use in claims:
+        rows = run(Turn(mode, speed))
+        shown = survives(rows) if verb == "survives" else flips_in_the_turn(rows)
+        tipped = ~survives(rows) & ~flips_in_the_turn(rows)
+        claim = f"{'no tail' if mode == 'none' else 'tail'}: {verb} {speed:g} m/s"
+        outcomes.append(Outcome(claim, use, float(weights @ shown), float(weights @ tipped)))
+    return figures, outcomes
 
 
-def commanded_speed(published: PublishedFigures) -> float:
-    """Speed (m/s) that a row's run was commanded: as published for the simulated ones, else the speed of the row."""
-    if published.platform == "simulated":
-        return flip_bracket("tailless" if published.configuration == "tailless" else "tailed").survived
-    return published.metrics.speed_m_per_s
-
-
-def start_settings(speed: float) -> tuple[str, ...]:
-    """Overrides of the start of a run at a speed (m/s): none up to the fastest simulated one."""
-    return GENTLE_START if speed > flip_bracket("tailed").flipped else ()
-
-
-def compare(
-    published: PublishedFigures, rows: pd.DataFrame, weights: np.ndarray, discrepancy: dict[str, Discrepancy]
-) -> list[Validated]:
-    """Metrics of runs, one row per member, beside a published row; a run that was not survived loses its weight."""
-    prefix = "filtered_" if published.platform == "physical" else ""
+def compare(datum: Datum, rows: pd.DataFrame, weights: FloatArray) -> Validated:
+    """A figure beside runs, one row per member; a run that was not survived loses its weight."""
     upright = survives(rows)
-    survived = float(weights[upright].sum())
-    found = []
-    for field in fields(TurnMetrics):
-        values = np.where(upright, rows[prefix + field.name].to_numpy(float), np.nan)
-        there = np.isfinite(values)
-        shares = weights[there] / weights[there].sum()
-        mean = float(shares @ values[there]) if np.any(there) else np.nan
-        variance = float(shares @ (values[there] - mean) ** 2)
-        figure = float(getattr(published.metrics, field.name))
-        allowed = (relative_discrepancy(field.name, discrepancy) * figure) ** 2
-        low, median, high = weighted_quantiles(values, weights, LEVELS)
-        found.append(
-            Validated(
-                source=published.source,
-                used=(published.platform, published.configuration) == ("simulated", "tailless")
-                and field.name in discrepancy,
-                metric=field.name,
-                published=figure,
-                low=float(low),
-                median=float(median),
-                high=float(high),
-                z=_ratio(figure - mean, variance),
-                z_with_discrepancy=_ratio(figure - mean, variance + allowed),
-                survived=survived,
-            )
-        )
-    return found
+    values = np.where(upright, datum.values(rows), np.nan)
+    there = np.isfinite(values)
+    shares = weights[there] / weights[there].sum()
+    mean = float(shares @ values[there]) if np.any(there) else np.nan
+    variance = float(shares @ (values[there] - mean) ** 2)
+    low, median, high = weighted_quantiles(values, weights, LEVELS)
+    return Validated(
+        source=datum.source,
+        use=datum.use,
+        metric=datum.metric,
+        published=datum.figure,
+        low=float(low),
+        median=float(median),
+        high=float(high),
+        z=_ratio(datum.figure - mean, variance),
+        z_with_discrepancy=_ratio(datum.figure - mean, variance + datum.discrepancy**2),
+        survived=float(weights[upright].sum()),
+    )
 
 
-def relative_discrepancy(metric: str, discrepancy: dict[str, Discrepancy]) -> float:
-    """Model discrepancy relative to the figure: Kohut has that of its yaw rate, the commanded speed has none."""
-    name = metric.replace("kohut_deg_m_per_s2", "yaw_rate_rad_per_s")
-    return discrepancy[name].relative if name in discrepancy else 0.0
+def as_table(found: Sequence[Any]) -> pd.DataFrame:
+    """Figures or outcomes, a row each."""
+    return pd.DataFrame([asdict(each) for each in found])
 
 
 def _ratio(difference: float, variance: float) -> float:

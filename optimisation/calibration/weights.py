@@ -1,33 +1,9 @@
-"""From real runs to weights: likelihood of the published figures, importance weights, effective sample size."""
-
-from collections.abc import Mapping
+"""From log weights to weights: normalisation, effective sample size, draws by weight."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.calibration.plan import CALIBRATED_METRICS, Discrepancy
-from workbench.published import PublishedFigures
-
 FloatArray = NDArray[np.float64]
-
-
-def log_likelihood(
-    metrics: Mapping[str, FloatArray], published: PublishedFigures, discrepancy: Mapping[str, Discrepancy]
-) -> FloatArray:
-    """Logarithm of the probability of the published metrics given those of cars (m), up to a constant.
-
-    Gaussian, independent, with the plan's discrepancy as standard deviation relative to the published figure.
-
-    Args:
-        metrics: name -> values (m) of `CALIBRATED_METRICS`.
-        published: row of the table.
-        discrepancy: name -> model discrepancy.
-    """
-    total: FloatArray = np.zeros(len(next(iter(metrics.values()))))
-    for name in CALIBRATED_METRICS:
-        figure = getattr(published.metrics, name)
-        total = total - 0.5 * ((np.asarray(metrics[name]) - figure) / (discrepancy[name].relative * figure)) ** 2
-    return total
 
 
 def normalised(log_weights: FloatArray) -> FloatArray:

@@ -1,12 +1,14 @@
-"""`aerodima calibrate`: from the published figures to the cars that they leave possible."""
+"""`aerodima calibrate`: from the published figures to the cars and tails that they leave possible."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from workbench.batch.dask_cluster import THREAD_VARIABLES
 from workbench.help_sections import THESIS
 
 
@@ -24,22 +26,24 @@ def calibrate(
     force: Annotated[bool, typer.Option("--force", help="Drop the runs that are in the folder.")] = False,
 ) -> None:
     """Calibrate the car: ensemble, best set, sensitivities, validation. Ctrl-C stops it; the same command goes on."""
-    from optimisation.calibration.calibrate import BASE_SCENARIO
+    # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars are drawn, and an
+    # interrupted calibration would not go on with its own runs.
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     from optimisation.calibration.calibrate import calibrate as carry_out
     from optimisation.calibration.output import write_calibration
     from optimisation.calibration.plan import load_plan
     from optimisation.calibration.runs import RunStore
     from optimisation.sweep.engine import open_engine
+    from workbench.batch import WORKER_RECORD
     from workbench.demo import terminal
-    from workbench.scenario import load_scenario
 
     chosen = load_plan(plan)
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
-    store = RunStore(out, load_scenario(BASE_SCENARIO), (*chosen.car, *chosen.tail), force=force)
+    store = RunStore(out, (*chosen.car, *chosen.tail), force=force)
     say = terminal()
     try:
-        with open_engine(workers, scheduler) as engine:
+        with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
             result = carry_out(chosen, store, engine, say)
             report = write_calibration(result, out, store, engine, say)
     except KeyboardInterrupt:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,6 +23,17 @@ BoundOption = Annotated[
     list[str] | None, typer.Option("--bound", help="name=lowest,highest of a parameter; may be repeated.")
 ]
 
+Rig = Annotated[
+    str, typer.Option(help="Rig scenario the logs were made on: name or YAML file; default: the log's own.")
+]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", help="section.key=value of the rig, over --rig; may be repeated.")
+]
+
+Free = Annotated[
+    str, typer.Option(help="Constants and instrument errors that are unknowns: encoder_zero,current_delay, ...")
+]
+
 
 def register(app: typer.Typer) -> None:
     """Adds the group `fit`."""
@@ -33,6 +46,7 @@ def register(app: typer.Typer) -> None:
     group.command()(springs)
     group.command()(throttle)
     group.command()(published)
+    group.command("tail-size")(tail_size)
     app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
 
 
@@ -47,23 +61,36 @@ def static(
     freeze: Annotated[list[str] | None, typer.Option(help="cd, cl, psi3 or current keeps its published seed.")] = None,
     rest: Annotated[tuple[float, float] | None, typer.Option(help="Start and end of the rest (wind off), s.")] = None,
     seeds: Seeds = 0,
+    drift: Annotated[str, typer.Option(help="Of the force sensor: linear, quadratic or exponential.")] = "linear",
+    loss: Annotated[str, typer.Option(help="For the samples: squares, huber, or bisquare (bursts).")] = "squares",
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
     workers: Workers = 2,
     force: Force = False,
 ) -> None:
     """C_D, C_L, psi3 and holding current of static holds.
 
-    A hold is fitted to seven means, so there is no loss to choose; the averages over the holds have robust ones.
+    Drift and step of the readings go through all samples of rest and hold, by the loss; the hold is then fitted to
+    seven means.
 
-    Example: aerodima fit static logs/*.parquet --out fits
+    Example: aerodima fit static logs/*.parquet --out fits --set maxon.torque_constant=0.40
     """
+    from optimisation.identify.hold_mean import DRIFTS, HOLD_LOSSES
     from optimisation.identify.log_fits import fit_static_log
     from optimisation.identify.static import UNITS
 
     for name in freeze or []:
         report.choice("--freeze", name, tuple(UNITS))
     chosen: Any = report.choice("--bounds", bounds, ("wide", "printed"))
+    drifts: Any = report.choice("--drift", drift, DRIFTS)
+    hold_loss: Any = report.choice("--loss", loss, HOLD_LOSSES)
+    options, more = _options("squares", None, rig, set_, free, drift=drifts, hold_loss=hold_loss)
     settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
-    work = partial(fit_static_log, bounds=chosen, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest)
+    settings |= {key: value for key, value in more.items() if key not in ("loss", "bound")}
+    work = partial(
+        fit_static_log, bounds=chosen, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest, options=options
+    )
     report.fit_batch("Static fits", work, logs, out, settings, workers, force, report.static_tables)
 
 
@@ -73,6 +100,9 @@ def friction(
     stribeck: Annotated[bool, typer.Option("--stribeck", help="Also a breakaway torque that dies out.")] = False,
     loss: LossOption = "squares",
     bound: BoundOption = None,
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
     workers: Workers = 2,
     force: Force = False,
 ) -> None:
@@ -83,7 +113,7 @@ def friction(
     from optimisation.identify.log_fits import fit_friction_log
     from optimisation.identify.swing_fit import friction_names
 
-    options, chosen = _options(loss, bound)
+    options, chosen = _options(loss, bound, rig, set_, free)
     options.require_known(friction_names(stribeck))
     work = partial(fit_friction_log, stribeck=stribeck, options=options)
     settings = {"fit": "friction", "stribeck": stribeck, **chosen}
@@ -100,6 +130,9 @@ def added_mass(
     bounds: Annotated[str, typer.Option(help="wide, or printed (Table 4.12).")] = "wide",
     loss: LossOption = "squares",
     bound: BoundOption = None,
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
     workers: Workers = 2,
     force: Force = False,
 ) -> None:
@@ -117,7 +150,7 @@ def added_mass(
     for name in seeds:
         require_seed(name)
     limits: Any = report.choice("--bounds", bounds, BOUNDS)
-    options, chosen = _options(loss, bound)
+    options, chosen = _options(loss, bound, rig, set_, free)
     options.require_known(["added_mass"])
     work = partial(fit_added_mass_log, seeds=seeds, bounds=limits, options=options)
     settings = {"fit": "added-mass", "seeds": list(seeds), "bounds": bounds, **chosen}
@@ -131,6 +164,9 @@ def robot_tail(
     shape: Annotated[str, typer.Option(help="C_N as constant, line or bins over the relative speed.")] = "bins",
     loss: LossOption = "squares",
     bound: BoundOption = None,
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
     workers: Workers = 2,
     force: Force = False,
 ) -> None:
@@ -141,7 +177,7 @@ def robot_tail(
     from optimisation.identify.log_fits import fit_robot_tail_log
 
     shaped: Any = report.choice("--shape", shape, ("constant", "line", "bins"))
-    options, chosen = _options(loss, bound)
+    options, chosen = _options(loss, bound, rig, set_, free)
     work = partial(fit_robot_tail_log, shape=shaped, options=options)
     settings = {"fit": "robot-tail", "shape": shape, **chosen}
     report.fit_batch("Robot tail", work, logs, out, settings, workers, force, report.robot_tables)
@@ -154,7 +190,7 @@ def springs(logs: Logs, out: Out, loss: LossOption = "squares", workers: Workers
     """
     from optimisation.identify.log_fits import fit_spring_file
 
-    options, _ = _options(loss, None)
+    options, _ = _options(loss)
     work = partial(fit_spring_file, loss=options.loss)
     report.fit_batch("Spring rates", work, logs, out, {"fit": "springs", "loss": loss}, workers, force)
 
@@ -178,7 +214,7 @@ def throttle(
     from optimisation.report import write_report
     from workbench.errors import UserError
 
-    options, _ = _options(loss, None)
+    options, _ = _options(loss)
     rule = SteadyRule(window=window, drift=drift)
     points, failed = [], {}
     for path in logs:
@@ -199,14 +235,23 @@ def throttle(
     report.finish(out, failed, len(logs))
 
 
-def _options(loss: str, bound: list[str] | None) -> tuple[Any, dict[str, Any]]:
-    """The `FitOptions` of a command, and what of them tells results apart."""
-    from optimisation.identify.swing_fit import FitOptions
+def _options(
+    loss: str,
+    bound: list[str] | None = None,
+    rig: str = "",
+    set_: list[str] | None = None,
+    free: str = "",
+    **more: Any,
+) -> tuple[Any, dict[str, Any]]:
+    """The `FitOptions` of a command, and what of them tells results apart; what is as ever is not in it."""
+    from optimisation.identify.options import FitOptions
     from optimisation.robust import LOSSES
 
     chosen: Any = report.choice("--loss", loss, LOSSES)
-    bounds = report.bounds_of(bound)
-    return FitOptions(chosen, bounds), {"loss": loss, "bound": [list(entry) for entry in bounds]}
+    names = tuple(dict.fromkeys(name.strip() for name in free.split(",") if name.strip()))
+    options = FitOptions(chosen, report.bounds_of(bound), rig, tuple(set_ or ()), names, **more)
+    told = {key: value for key, value in asdict(options).items() if value != getattr(FitOptions(), key)}
+    return options, {"loss": loss, "bound": [list(entry) for entry in options.bounds], **told}
 
 
 def published(
@@ -237,3 +282,28 @@ def published(
     for note in found.notes():
         typer.echo(note)
     typer.echo(f"wrote {out / 'report.html'}")
+
+
+def tail_size(
+    out: Out,
+    tails: Annotated[int, typer.Option(help="Tails drawn from the prior.", min=2**8, max=2**20)] = 2**15,
+    seed: Annotated[int, typer.Option(help="Of the draw.", min=0)] = 1,
+) -> None:
+    """Size of the robot's sail from the published swings in the tunnel (thesis section 6.3).
+
+    Possible tails are swung and weighted by the published speeds; prior: models/identification/tail_size.yaml.
+    Example: aerodima fit tail-size --out fits
+    """
+    from optimisation.errors import FitError
+    from optimisation.identify.tail_size import find_tails, published_ranges
+    from optimisation.identify.tail_size_tables import report_tables
+    from optimisation.report import write_report
+    from workbench.atomic_write import make_folder
+
+    make_folder(out, FitError)
+    with typer.progressbar(length=tails, label="swinging", file=sys.stderr) as bar:
+        found = find_tails(published_ranges(), tails, seed, progress=bar.update)
+    result, tables, figures = report_tables(found, seed)
+    write_report(out, "Size of the robot's sail from the tunnel", [result], tables=tables, figures=figures)
+    report.show([result])
+    report.finish(out, {}, 1)

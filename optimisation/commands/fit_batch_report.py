@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from optimisation.fit_batch import BatchResult
     from optimisation.pipeline import FitResult
+
+    Extra = tuple[dict[str, pd.DataFrame], list[str]]
+    """Tables by name, and a line for each that is left out."""
+    Tables = Callable[[list[FitResult], Path], Extra]
 
 
 def fit_batch(
@@ -22,12 +28,13 @@ def fit_batch(
     settings: dict[str, Any],
     workers: int,
     force: bool,
-    tables: Callable[[list[FitResult], Path], dict[str, Any]] | None = None,
+    tables: Tables | None = None,
 ) -> BatchResult:
-    """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed.
+    """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed or something was left out.
 
     Args:
-        tables: makes further tables of the report from the results; may write files into the folder.
+        tables: makes further tables of the report from the results, and says what it left out; may write files into
+            the folder.
     """
     from optimisation.fit_batch import fit_logs
     from optimisation.report import write_report
@@ -44,45 +51,60 @@ def fit_batch(
         )
     if fitted.reused:
         typer.echo(f"{fitted.reused} of {len(logs)} were fitted before")
-    extra = tables(fitted.results, out) if tables is not None and fitted.results else {}
-    write_report(out, title, fitted.results, failed=fitted.failed, tables=extra)
+    extra, left_out = _further_tables(tables, fitted.results, out)
+    write_report(out, title, fitted.results, failed=fitted.failed, tables=extra, notes=left_out)
     warn(fitted.failed)
     show(fitted.results)
-    finish(out, fitted.failed, len(logs))
+    finish(out, fitted.failed, len(logs), left_out)
     return fitted
 
 
-def averages(results: list[FitResult], out: Path) -> dict[str, Any]:
+def _further_tables(
+    tables: Tables | None, results: list[FitResult], out: Path
+) -> tuple[dict[str, pd.DataFrame], list[str]]:
+    """What can be made of the results; what cannot is a line, and costs nothing else."""
+    from workbench.errors import UserError
+
+    if tables is None or not results:
+        return {}, []
+    try:
+        return tables(results, out)
+    except UserError as error:
+        return {}, [f"tables over the logs are left out: {error}"]
+
+
+def averages(results: list[FitResult], out: Path) -> Extra:
     """All averages of every parameter over the logs."""
     from optimisation.identify.aggregate import averages_table
 
-    return {"averages": averages_table(results)}
+    return {"averages": averages_table(results)}, []
 
 
-def compared(results: list[FitResult], out: Path) -> dict[str, Any]:
+def compared(results: list[FitResult], out: Path) -> Extra:
     """QSS against QSS-AM per log, and per tail, axis and wind speed; the latter is shown too."""
     from optimisation.identify.comparison import by_wind_speed, comparison_table
 
     cells = by_wind_speed(results)
     for row in cells.itertuples():
         typer.echo(f"tail {row.tail} {row.axis}, {row.wind_speed_m_per_s:g} m/s: {row.verdict}")
-    return {"by_wind_speed": cells, "qss_against_qss_am": comparison_table(results)}
+    return {"by_wind_speed": cells, "qss_against_qss_am": comparison_table(results)}, []
 
 
-def static_tables(results: list[FitResult], out: Path) -> dict[str, Any]:
+def static_tables(results: list[FitResult], out: Path) -> Extra:
     """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind speed."""
     from dataclasses import replace
 
     from optimisation.identify.aggregate import averages_table
     from optimisation.identify.surfaces import node_angle, static_sets, write_sets
 
-    for path in write_sets(out, static_sets(results)):
+    sets, left_out = static_sets(results)
+    for path in write_sets(out, sets):
         typer.echo(f"wrote {path}")
     nodes = [replace(r, facts={**r.facts, "angle_deg": node_angle(r)}) for r in results]
-    return {"averages": averages_table(nodes, ("tail", "axis", "angle_deg", "wind_speed_m_per_s"))}
+    return {"averages": averages_table(nodes, ("tail", "axis", "angle_deg", "wind_speed_m_per_s"))}, left_out
 
 
-def robot_tables(results: list[FitResult], out: Path) -> dict[str, Any]:
+def robot_tables(results: list[FitResult], out: Path) -> Extra:
     """A coefficient file of the bins, and all averages."""
     from optimisation.identify.surfaces import robot_tail_set, write_sets
 
@@ -116,12 +138,15 @@ def warn(failed: dict[str, str]) -> None:
         typer.echo(f"error: {name}: {reason.removeprefix(f'{name}: ')}", err=True)
 
 
-def finish(out: Path, failed: dict[str, str], total: int) -> None:
-    """Names the report; exit status 2 when a log failed."""
+def finish(out: Path, failed: dict[str, str], total: int, left_out: Sequence[str] = ()) -> None:
+    """Names the report; exit status 2 when a log failed or something was left out."""
     typer.echo(f"wrote {out / 'report.html'}")
+    for line in left_out:
+        typer.echo(f"error: {line}", err=True)
     if failed:
         others = "; the others are done" if len(failed) < total else ""
         typer.echo(f"error: {len(failed)} of {total} could not be fitted{others}", err=True)
+    if failed or left_out:
         raise typer.Exit(2)
 
 

@@ -41,13 +41,13 @@ def leaderboard(
     Example: aerodima leaderboard --members 2 --quick --out out/leaderboard
     """
     import sys
-    from contextlib import nullcontext
     from dataclasses import replace
 
     from optimisation.leaderboard.contestants import shipped_swings, standard_contestants
     from optimisation.leaderboard.make import make_leaderboard
     from optimisation.leaderboard.measure import QUICK, Plan
-    from optimisation.sweep.engine import SerialEngine, open_engine
+    from optimisation.sweep.engine import open_engine
+    from workbench.batch import WORKER_RECORD
     from workbench.ensemble import load_ensemble
 
     swings = swing if swing is not None else shipped_swings()
@@ -57,12 +57,9 @@ def leaderboard(
     plan = replace(QUICK if quick else Plan(perturbed=robustness), step=step)
     if speed:
         plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
-    serial = workers == 1 and scheduler is None
-    with nullcontext(SerialEngine()) if serial else open_engine(workers, scheduler) as engine:
-        board, files = make_leaderboard(
-            out, plan, swings, chosen, engine, replays=replays, force=force,
-            say=lambda line: print(line, file=sys.stderr, flush=True),
-        )  # fmt: skip
+    say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
+    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        board, files = make_leaderboard(out, plan, swings, chosen, engine, replays=replays, force=force, say=say)
     for row in board.claims.to_dict("records"):
         typer.echo(
             f"{row['controller']:42} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f} "

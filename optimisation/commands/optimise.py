@@ -90,7 +90,8 @@ def swing(
         polish=polish, feedback=feedback, wall_time=wall_time,
     )  # fmt: skip
     turn = load_scenario(scenario, list(settings or []))
-    with nullcontext(SerialEngine()) if workers == 1 or not polish else open_engine(workers) as engine:
+    record = out.with_suffix(".workers.jsonl")
+    with open_engine(workers, record=record) if polish else nullcontext(SerialEngine()) as engine:
         found = optimise_swing(
             turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
             warm_start=None if warm_start is None else find_swing(warm_start),

@@ -28,15 +28,16 @@ def passivity(
     Example: aerodima passivity --speed 4.5 --speed 6 --out out/passivity
     """
     import sys
-    from contextlib import nullcontext
 
     from optimisation.leaderboard.make import open_runs
     from optimisation.leaderboard.memory import RememberingEngine
     from optimisation.leaderboard.passivity import SPEEDS, measure_passivity, write_passivity
-    from optimisation.sweep.engine import SerialEngine, open_engine
+    from optimisation.sweep.engine import open_engine
+    from workbench.batch import WORKER_RECORD
 
     say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
-    with nullcontext(SerialEngine()) if workers == 1 else open_engine(workers) as engine, open_runs(out) as store:
+    record = out / WORKER_RECORD
+    with open_engine(workers, say=say, record=record) as engine, open_runs(out) as store:
         table = measure_passivity(RememberingEngine(engine, store, say, "passive and active tails"), speed or SPEEDS)
     for row in table.to_dict("records"):
         typer.echo(f"{row['tail']:24} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f}")

@@ -20,6 +20,9 @@ def report(
     ensemble: Annotated[str, typer.Option(help="A name of models/calibration, or a file.")] = "car",
     members: Annotated[int, typer.Option(help="How many members are run, drawn by weight.")] = 12,
     replays: Annotated[bool, typer.Option(help="Also make replays of the interesting runs of the best member.")] = True,
+    survival: Annotated[
+        bool, typer.Option("--survival", help="Also run every tail mode at seven speeds: survival.csv.")
+    ] = False,
     workers: Annotated[int, typer.Option(help="Processes on this computer.")] = 2,
     scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Drop the runs that are in the folder.")] = False,
@@ -27,9 +30,12 @@ def report(
     """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
     from optimisation.reproduction.report import write_report
     from optimisation.sweep.engine import open_engine
+    from workbench.batch import WORKER_RECORD
     from workbench.demo import terminal
     from workbench.ensemble import load_ensemble
 
     chosen = load_ensemble(ensemble)
-    with open_engine(workers, scheduler) as engine:
-        typer.echo(write_report(chosen, members, out, engine, terminal(), replays=replays, force=force))
+    say = terminal()
+    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        page = write_report(chosen, members, out, engine, say, replays=replays, force=force, survival=survival)
+        typer.echo(page)

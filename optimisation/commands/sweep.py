@@ -60,12 +60,14 @@ def run(
     from optimisation.sweep.run_study import run_study
     from optimisation.sweep.store import TABLE
     from optimisation.sweep.study import load_study, plan_runs
+    from workbench.batch import WORKER_RECORD
     from workbench.demo import terminal
 
     loaded = load_study(study)
     plan_runs(loaded)
-    with open_engine(workers, scheduler) as engine:
-        run_study(loaded, out, engine, force=force, say=terminal())
+    say = terminal()
+    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        run_study(loaded, out, engine, force=force, say=say)
     print(f"table: {out / TABLE}")
 
 
@@ -78,7 +80,7 @@ def turn(
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
-    """Speed x tail mode x tail speed: 12 runs without tail, 35 with it (thesis Figures 7.8 and 7.10 to 7.13).
+    """Speed x tail mode x tail speed: 20 runs without tail, 48 with it (thesis Figures 7.8 and 7.10 to 7.13).
 
     Example: aerodima sweep turn --out sweeps/turn
     """
@@ -201,10 +203,12 @@ def _report(
     from optimisation.sweep.engine import open_engine
     from optimisation.sweep.studies.report import make_report
     from optimisation.sweep.study import check_factors, plan_runs
+    from workbench.batch import WORKER_RECORD
     from workbench.demo import terminal
 
     check_factors(study, "--set")
     plan_runs(study)
-    with open_engine(workers, scheduler) as engine:
-        page = make_report(study, read, out, engine, force=force, say=terminal())
+    say = terminal()
+    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        page = make_report(study, read, out, engine, force=force, say=say)
     print(f"report: {page}")

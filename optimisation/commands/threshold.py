@@ -99,12 +99,14 @@ def survival(
     from optimisation.sweep.engine import open_engine
     from optimisation.sweep.studies.survival import survival_study, write_survival
     from optimisation.sweep.study import Range
+    from workbench.batch import WORKER_RECORD
     from workbench.demo import terminal
 
     axes = [Range(first=first, last=last, number=number) for first, last, number in (speeds, frictions)]
     study = survival_study(scenario, settings or [], *axes)
-    with open_engine(workers, scheduler) as engine:
-        page = write_survival(study, out, engine, force, terminal())
+    say = terminal()
+    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        page = write_survival(study, out, engine, force, say)
     print(f"report: {page}")
 
 
@@ -119,7 +121,7 @@ def _search(
     load_scenario(scenario, settings)
     say = terminal()
     with ExitStack() as stack:
-        engine = stack.enter_context(open_engine(workers, scheduler))
+        engine = stack.enter_context(open_engine(workers, scheduler, say=say))
         cases = [Case(scenario, scenario, tuple(settings or ()))]
         (found,) = find_thresholds(cases, search, engine, lambda done, known: say(f"[{done}/{known}] runs"))
     print("\n".join(describe(found, unit)))

@@ -39,13 +39,12 @@ def verify(
 
     Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
     """
-    from contextlib import nullcontext
-
     from optimisation.errors import SwingError
-    from optimisation.sweep.engine import SerialEngine, open_engine
+    from optimisation.sweep.engine import open_engine
     from optimisation.swing.verify import verify_swing
     from optimisation.swing.verify_report import PAGE, RUNS, VERDICT, write_verification
     from workbench.atomic_write import refuse_existing
+    from workbench.batch import WORKER_RECORD
     from workbench.controllers.law_of_scenario import find_swing, law_of_scenario, refuse_other_car
     from workbench.ensemble import load_ensemble
     from workbench.range_of_motion import make_range_of_motion
@@ -66,7 +65,7 @@ def verify(
     runs = 2 * (len(cars.members) if members is None else min(members, len(cars.members)))
     typer.echo(f"{runs} runs of the ensemble at a step of {1000 * step:g} ms, and the car of the swing", err=True)
 
-    with nullcontext(SerialEngine()) if workers == 1 else open_engine(workers) as engine:
+    with open_engine(workers, record=out / WORKER_RECORD) as engine:
         found = verify_swing(
             played, path, turn, settings or [], cars, motion, members=members, step=step, tracking=tracking,
             engine=engine,

@@ -15,16 +15,18 @@ import numpy as np
 
 from optimisation.errors import FitError
 from optimisation.identify.comparison import compare
+from optimisation.identify.options import FREE, FitOptions
 from optimisation.identify.published_tables import published
-from optimisation.identify.swing_fit import FREE, FitOptions, SwingModel
+from optimisation.identify.swing_fit import SwingModel
 from optimisation.identify.swing_log import SwingData
 from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
 from optimisation.least_squares import Problem
 from optimisation.parameters import Parameter
 from optimisation.pipeline import FitResult
+from workbench.aero.laws import SectionLaw
 from workbench.logs.schema import RunLog
 from workbench.plants.car import LEAST_INERTIA_LEFT
-from workbench.plants.rig import ADDED_MASS_PARTS
+from workbench.plants.rig import ADDED_MASS_PARTS, rig_law
 
 Bounds = Literal["wide", "printed"]
 BOUNDS: tuple[Bounds, ...] = ("wide", "printed")
@@ -39,13 +41,16 @@ def potential_flow_mass(data: SwingData) -> float:
     return density * math.pi * radius**2 * tail.length / ADDED_MASS_PARTS
 
 
-def added_mass_model(data: SwingData) -> SwingModel:
-    """The rollout with the quasi-steady coefficients of the tail and the published friction."""
+def added_mass_model(data: SwingData, law: SectionLaw | None = None) -> SwingModel:
+    """The rollout with the quasi-steady coefficients of the tail, or another law, and the published friction."""
     friction = data.scenario.friction
-    air = air_torque(data.scenario)
+    law = law or rig_law(data.scenario)[0]
+    air = air_torque(data.scenario, law)
     torques = [friction_torque(friction.coulomb, friction.viscous, friction.tanh_gain)]
     torques += [air] if air is not None else []
-    return SwingModel(data, Pendulum.of(data.scenario), lambda values: torques)
+    return SwingModel(
+        data, Pendulum.of(data.scenario), lambda values: torques, lambda other: added_mass_model(other, law)
+    )
 
 
 def added_mass_parameter(data: SwingData, bounds: Bounds = "wide") -> Parameter:
@@ -77,6 +82,10 @@ SEEDS: dict[str, Callable[[SwingData], float]] = {
 }
 """Named seeds; `table-4.12` is that of the nearest wind speed."""
 DEFAULT_SEEDS = ("zero", "table-4.12")
+SCAN = "scan"
+"""Name in the attempts of the start that `coarse_scan` finds; it is always tried."""
+_SCANNED, _SCANNED_LENGTH = 24, 1.0
+"""Masses that are scanned, over that much of the swing, s."""
 
 
 def require_seed(name: str) -> None:
@@ -108,7 +117,7 @@ def fit_added_mass(
     bounds: Bounds = "wide",
     options: FitOptions = FREE,
 ) -> FitResult:
-    """Added mass per part of one swing, from all seeds, whichever ends lower.
+    """Added mass per part of one swing, from all seeds and a coarse scan, whichever ends lower.
 
     A seed outside the bounds is no start; it is reported with the reason (the published seed of 10 m/s takes away more
     inertia than tail 1 has).
@@ -125,22 +134,21 @@ def fit_added_mass(
     low, high = options.limits(free)
     values = {name: seed_value(name, data) for name in seeds}
     refused = {name: _refusal(model, low, high, value) for name, value in values.items()}
-    starts = [{"added_mass": values[name]} for name, reason in refused.items() if not reason]
-    if not starts:
+    if all(refused.values()):
         raise FitError(f"{data.name}: no seed can be tried: " + "; ".join(f"{n}: {r}" for n, r in refused.items()))
-    first = replace(free, seed=starts[0]["added_mass"], lower=low, upper=high)
-    result = model.fit([first], starts[1:], options=options)
+    values[SCAN], refused[SCAN] = coarse_scan(model, low, high), ""
     names = [name for name, reason in refused.items() if not reason]
-    tried: list[Mapping[str, Any]] = [
-        {"seed": name, **attempt} for name, attempt in zip(names, result.attempts, strict=False)
-    ]
-    tried += result.attempts[len(names) :]
-    tried += [
-        {"seed": name, "start": {"added_mass": values[name]}, "success": False, "status": reason, "iterations": 0}
-        for name, reason in refused.items()
-        if reason
-    ]
-    quasi_steady = model.fit([replace(free, frozen=True)], options=options)
+    first = replace(free, seed=values[names[0]], lower=low, upper=high)
+    result = model.fit([first], [{"added_mass": values[name]} for name in names[1:]], options=options)
+    done: dict[str, Mapping[str, Any]] = {
+        name: {"seed": name, **attempt} for name, attempt in zip(names, result.attempts, strict=False)
+    }
+    for name, reason in refused.items():
+        if reason:
+            start = {"added_mass": values[name]}
+            done[name] = {"seed": name, "start": start, "success": False, "status": reason, "iterations": 0}
+    tried = [done[name] for name in values if name in done] + list(result.attempts[len(names) :])
+    quasi_steady = model.fit([replace(free, frozen=True)], options=options, exact=True)
     facts, curves, warnings = compare(model, log, result, quasi_steady, potential_flow_mass(data))
     return replace(
         result,
@@ -149,6 +157,28 @@ def fit_added_mass(
         attempts=tuple(tried),
         warnings=(*result.warnings, *warnings),
     )
+
+
+def coarse_scan(model: SwingModel, low: float, high: float) -> float:
+    """The mass (kg) of the least cost over the first second of the swing, among some whose frequencies are even.
+
+    Beyond that a swing of another frequency has slipped by a whole period, where the cost has other minima.
+    """
+    data, pendulum = model.data, model.pendulum
+    arms = sum(s * s for s in pendulum.part_distances)
+    inertia = np.array([pendulum.total_inertia(low), pendulum.total_inertia(high)])
+    frequencies = np.linspace(inertia[1] ** -0.5, inertia[0] ** -0.5, _SCANNED)
+    masses = np.clip((frequencies**-2.0 - pendulum.inertia) / arms, low, high)
+    early = model.shortened(_SCANNED_LENGTH)
+    start = {"start_angle": data.angle[0], "start_rate": data.start_rate}
+
+    def cost(mass: float) -> float:
+        try:
+            return float(np.sum(np.square(early.motion({"added_mass": mass, **start})[0] - early.data.angle)))
+        except FitError:
+            return math.inf
+
+    return float(min(masses.tolist(), key=cost))
 
 
 def _refusal(model: SwingModel, low: float, high: float, value: float) -> str:

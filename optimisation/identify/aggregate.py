@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import brentq
 
 from optimisation.errors import FitError
 from optimisation.identify.published_tables import Flag, published
-from optimisation.least_squares import Problem, solve, solve_rollout
-from optimisation.parameters import Parameter, Parameters
 from optimisation.pipeline import FitResult
-from optimisation.robust import huber, spread
+from optimisation.robust import LIMIT, spread
 from workbench.resources import model_path
 
 PERCENTILES = (10.0, 90.0)
@@ -108,14 +107,17 @@ def averages_table(results: Sequence[FitResult], keys: Sequence[str] = ()) -> pd
 
 
 def huber_location(values: np.ndarray) -> float:
-    """The value with the least Huber loss; its scale is 1.4826 times the median deviation from the median."""
-    middle = float(np.median(values))
+    """The value with the least Huber loss; its scale is 1.4826 times the median deviation from the median.
+
+    The zero of a sum that falls with the location, so it is found however near to each other the values lie.
+    """
     scale = spread(values)
     if scale == 0.0:
-        return middle
-    parameters = Parameters.of([Parameter("location", "1", middle, scale=scale)])
-    problem = Problem(parameters, lambda x: huber((values - x[0]) / scale), name="Huber location")
-    return float(solve(problem, solve_rollout).x[0])
+        return float(np.median(values))
+    low, high = float(np.min(values)), float(np.max(values))
+    return float(
+        brentq(lambda x: float(np.sum(np.clip((values - x) / scale, -LIMIT, LIMIT))), low, high, xtol=1e-9 * scale)
+    )
 
 
 def recompute_averages() -> tuple[pd.DataFrame, list[Flag]]:

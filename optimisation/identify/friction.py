@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from optimisation.errors import FitError
+from optimisation.identify.options import FREE, FitOptions
 from optimisation.identify.published_tables import published
 from optimisation.identify.robot_tail import motor_of
-from optimisation.identify.swing_fit import FREE, FitOptions, SwingModel, friction_of, friction_parameters
+from optimisation.identify.swing_fit import SwingModel, friction_of, friction_parameters
 from optimisation.identify.swing_log import SwingData
 from optimisation.identify.swing_model import Pendulum, air_torque
 from optimisation.pipeline import FitResult
@@ -17,6 +18,27 @@ def friction_seed(robot: bool) -> tuple[float, float]:
     record = "published_final_value" if robot else "seed"
     row = table[table.record == record].iloc[0]
     return float(row.coulomb_friction_n_m), float(row.viscous_friction_n_m_s_per_rad)
+
+
+def friction_model(data: SwingData, pendulum: Pendulum | None = None) -> SwingModel:
+    """The rollout with the friction of the values; air and motor as in the scenario.
+
+    Args:
+        pendulum: that of the robot's tail, which none of its constants changes.
+    """
+    scenario = data.scenario
+    air = air_torque(scenario)
+    fixed = [air] if air is not None else []
+    if scenario.is_robot:
+        fixed.append(motor_of(scenario))
+    gain = scenario.robot_friction.tanh_gain if scenario.is_robot else scenario.friction.tanh_gain
+    own = pendulum or Pendulum.of(scenario)
+    return SwingModel(
+        data,
+        own,
+        lambda values: [*fixed, friction_of(values, gain)],
+        lambda other: friction_model(other, own if scenario.is_robot else None),
+    )
 
 
 def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = FREE) -> FitResult:
@@ -33,12 +55,7 @@ def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = 
     scenario = data.scenario
     if scenario.has_cheetah_tail:
         raise FitError(f"{data.name}: friction is fitted on bar or robot swings, not with a cheetah tail in the wind")
-    air = air_torque(scenario)
-    fixed = [air] if air is not None else []
-    if scenario.is_robot:
-        fixed.append(motor_of(scenario))
-    gain = scenario.robot_friction.tanh_gain if scenario.is_robot else scenario.friction.tanh_gain
-    model = SwingModel(data, Pendulum.of(scenario), lambda values: [*fixed, friction_of(values, gain)])
+    model = friction_model(data)
     seed = friction_seed(scenario.is_robot)
     facts = {"model": "stribeck" if stribeck else "smooth"}
     large = {"coulomb": 0.5 * seed[0], "breakaway_excess": seed[0], "stribeck_speed": 1.0}

@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 
 from optimisation.errors import FitError
-from optimisation.identify.swing_fit import FREE, FitOptions, SwingModel, normal_force_law
+from optimisation.identify.options import FREE, FitOptions
+from optimisation.identify.swing_fit import SwingModel, normal_force_law
 from optimisation.identify.swing_log import SwingData
 from optimisation.identify.swing_model import Pendulum, Torque, air_torque, friction_torque
 from optimisation.least_squares import Problem
@@ -58,7 +59,7 @@ def shape_parameters(shape: Shape, data: SwingData) -> list[Parameter]:
     return [Parameter(f"cn_at_{node:g}", "1", _SEED, _LOW, _HIGH, scale=1.0) for node in nodes]
 
 
-def robot_tail_model(data: SwingData, shape: Shape) -> SwingModel:
+def robot_tail_model(data: SwingData, shape: Shape, pendulum: Pendulum | None = None) -> SwingModel:
     """The rollout whose air has C_N of a shape; friction and motor as in the scenario."""
     scenario = data.scenario
     if not scenario.is_robot:
@@ -73,7 +74,8 @@ def robot_tail_model(data: SwingData, shape: Shape) -> SwingModel:
         assert air is not None
         return [air, *fixed]
 
-    return SwingModel(data, Pendulum.of(scenario), torques)  # type: ignore[arg-type]
+    own = pendulum or Pendulum.of(scenario)
+    return SwingModel(data, own, torques, lambda other: robot_tail_model(other, shape, own))  # type: ignore[arg-type]
 
 
 def robot_tail_problem(data: SwingData, shape: Shape) -> Problem:

@@ -7,18 +7,21 @@ would creep against its friction if the current did not hold it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
 from optimisation.errors import FitError
+from optimisation.identify.constants import BIASES, shifted
 from optimisation.identify.published_tables import published
-from optimisation.identify.static_balance import REACTIONS
+from optimisation.identify.static_balance import REACTIONS, StaticBalance
 from optimisation.identify.static_log import StaticData, accuracies, speed_accuracy
 from optimisation.least_squares import Problem, Solution, solve_formula
 from optimisation.parameters import Parameter, Parameters
 from optimisation.pipeline import FitResult, fit
+from optimisation.priors import fit_with_priors
 from optimisation.uncertainty import Noise
 
 Bounds = Literal["wide", "printed"]
@@ -26,6 +29,8 @@ BOUNDS = {"cd": (-0.1, 3.0), "cl": (-0.5, 3.0), "psi3": (-0.35, 0.35), "current"
 """Bounds that the published results themselves respect (they break the printed ones: ERRATA E5, E6)."""
 UNITS = {"cd": "1", "cl": "1", "psi3": "rad", "current": "A"}
 _SCALES = {"cd": 1.0, "cl": 1.0, "psi3": 0.1, "current": 5.0}
+_SURE = 3.0
+"""Standard deviations beyond which a prediction is not that of the log."""
 _TURN = 1e-5
 """Step of the central difference over psi3, rad: its error is of the order of 1e-11."""
 
@@ -86,7 +91,7 @@ class StaticResidual:
         speed = speed_accuracy()
         creep = 1.0 / (data.balance.creep_resistance * speed)
         self._scale = np.append(1.0 / self._weights, creep)
-        self._constant = self._scaled(*data.balance.hanging(data.angle))
+        self._constant = self._scaled(*_weight(data, data.angle))
         self._constant -= np.append(data.wrench[self._rows] / self._weights, data.speed / speed)
         self._motor = np.zeros(len(self._scale))
         self._motor[-1] = -creep * data.balance.torque_constant
@@ -150,10 +155,20 @@ class StaticResidual:
         shares, data = np.array([1.0, cd, cl]), self._data
         ends = []
         for angle in (data.angle + _TURN, data.angle - _TURN):
-            weight, torque = data.balance.hanging(angle)
+            weight, torque = _weight(data, angle)
             total = shares @ np.array(data.balance.wind_effect(angle, data.wind_speed, psi))
             ends.append(self._scaled(weight + total[:6], torque + total[6]))
         return (ends[0] - ends[1]) / (2.0 * _TURN)
+
+
+def _weight(data: StaticData, angle: float) -> tuple[np.ndarray, float]:
+    """Reactions of the weight that are in the readings (6) and torque of the weight about the motor axis."""
+    reactions, torque = data.balance.hanging(angle)
+    if data.tare is None:
+        return reactions, torque
+    # A tare at the angle of the hold errs by as much as the angle does.
+    tare = angle if data.tare == data.angle else data.tare
+    return reactions - data.balance.hanging(tare)[0], torque
 
 
 def static_problem(data: StaticData, parameters: Parameters) -> tuple[Problem, StaticResidual]:
@@ -181,7 +196,7 @@ def fit_static(
     if math.isfinite(data.current):
         facts["logged_current_a"] = data.current
     facts["exposed_length_m"] = data.balance.exposed_length(data.angle)
-    return fit(
+    result = fit(
         problem,
         solve_formula,
         residual.noise,
@@ -190,3 +205,75 @@ def fit_static(
         facts=facts,
         warnings=data.warnings,
     )
+    result = replace(result, rig=data.rig)
+    if data.constants:
+        result = _with_constants(result, data, parameters)
+    return replace(result, rig=data.rig, warnings=(*result.warnings, *_against_logged_current(result, data)))
+
+
+def _with_constants(first: FitResult, data: StaticData, parameters: Parameters) -> FitResult:
+    """The fit with the rig's constants as unknowns with priors, or free."""
+    exact = replace(data, covariance=data.covariance - np.diag(np.square(data.offset_deviation)))
+    if not any(p.name in BIASES for p in data.constants):
+        exact = data
+
+    def make(everything: Parameters) -> Problem:
+        def residual(x: np.ndarray) -> np.ndarray:
+            values = everything.values(x)
+            trial = StaticResidual(shifted_data(exact, values), parameters)
+            return trial(np.array([values[name] for name in parameters.names]))
+
+        return Problem(everything, residual, name=data.name)
+
+    here = StaticResidual(exact, parameters)
+
+    def noise(solution: Solution) -> Noise:
+        values = solution.problem.parameters.values(solution.x)
+        own = np.array([values[name] for name in parameters.names])
+        return replace(here.noise(replace(solution, x=own)), rounding=None)
+
+    return fit_with_priors(
+        make,
+        parameters.all,
+        data.constants,
+        first,
+        noise,
+        channels=here.channels,
+        warnings=data.warnings,
+    )
+
+
+def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
+    """The hold as it is when constants and instruments are off by some values (`constants`)."""
+    scenario = shifted(data.scenario, values)
+    zero = values.get("encoder_zero", 0.0)
+    bias = np.array([values.get(name, 0.0) for name in BIASES])
+    return replace(
+        data,
+        scenario=scenario,
+        balance=StaticBalance.of(scenario),
+        angle=data.angle + zero,
+        tare=None if data.tare is None else data.tare + zero,
+        wind_speed=data.wind_speed * (1.0 + values.get("wind_speed", 0.0)),
+        wrench=(data.wrench - bias) / (1.0 + values.get("force_gain", 0.0)),
+    )
+
+
+def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
+    """A warning when the holding current is not the logged one, which no fit has used.
+
+    A held tail sticks: within its Coulomb friction the motor need not hold it.
+    """
+    found = result["current"]
+    if not (math.isfinite(data.current) and found.identifiable) or found.frozen:
+        return []
+    motor = data.scenario.maxon.torque_constant
+    stuck = data.scenario.friction.coulomb / motor
+    reach = _SURE * math.hypot(found.standard_deviation, data.current_deviation)
+    if abs(found.value - data.current) <= reach + stuck:
+        return []
+    return [
+        f"the fit holds the tail with {found.value:.4g} A, the log has {data.current:.4g} A: they differ by more than "
+        f"their uncertainty ({reach:.2g} A) and Coulomb friction ({stuck:.2g} A); is maxon.torque_constant "
+        f"{motor:g} N m/A that of this rig (--set)?"
+    ]

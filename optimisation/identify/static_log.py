@@ -1,29 +1,35 @@
 """A static log as data of a fit: mean wrench, angle and speed of the hold, with the covariance of their errors.
 
-With a rest phase (wind off, same angle) in the log, bias and drift go with a line through the resting readings, and
-only noise is left. Without one the bias stays, and Table 4.8 says how large it is: its standard deviation per log.
+With a rest phase (wind off, same angle) in the log, bias and drift go with what is fitted to the resting readings, and
+only noise is left. Without one the bias stays, and its standard deviation is what the log states
+(`offsets_uncertainty`), else what the drift since a tare can do, else the accuracy of the scenario (Table 4.8).
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from optimisation.errors import FitError
+from optimisation.identify.constants import BIASES, constant_parameters
+from optimisation.identify.hold_mean import HoldMean, hold_mean, residual_warnings
+from optimisation.identify.hold_offset import HoldOffset, stated_offset
+from optimisation.identify.log_rig import LARGEST_SPEED, differences, rig_of, wind_speed
+from optimisation.identify.options import FREE, FitOptions
 from optimisation.identify.published_tables import published
 from optimisation.identify.static_balance import REACTIONS, StaticBalance
+from optimisation.parameters import Parameter
 from optimisation.uncertainty import correlation_time
 from workbench.errors import LogError
 from workbench.logs.conditioning import OFFSETS
 from workbench.logs.resting import stated_rest
 from workbench.logs.schema import RunLog
-from workbench.rig_scenario import RigScenario, rig_scenario_from_dict
+from workbench.rig_scenario import RigScenario
 from workbench.signals import check_signals
 
 COLUMNS = dict(
@@ -35,15 +41,12 @@ COLUMNS = dict(
 )
 ANGLE, RATE, CURRENT = "angle_rad", "angular_velocity_rad_per_s", "current_a"
 LEAST_SAMPLES = 100
-_MOST_CORRELATED = 8192
-"""Samples that the correlation time of the noise is taken from."""
 _LARGEST_ANGLE = math.radians(110.0)
 _LARGEST_WANDER = math.radians(1.0)
-_LARGEST_SPEED = 60.0
 CURRENT_MARGIN = 2.0
 """Logged currents beyond this many times the motor's limit are of another unit."""
 _NO_CHANGE = 4.0
-"""Standard deviations within which the readings of hold and rest are the same."""
+"""Standard deviations of noise and drift within which the readings of hold and rest are the same."""
 _LARGEST_FORCE, _LARGEST_TORQUE = 1000.0, 40.0
 
 
@@ -53,35 +56,45 @@ class StaticData:
 
     Attributes:
         name: of the log.
-        balance: of the rig it was made on.
+        scenario, balance: of the rig it was made on.
         angle, wind_speed: rad, m/s.
-        wrench: mean reading plus offset (6); NaN for an axis that is missing.
+        wrench: mean reading plus offset (6), without the weight at `tare`; NaN for an axis that is missing.
+        tare: angle at which the weight was taken out, rad: that of the hold after a rest; None: the weight is in it.
         covariance: of the error of the mean wrench (6 x 6); rows of missing axes are meaningless.
         present: which of the six axes are there (6).
         speed: mean of the logged rate, rad/s; zero when it was not logged.
         speed_deviation: standard deviation of its error, rad/s.
         angle_deviation: of the error of the angle (half a count of the encoder, evenly spread), rad.
-        current: mean of the logged current, A; NaN without.
+        current, current_deviation: mean of the logged current and standard deviation of its error, A; NaN without.
         effective_samples: that the hold counts as.
         rest: first and last time of the rest phase, s; None without.
         facts: tail, axis, angle_deg, wind_speed_m_per_s for reports.
+        offset_deviation: standard deviation of what is left of the offsets (6), in `covariance` too.
+        constants: of the rig that are not exact, see `constant_parameters`.
+        rig: what of the rig differs from `models/`.
         warnings: of the log.
     """
 
     name: str
+    scenario: RigScenario
     balance: StaticBalance
     angle: float
     wind_speed: float
     wrench: np.ndarray
+    tare: float | None
     covariance: np.ndarray
     present: np.ndarray
     speed: float
     speed_deviation: float
     angle_deviation: float
     current: float
+    current_deviation: float
     effective_samples: float
     rest: tuple[float, float] | None
     facts: Mapping[str, Any]
+    offset_deviation: np.ndarray
+    constants: tuple[Parameter, ...]
+    rig: Mapping[str, Any]
     warnings: tuple[str, ...]
 
 
@@ -102,121 +115,107 @@ def speed_accuracy() -> float:
     return float(published("residual_weights").uncertainty_factor.iloc[6])
 
 
-@lru_cache(maxsize=64)
-def _balance(key: str) -> tuple[RigScenario, StaticBalance]:
-    scenario = rig_scenario_from_dict(json.loads(key))
-    return scenario, StaticBalance.of(scenario)
-
-
-def rig_of(log: RunLog) -> tuple[RigScenario, StaticBalance]:
-    """The rig that a log was made on: its scenario's masses, jet and motor, or those of `models/` for a foreign log.
-
-    Raises:
-        FitError: the log does not say which tail was on the rig, or how fast the wind was.
-    """
-    extra = log.extra
-    for key, allowed in (("tail", ("1", "2", "3")), ("axis", ("major", "minor"))):
-        if str(extra.get(key)) not in allowed:
-            raise FitError(
-                f"{log.source or 'log'}: metadata {key!r} is {extra.get(key)!r}; allowed: {', '.join(allowed)}"
-            )
-    sections = (
-        "mount",
-        "bar",
-        "tail_1",
-        "tail_2",
-        "tail_3",
-        "maxon",
-        "encoder",
-        "friction",
-        "force_sensor",
-        "environment",
-    )
-    kept = {name: log.scenario[name] for name in sections if name in log.scenario}
-    if "tunnel" in log.scenario:
-        kept["tunnel"] = {key: value for key, value in log.scenario["tunnel"].items() if key != "psi3"}
-    kept["experiment"] = {"kind": "static", "tail": int(extra["tail"]), "axis": str(extra["axis"])}
-    return _balance(json.dumps(kept, sort_keys=True))
-
-
-def static_data(log: RunLog, rest: tuple[float, float] | None = None) -> StaticData:
+def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: FitOptions = FREE) -> StaticData:
     """Checks a static log and takes from it what the fit needs.
 
     Args:
         log: of kind `static`.
         rest: first and last time of the rest phase (wind off), s; by default `rest_s` of the log's metadata, if it is
             there.
+        options: rig, drift and loss.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
         FitError: not a static log, too short, the angle is not held, numbers that must be of another unit.
+        ScenarioError: the rig is wrong.
     """
     name = log.source or "static log"
     try:
-        return _static_data(log, rest if rest is not None else stated_rest(log), name)
-    except LogError as error:
-        raise LogError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
+        return _static_data(log, rest if rest is not None else stated_rest(log), name, options)
+    except (LogError, FitError) as error:
+        raise type(error)(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
 
 
-def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str) -> StaticData:
+def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions) -> StaticData:
     if log.kind != "static":
-        raise FitError(f"{name}: is a log of kind {log.kind!r}; a static fit needs 'static'")
-    scenario, balance = rig_of(log)
-    speed = _wind_speed(log, name)
+        raise FitError(f"is a log of kind {log.kind!r}; a static fit needs 'static'")
+    scenario = rig_of(log, "static", options)
+    balance, speed = StaticBalance.of(scenario), wind_speed(log, 1e-3, LARGEST_SPEED)
     time, angle = log.time, log.signal(ANGLE)
     if len(time) < LEAST_SAMPLES:
-        raise FitError(f"{name}: {len(time)} samples; a static fit needs at least {LEAST_SAMPLES}")
+        raise FitError(f"{len(time)} samples; a static fit needs at least {LEAST_SAMPLES}")
     check_signals(time, {ANGLE: angle})
     _check_held(angle, name)
     hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest, name)
     columns, warnings = _readings(log, time, name)
-    offsets = np.asarray(log.stated(OFFSETS, len(REACTIONS)) or scenario.cheetah_tail.offsets, float)
-    if rest is None:
+    used = hold if rest is None else hold | ((time >= rest[0]) & (time <= rest[1]))
+    mean = hold_mean(
+        time[used],
+        np.stack(list(columns.values()))[:, used],
+        None if rest is None else hold[used].astype(float),
+        options.drift,
+        options.hold_loss,
+    )
+    held = float(np.mean(angle[hold]))
+    log.stated(OFFSETS, len(REACTIONS))  # refused where it cannot be right, also if a rest makes it unneeded
+    offset = HoldOffset(np.zeros(6), np.zeros(6), held) if rest is not None else stated_offset(log, scenario, warnings)
+    channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
+    wrench, variance = np.full(6, np.nan), np.zeros(6)
+    wrench[channels] = mean.value + offset.added[channels]
+    variance[channels] = mean.variance + np.square(offset.deviation[channels])
+    warnings += residual_warnings(mean, list(columns), time[used])
+    if rest is not None and balance.exposed_length(held) > 0.0 and _is_still(mean, scenario, channels, time, hold):
         warnings.append(
-            "no rest phase: bias and drift stay in the readings; Table 4.8 is taken as their standard deviation"
+            f"the readings change after the rest phase {rest[0]:g} to {rest[1]:g} s by no more than noise and drift "
+            f"can do, although the wind of {speed:g} m/s meets the tail: is the wind off in it?"
         )
-    wrench, variance, samples = _mean_wrench(time, columns, hold, rest, balance, float(np.mean(angle)), offsets)
-    present = np.array([channel in columns for channel in REACTIONS])
-    if rest is not None and balance.exposed_length(float(np.mean(angle))) > 0.0:
-        step = (wrench - balance.hanging(float(np.mean(angle)))[0])[present]
-        if np.all(np.abs(step) < _NO_CHANGE * np.sqrt(variance[present])):
-            warnings.append(
-                f"the readings do not change after the rest phase {rest[0]:g} to {rest[1]:g} s, although the wind of "
-                f"{speed:g} m/s meets the tail: is the wind off in it?"
-            )
     count = 2.0 * math.pi / (scenario.encoder.pulses * scenario.encoder.quadrature * scenario.maxon.gear_ratio)
     rate, rate_deviation = _mean_rate(log, time, hold, count)
+    current, current_deviation = _mean_current(log, hold, scenario, warnings)
     return StaticData(
         name=name,
+        scenario=scenario,
         balance=balance,
-        angle=float(np.mean(angle[hold])),
+        angle=held,
         wind_speed=speed,
         wrench=wrench,
+        tare=offset.tare,
         covariance=np.diag(variance),
-        present=present,
+        present=np.isin(np.arange(6), channels),
         speed=rate,
         speed_deviation=rate_deviation,
         angle_deviation=count / math.sqrt(12.0),
-        current=_mean_current(log, hold, scenario, warnings),
-        effective_samples=samples,
+        current=current,
+        current_deviation=current_deviation,
+        effective_samples=float(np.count_nonzero(hold) / mean.lags.max()),
         rest=rest,
         facts={
             "tail": str(log.extra["tail"]),
             "axis": str(log.extra["axis"]),
-            "angle_deg": round(math.degrees(float(np.mean(angle[hold]))), 3),
+            "angle_deg": round(math.degrees(held), 3),
             "wind_speed_m_per_s": speed,
         },
+        offset_deviation=offset.deviation,
+        constants=_constants(log, scenario, options, offset),
+        rig=differences(scenario),
         warnings=tuple(warnings),
     )
 
 
-def _wind_speed(log: RunLog, name: str) -> float:
-    value = log.extra.get("wind_speed_m_per_s")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < float(value) <= _LARGEST_SPEED:
-        raise FitError(
-            f"{name}: metadata 'wind_speed_m_per_s' is {value!r}; allowed: above 0 to {_LARGEST_SPEED:g} m/s"
-        )
-    return float(value)
+def _constants(log: RunLog, scenario: RigScenario, options: FitOptions, offset: HoldOffset) -> tuple[Parameter, ...]:
+    """Of the rig; the biases of the readings among them only where there are others, so that the budget has them."""
+    found = constant_parameters(log, scenario, "static", options)
+    biases = {name: value for name, value in zip(BIASES, offset.deviation.tolist(), strict=True) if value > 0.0}
+    return constant_parameters(log, scenario, "static", options, biases) if found and biases else found
+
+
+def _is_still(mean: HoldMean, scenario: RigScenario, channels: list[int], time: np.ndarray, hold: np.ndarray) -> bool:
+    """Whether no reading steps by more than noise, the drift of the sensor and the wander that is seen can do."""
+    sensor = scenario.force_sensor
+    between = float(time[hold].mean() - time[~hold].mean())
+    drift = np.asarray(sensor.accuracies)[channels] * sensor.drift_fraction * between
+    seen = np.array([check.swing for check in mean.checks])
+    return bool(np.all(np.abs(mean.value) < _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * seen))
 
 
 def _check_held(angle: np.ndarray, name: str) -> None:
@@ -268,15 +267,17 @@ def _readings(log: RunLog, time: np.ndarray, name: str) -> tuple[dict[str, np.nd
     return columns, warnings
 
 
-def _mean_current(log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]) -> float:
-    """Mean logged current of the hold, NaN without a usable one; it is shown beside the fitted one, not fitted."""
+def _mean_current(log: RunLog, hold: np.ndarray, scenario: RigScenario, warnings: list[str]) -> tuple[float, float]:
+    """Mean logged current of the hold and the deviation of its error, NaN without a usable one; it is not fitted."""
     if CURRENT not in log.table.columns:
-        return math.nan
-    mean, limit = float(np.mean(log.signal(CURRENT)[hold])), CURRENT_MARGIN * scenario.maxon.current_limit
+        return math.nan, math.nan
+    values = log.signal(CURRENT)[hold]
+    mean, limit = float(np.mean(values)), CURRENT_MARGIN * scenario.maxon.current_limit
     if abs(mean) <= limit:
-        return mean
+        lag = correlation_time(values[:8192])
+        return mean, float(np.std(values)) * math.sqrt(lag / len(values))
     warnings.append(f"{CURRENT} is {mean:.4g} in the mean, beyond {limit:g} A (is it in mA?): not compared")
-    return math.nan
+    return math.nan, math.nan
 
 
 def _mean_rate(log: RunLog, time: np.ndarray, hold: np.ndarray, count: float) -> tuple[float, float]:
@@ -288,41 +289,3 @@ def _mean_rate(log: RunLog, time: np.ndarray, hold: np.ndarray, count: float) ->
     rate = log.signal(RATE)
     check_signals(time, {RATE: rate}, largest_step=np.inf)
     return float(np.mean(rate[hold])), deviation
-
-
-def _mean_wrench(
-    time: np.ndarray,
-    columns: Mapping[str, np.ndarray],
-    hold: np.ndarray,
-    rest: tuple[float, float] | None,
-    balance: StaticBalance,
-    angle: float,
-    offsets: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Mean wrench of the hold (6), variance of its error (6), effective samples.
-
-    A line of time, and with a rest phase a step at its end, are fitted to all of the readings: the drift of the hold
-    helps to find the slope too.
-    """
-    channels = [i for i, channel in enumerate(REACTIONS) if channel in columns]
-    values = np.stack([columns[REACTIONS[i]] for i in channels])
-    used = hold if rest is None else hold | ((time >= rest[0]) & (time <= rest[1]))
-    if not np.all(used):
-        values = values[:, used]
-    centred = time[used] - time[used].mean()
-    basis = [np.ones_like(centred), centred] + ([] if rest is None else [hold[used].astype(float)])
-    design = np.stack(basis)
-    inverse = np.linalg.inv(design @ design.T)
-    found = values @ design.T @ inverse
-    scatter = values - found @ design
-    lags = np.array([correlation_time(row[:_MOST_CORRELATED]) for row in scatter])
-    samples = values.shape[1]
-    noise = np.sum(np.square(scatter), axis=1) / np.maximum(samples / lags - design.shape[0], 1.0)
-    wrench, variance = np.full(6, np.nan), np.zeros(6)
-    if rest is None:
-        wrench[channels] = found[:, 0] + offsets[channels]
-        variance[channels] = noise * inverse[0, 0] + accuracies()[channels] ** 2
-    else:
-        wrench[channels] = found[:, 2] + balance.hanging(angle)[0][channels]
-        variance[channels] = noise * inverse[2, 2]
-    return wrench, variance, float(np.count_nonzero(hold) / lags.max())

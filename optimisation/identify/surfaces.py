@@ -28,12 +28,14 @@ def node_angle(result: FitResult) -> float:
     return _ANGLE_STEP * abs(round(float(result.facts["angle_deg"]) / _ANGLE_STEP))
 
 
-def static_sets(results: Sequence[FitResult]) -> dict[str, dict[str, Any]]:
+def static_sets(results: Sequence[FitResult]) -> tuple[dict[str, dict[str, Any]], list[str]]:
     """Per tail and axis the content of a coefficient file, from what static fits determined.
 
     A node is the resnorm-weighted average (eqs. 4.29-4.31) of its tests, with mean, median, Huber location and
-    percentiles beside it. Sets that do
-    not span two angles and two speeds make no table and are left out.
+    percentiles beside it. Sets that do not span two angles and two speeds make no table.
+
+    Returns:
+        Contents by name of the file, and a line for each that is left out because its grid has holes.
     """
     cells: dict[tuple[str, str], dict[tuple[float, float], list[FitResult]]] = defaultdict(lambda: defaultdict(list))
     for result in results:
@@ -41,12 +43,18 @@ def static_sets(results: Sequence[FitResult]) -> dict[str, dict[str, Any]]:
             facts = result.facts
             node = (float(facts["wind_speed_m_per_s"]), node_angle(result))
             cells[facts["tail"], facts["axis"]][node].append(result)
-    found = {}
+    found, left_out = {}, []
     for (tail, axis), nodes in cells.items():
+        name = f"cheetah_tail_{tail}_{axis}"
         speeds, angles = sorted({speed for speed, _ in nodes}), sorted({angle for _, angle in nodes})
         if len(speeds) < 2 or len(angles) < 2:
             continue
-        found[f"cheetah_tail_{tail}_{axis}"] = {
+        holes = [f"{v:g} m/s at {a:g} degrees" for a in angles for v in speeds if (v, a) not in nodes]
+        if holes:
+            more = f" and {len(holes) - 1} more" if len(holes) > 1 else ""
+            left_out.append(f"{name}.yaml is left out: its grid of speed and angle lacks {holes[0]}{more}")
+            continue
+        found[name] = {
             "schema": SCHEMA,
             "law": "polar",
             "quasi_steady_limit_m_per_s": CHEETAH_LIMIT,
@@ -62,7 +70,7 @@ def static_sets(results: Sequence[FitResult]) -> dict[str, dict[str, Any]]:
                 for speed, angle in sorted(nodes, key=lambda place: (place[1], place[0]))
             ],
         }
-    return found
+    return found, left_out
 
 
 def _static_node(speed: float, angle: float, group: list[FitResult]) -> dict[str, Any]:

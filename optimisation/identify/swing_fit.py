@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.errors import FitError
+from optimisation.identify.constants import shifted
+from optimisation.identify.options import FREE, FitOptions
 from optimisation.identify.static_log import speed_accuracy
-from optimisation.identify.swing_log import SwingData
+from optimisation.identify.swing_log import SwingData, motor_torque
 from optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out, torque_response
 from optimisation.least_squares import Problem, Solution, solve_rollout
 from optimisation.parameters import Parameter, Parameters
 from optimisation.pipeline import FitResult, fit
+from optimisation.priors import fit_with_priors
 from optimisation.robust import Loss
 from optimisation.uncertainty import Noise, serial_noise
 from workbench.aero.coefficients import SpeedLine, SpeedTable
@@ -30,34 +32,6 @@ _START_ANGLE, _START_RATE = 0.02, 1.0
 
 
 @dataclass(frozen=True)
-class FitOptions:
-    """What a user may choose for any fit on swings.
-
-    Attributes:
-        loss: `huber` holds samples back that lie far off.
-        bounds: lower and upper bound by name of the parameter, in place of the model's own.
-    """
-
-    loss: Loss = "squares"
-    bounds: tuple[tuple[str, float, float], ...] = ()
-
-    def limits(self, parameter: Parameter) -> tuple[float, float]:
-        """The bounds of a parameter."""
-        found = {name: (low, high) for name, low, high in self.bounds}
-        return found.get(parameter.name, (parameter.lower, parameter.upper))
-
-    def require_known(self, names: Sequence[str]) -> None:
-        """FitError for a bound on something that the fit does not have."""
-        unknown = [name for name, _, _ in self.bounds if name not in names]
-        if unknown:
-            raise FitError(f"bound on {unknown[0]!r}: the free parameters are {', '.join(names)}")
-
-
-FREE = FitOptions()
-"""Least squares within the model's own bounds."""
-
-
-@dataclass(frozen=True)
 class SwingModel:
     """How values of parameters become a rollout.
 
@@ -65,11 +39,13 @@ class SwingModel:
         data: the swing.
         pendulum: its inertia and weight.
         torques: of the values: air, friction, motor.
+        rebuilt: the same model of other data, on a rig with other constants.
     """
 
     data: SwingData
     pendulum: Pendulum
     torques: Callable[[Values], Sequence[Torque]]
+    rebuilt: Callable[[SwingData], SwingModel]
 
     def motion(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """Angles (rad) and rates (rad/s) on the grid of the data (n each)."""
@@ -80,8 +56,22 @@ class SwingModel:
             self.data.step,
             len(self.data.time),
             motor=self.data.motor.tolist(),
+            ramp=self.data.ramp.tolist(),
             added_mass=values.get("added_mass", 0.0),
         )
+
+    def shortened(self, longest: float) -> SwingModel:
+        """The same over the first part of the swing, s."""
+        data = self.data
+        count = min(int(longest / data.step) + 1, len(data.time))
+        part = replace(
+            data,
+            time=data.time[:count],
+            angle=data.angle[:count],
+            motor=data.motor[: count - 1],
+            ramp=data.ramp[: count - 1],
+        )
+        return replace(self, data=part)
 
     def problem(self, parameters: Sequence[Parameter]) -> Problem:
         """The least-squares problem in these parameters and the start."""
@@ -107,8 +97,15 @@ class SwingModel:
         seeds: Sequence[Values] = (),
         facts: Mapping[str, Any] | None = None,
         options: FitOptions = FREE,
+        exact: bool = False,
     ) -> FitResult:
         """Solves and adds the curve of the angle.
+
+        Args:
+            parameters, seeds: of the fit, and further starts.
+            facts: added to those of the data.
+            options: loss and bounds.
+            exact: leave the constants of the rig as they are.
 
         Raises:
             FitError: bounds that exclude a seed or name no parameter, or no rollout exists.
@@ -129,10 +126,64 @@ class SwingModel:
             warnings=self.data.warnings,
             loss=options.loss,
         )
-        values = {e.name: e.value for e in result.estimates}
-        return replace(result, curves={"angle": self.curve(values)})
+        constants = [c for c in self.data.constants if c.name not in problem.parameters.values(problem.parameters.seed)]
+        if constants and not exact:
+            result = self._with_constants(result, problem.parameters, constants, options.loss)
+        values = {e.name: e.value for e in result.estimates} | {n: c["shift"] for n, c in result.constants.items()}
+        return replace(result, curves={"angle": self.shifted(values).curve(values)}, rig=self.data.rig)
 
-    def noise(self, solution: Solution, parameters: Parameters) -> Noise:
+    def _with_constants(
+        self, first: FitResult, parameters: Parameters, constants: Sequence[Parameter], loss: Loss
+    ) -> FitResult:
+        """The fit with the rig's constants as unknowns with priors, or free."""
+        weight = speed_accuracy()
+
+        def make(everything: Parameters) -> Problem:
+            def residual(x: np.ndarray) -> np.ndarray:
+                values = everything.values(x)
+                return (self.shifted(values).readings(values) - self.data.angle) / weight
+
+            return Problem(everything, residual, name=self.data.name)
+
+        return fit_with_priors(
+            make,
+            parameters.all,
+            constants,
+            first,
+            lambda solution: self.noise(solution, solution.problem.parameters),
+            least_noise=lambda solution: self.least_noise(solution, solution.problem.parameters),
+            channels={"angle": (slice(None), weight)},
+            warnings=self.data.warnings,
+            loss=loss,
+        )
+
+    def shifted(self, values: Values) -> SwingModel:
+        """The model when constants and instruments are off by some values (`constants`)."""
+        if not any(values.get(c.name) for c in self.data.constants):
+            return self
+        data = self.data
+        scenario = shifted(data.scenario, {c.name: values.get(c.name, 0.0) for c in data.constants})
+        wind = scenario.experiment.wind_speed * (1.0 + values.get("wind_speed", 0.0))
+        scenario = scenario.model_copy(
+            update={"experiment": scenario.experiment.model_copy(update={"wind_speed": wind})}
+        )
+        bias, delay = values.get("current_bias", 0.0), values.get("current_delay", 0.0)
+        motor, ramp = motor_torque(scenario, data.current, len(data.motor), bias, delay)
+        return self.rebuilt(replace(data, scenario=scenario, motor=motor, ramp=ramp))
+
+    def readings(self, values: Values) -> np.ndarray:
+        """What the encoder shows of the motion (n), rad."""
+        return (self.motion(values)[0] - values.get("encoder_zero", 0.0)) / (1.0 + values.get("encoder_gain", 0.0))
+
+    def least_noise(self, solution: Solution, parameters: Parameters) -> Noise:
+        """What the noise would be if the model were right: what changes from sample to sample, no slow part."""
+        if self.data.motor_deviation:
+            return self.noise(solution, parameters, widened=False)
+        fast = 0.5 * float(np.mean(np.square(np.diff(solution.residual))))
+        variance = max(fast, (self.data.rounding / speed_accuracy()) ** 2 / 12.0, 1e-12)
+        return Noise(np.full(len(solution.residual), variance))
+
+    def noise(self, solution: Solution, parameters: Parameters, widened: bool = True) -> Noise:
         """Of a free swing what the residual shows; of a driven one the rounding of the angle and the current's noise.
 
         Noise of the current pushes the tail off its path for good, so the residual wanders: too few of its wanderings
@@ -144,12 +195,20 @@ class SwingModel:
         if data.motor_deviation == 0.0:
             return seen
         values = parameters.values(solution.x)
-        torques = self.torques(values)
+        model = self.shifted(values)
         response = torque_response(
-            self.pendulum, torques, self.motion(values), data.step, data.motor.tolist(), values.get("added_mass", 0.0)
+            model.pendulum,
+            model.torques(values),
+            model.motion(values),
+            data.step,
+            model.data.motor.tolist(),
+            values.get("added_mass", 0.0),
+            model.data.ramp.tolist(),
         )
         pushed = response * (data.motor_deviation / speed_accuracy())
         covariance = pushed @ pushed.T + np.eye(len(data.angle)) / 12.0
+        if not widened:
+            return Noise(covariance)
         # A residual larger than these two explain is the model's: it widens the intervals.
         expected = float(
             np.trace(covariance) - np.trace(np.linalg.pinv(solution.jacobian) @ covariance @ solution.jacobian)
@@ -162,7 +221,7 @@ class SwingModel:
         return {
             "x": self.data.time.tolist(),
             "measured": self.data.angle.tolist(),
-            "model": self.motion(values)[0].tolist(),
+            "model": self.readings(values).tolist(),
             "labels": ["time after the release, s", "angle, rad"],
         }
 

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from optimisation.errors import FitError
+from optimisation.identify.constants import constant_parameters
+from optimisation.identify.log_rig import CurrentSampling, current_sampling, differences, mean_currents, rig_of
+from optimisation.identify.options import FREE, FitOptions
 from optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
+from optimisation.parameters import Parameter
 from workbench.errors import LogError
 from workbench.logs.conditioning import earlier_shift
 from workbench.logs.resting import stated_rest
 from workbench.logs.schema import RunLog
-from workbench.rig_scenario import RigScenario, rig_scenario_from_dict
+from workbench.rig_scenario import RigScenario
 from workbench.sensors.encoder import MotorReply
 from workbench.sensors.rig_encoder import count_angle
 from workbench.signals import check_signals
@@ -34,7 +36,40 @@ _WHOLE = 0.01
 _LONGEST_SAMPLING = 0.05
 """Samples further apart than this show no swing of about a second, s."""
 _LARGEST_ANGLE = math.radians(110.0)
-_TRUTH = ("aero", "seed", "name", "schema")
+
+
+@dataclass(frozen=True)
+class LoggedCurrent:
+    """The current of a log (n) at its times, what a sample is, and the times between which steps of a rollout lie."""
+
+    time: np.ndarray
+    value: np.ndarray
+    sampling: CurrentSampling
+    ends: np.ndarray
+
+    def mean(self, delay: float = 0.0) -> np.ndarray:
+        """Over each step, A; a sample that comes late by `delay` (s) tells of an earlier time."""
+        return mean_currents(self.time, self.value, self.sampling, self.ends + delay)
+
+    def ramp(self, delay: float = 0.0) -> np.ndarray:
+        """Change over each step, A; none where samples are means."""
+        if self.sampling == "mean":
+            return np.zeros(len(self.ends) - 1)
+        return np.diff(np.interp(self.ends + delay, self.time, self.value))
+
+
+def motor_torque(
+    scenario: RigScenario, current: LoggedCurrent | None, steps: int, bias: float = 0.0, delay: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean torque of the Maxon during each step and its change over the step (steps each), N m; zero without current.
+
+    Args:
+        bias, delay: of the logged current, A and s.
+    """
+    if current is None:
+        return np.zeros(steps), np.zeros(steps)
+    torque = -scenario.maxon.torque_constant
+    return torque * (current.mean(delay) - bias), torque * current.ramp(delay)
 
 
 @dataclass(frozen=True)
@@ -47,11 +82,15 @@ class SwingData:
         time: from the release (n), s, evenly spaced.
         angle: (n), rad.
         motor: mean torque of the motor during each step (n - 1), N m, from the logged current.
+        ramp: change of that torque over the step (n - 1), N m; zero where samples of the current are means.
         motor_deviation: standard deviation of its error from the noise of the current, N m; zero for a free swing.
         rounding: step of the readings of the angle, rad; zero when they are no plain counts (filtered, resampled).
         start_rate: estimate of the rate at the first sample, rad/s.
         release: time of the first sample in the log, s.
         facts: tail, axis, wind_speed_m_per_s.
+        current: of a driven swing.
+        constants: of the rig that are not exact, see `constant_parameters`.
+        rig: what of the rig differs from `models/`.
         warnings: of the log.
     """
 
@@ -60,11 +99,15 @@ class SwingData:
     time: np.ndarray
     angle: np.ndarray
     motor: np.ndarray
+    ramp: np.ndarray
     motor_deviation: float
     rounding: float
     start_rate: float
     release: float
     facts: Mapping[str, Any]
+    current: LoggedCurrent | None
+    constants: tuple[Parameter, ...]
+    rig: Mapping[str, Any]
     warnings: tuple[str, ...]
 
     @property
@@ -73,37 +116,13 @@ class SwingData:
         return float(self.time[1] - self.time[0])
 
 
-@lru_cache(maxsize=64)
-def _scenario(key: str) -> RigScenario:
-    return rig_scenario_from_dict(json.loads(key))
-
-
-def scenario_of(log: RunLog, kind: str) -> RigScenario:
-    """The rig that a log was made on; what a fit is to find (`aero`) is that of `models/`, not of the log."""
-    content = {key: value for key, value in log.scenario.items() if key not in _TRUTH}
-    experiment = dict(content.get("experiment", {}))
-    experiment["kind"] = kind
-    if kind == "swing":
-        for key, allowed in (("tail", ("1", "2", "3")), ("axis", ("major", "minor"))):
-            if str(log.extra.get(key)) not in allowed:
-                raise FitError(f"metadata {key!r} is {log.extra.get(key)!r}; allowed: {', '.join(allowed)}")
-        experiment |= {"tail": int(log.extra["tail"]), "axis": str(log.extra["axis"])}
-    if kind == "bar_swing":
-        experiment["wind_speed"] = 0.0
-    else:
-        speed = log.extra.get("wind_speed_m_per_s")
-        if not isinstance(speed, int | float) or not 0.0 <= float(speed) <= 40.0:
-            raise FitError(f"metadata 'wind_speed_m_per_s' is {speed!r}; allowed: 0 to 40 m/s")
-        experiment["wind_speed"] = float(speed)
-    return _scenario(json.dumps({**content, "experiment": experiment}, sort_keys=True))
-
-
-def swing_data(log: RunLog, kind: str, longest: float = 20.0) -> SwingData:
+def swing_data(log: RunLog, kind: str, longest: float = 20.0, options: FitOptions = FREE) -> SwingData:
     """Checks a swing log and takes from it what the fits need.
 
     Args:
         kind: `swing`, `bar_swing` or `robot_swing`; the log must be of it.
         longest: use at most this long after the release, s.
+        options: the rig.
 
     Raises:
         LogError: unsorted time, gap or NaN, with column and time.
@@ -111,17 +130,17 @@ def swing_data(log: RunLog, kind: str, longest: float = 20.0) -> SwingData:
     """
     name = log.source or kind
     try:
-        return _swing_data(log, kind, longest, name)
+        return _swing_data(log, kind, longest, name, options)
     except FitError as error:
         raise FitError(f"{name}: {error}") from error
     except LogError as error:
         raise LogError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
 
 
-def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
+def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitOptions) -> SwingData:
     if log.kind != kind:
         raise FitError(f"is a log of kind {log.kind!r}; this fit needs {kind!r}")
-    scenario = scenario_of(log, kind)
+    scenario = rig_of(log, kind, options)
     time, angle = log.time, log.signal(ANGLE)
     if len(time) < LEAST_SAMPLES:
         raise FitError(f"{len(time)} samples; a swing needs at least {LEAST_SAMPLES}")
@@ -144,7 +163,8 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
     rounding = reading_step(scenario) if _is_rounded(angle[picked], reading_step(scenario)) else 0.0
     if rounding:
         picked = picked[: _end_of_motion(angle[picked], rounding, stride * sampling)]
-    motor, warnings = _motor(log, scenario, picked, stride)
+    current, warnings = _current(log, scenario, picked)
+    motor, ramp = motor_torque(scenario, current, len(picked) - 1)
     t = time[picked] - time[picked[0]]
     early = slice(0, 8)
     rate = float(np.polyfit(t[early], angle[picked][early], 2)[1])
@@ -159,11 +179,15 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str) -> SwingData:
         grid,
         angle[picked],
         motor,
+        ramp,
         noise,
         rounding,
         rate,
         float(time[picked[0]]),
         facts,
+        current,
+        constant_parameters(log, scenario, kind, options),
+        differences(scenario),
         tuple(warnings),
     )
 
@@ -207,19 +231,19 @@ def _end_of_motion(angle: np.ndarray, step: float, sampling: float) -> int:
     return max(int(moving[-1]) + window + 1 if moving.size else len(angle), LEAST_SAMPLES)
 
 
-def _motor(log: RunLog, scenario: RigScenario, picked: np.ndarray, stride: int) -> tuple[np.ndarray, list[str]]:
-    """Mean torque of the Maxon during each step; zero for a free swing, whose logged current is only noise."""
-    steps = len(picked) - 1
+def _current(log: RunLog, scenario: RigScenario, picked: np.ndarray) -> tuple[LoggedCurrent | None, list[str]]:
+    """The current of a driven swing; None of a free one, whose logged current is noise."""
     if scenario.is_robot:
-        return np.zeros(steps), []
+        return None, []
     if CURRENT not in log.table.columns:
-        return np.zeros(steps), ["no current in the log: taken as a free swing"]
+        return None, ["no current in the log: taken as a free swing"]
     current = log.signal(CURRENT)
     check_signals(log.time, {CURRENT: current}, largest_step=np.inf)
     limit = CURRENT_MARGIN * scenario.maxon.current_limit
     if np.max(np.abs(current)) > limit:
         raise FitError(f"column {CURRENT!r} reaches {np.max(np.abs(current)):g}, beyond {limit:g} A; is it in mA?")
-    moving = current[picked[0] + 1 : picked[-1] + 1].reshape(steps, stride).mean(axis=1)
+    found = LoggedCurrent(log.time, current, current_sampling(log), log.time[picked])
+    moving = found.mean()
     if np.sqrt(np.mean(np.square(moving))) < 5.0 * max(scenario.maxon.current_noise, 1e-3):
-        return np.zeros(steps), []
-    return -scenario.maxon.torque_constant * moving, []
+        return None, []
+    return found, []

@@ -18,7 +18,7 @@ from workbench.aero.laws import SectionLaw
 from workbench.aero.polar_law import PolarLaw
 from workbench.aero.sections import SectionLayout
 from workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_jet, rig_law
-from workbench.plants.rig_model import bar_layout, pivot_position, tail_layout
+from workbench.plants.rig_model import bar_layout, cheetah_tail_properties, pivot_position, tail_layout
 from workbench.rig_scenario import RigScenario
 
 Torque = Callable[[float, float], float]
@@ -44,24 +44,18 @@ class Pendulum:
 
     @classmethod
     def of(cls, scenario: RigScenario) -> Pendulum:
-        """The pendulum of a scenario."""
-        rig = Rig(scenario.varied(aero={"added_mass": 0.0}))
-        plant = rig.plant
-        context = plant.CreateDefaultContext()
-        torques = []
-        for angle in (0.5 * math.pi, 0.0):
-            plant.SetPositions(context, np.array([angle]))
-            torques.append(float(plant.CalcGravityGeneralizedForces(context)[0]))
-        inertia = float(plant.CalcMassMatrix(context)[0, 0])
+        """The pendulum of a scenario: a sum over bar, tail and rotor; of the robot's tail from its plant."""
+        inertia, along, across = _robot_moments(scenario) if scenario.is_robot else _moments(scenario)
+        weight = (-scenario.environment.gravity * along, -scenario.environment.gravity * across)
         if scenario.experiment.kind == "bar_swing":
-            return cls(inertia, torques[0], torques[1], ())
+            return cls(inertia, *weight, ())
         parts = tail_layout(scenario, ADDED_MASS_PARTS)
         root = _root_distance(scenario)
         kilter = 0.0 if scenario.is_robot else scenario.tunnel.kilter
         places = [(root + s * math.cos(kilter), s * math.sin(kilter)) for s in parts.distances]
         # Only the motion across the tail's axis counts: the arm along it.
         arms = [x * math.cos(kilter) + y * math.sin(kilter) for x, y in places]
-        return cls(inertia, torques[0], torques[1], tuple(arms))
+        return cls(inertia, *weight, tuple(arms))
 
     @property
     def least_added_mass(self) -> float:
@@ -82,6 +76,31 @@ class Pendulum:
                 f"is not positive definite); it must be above {self.least_added_mass:.4g} kg"
             )
         return total
+
+
+def _moments(scenario: RigScenario) -> tuple[float, float, float]:
+    """Inertia about the motor axis (kg m2), and first moments of mass along and across the hanging bar (kg m)."""
+    bar = scenario.bar
+    inertia = bar.inertia_xx + bar.mass * bar.com_distance**2 + scenario.maxon.reflected_inertia
+    along, across = bar.mass * bar.com_distance, 0.0
+    if scenario.has_cheetah_tail:
+        tail, kilter = scenario.cheetah_tail, scenario.tunnel.kilter
+        x = _root_distance(scenario) + tail.com_distance * math.cos(kilter)
+        y = tail.com_distance * math.sin(kilter)
+        inertia += cheetah_tail_properties(tail).inertia[0] + tail.mass * (x * x + y * y)
+        along, across = along + tail.mass * x, across + tail.mass * y
+    return inertia, along, across
+
+
+def _robot_moments(scenario: RigScenario) -> tuple[float, float, float]:
+    """The same of the robot's tail."""
+    plant = Rig(scenario).plant
+    context = plant.CreateDefaultContext()
+    torques = []
+    for angle in (0.5 * math.pi, 0.0):
+        plant.SetPositions(context, np.array([angle]))
+        torques.append(float(plant.CalcGravityGeneralizedForces(context)[0]) / -scenario.environment.gravity)
+    return float(plant.CalcMassMatrix(context)[0, 0]), torques[0], torques[1]
 
 
 def _root_distance(scenario: RigScenario) -> float:
@@ -152,6 +171,7 @@ def roll_out(
     count: int,
     *,
     motor: Sequence[float] | None = None,
+    ramp: Sequence[float] | None = None,
     added_mass: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Angles and rates (count each) at 0, step, 2 step, ... by the classical Runge-Kutta method.
@@ -159,7 +179,8 @@ def roll_out(
     Args:
         torques: of air, friction and a motor that reacts to the state.
         start: angle and rate.
-        motor: torque during each step (count - 1), N m.
+        motor: mean torque during each step (count - 1), N m.
+        ramp: its change over the step (count - 1), N m.
 
     Raises:
         FitError: the inertia is not above zero, or the motion comes apart.
@@ -178,13 +199,14 @@ def roll_out(
     half = 0.5 * step
     for i in range(count - 1):
         drive = motor[i] if motor is not None else 0.0
-        a1 = acceleration(q, w, drive)
+        rise = 0.5 * ramp[i] if ramp is not None else 0.0
+        a1 = acceleration(q, w, drive - rise)
         w2 = w + half * a1
         a2 = acceleration(q + half * w, w2, drive)
         w3 = w + half * a2
         a3 = acceleration(q + half * w2, w3, drive)
         w4 = w + step * a3
-        a4 = acceleration(q + step * w3, w4, drive)
+        a4 = acceleration(q + step * w3, w4, drive + rise)
         q += step / 6.0 * (w + 2.0 * (w2 + w3) + w4)
         w += step / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         if not abs(w) < _FASTEST:
@@ -201,6 +223,7 @@ def torque_response(
     step: float,
     motor: Sequence[float],
     added_mass: float = 0.0,
+    ramp: Sequence[float] | None = None,
 ) -> np.ndarray:
     """How the angles (n) answer to one more newton metre during each step (n - 1): an n x (n - 1) matrix, rad / N m.
 
@@ -212,7 +235,8 @@ def torque_response(
     for i in range(count - 1):
         for column, (dq, dw) in enumerate(((small, 0.0), (0.0, small))):
             start = (angles[i] + dq, rates[i] + dw)
-            moved = roll_out(pendulum, torques, start, step, 2, motor=[motor[i]], added_mass=added_mass)
+            rise = None if ramp is None else [ramp[i]]
+            moved = roll_out(pendulum, torques, start, step, 2, motor=[motor[i]], ramp=rise, added_mass=added_mass)
             maps[i, :, column] = (moved[0][1] - angles[i + 1]) / small, (moved[1][1] - rates[i + 1]) / small
     push = np.array([0.5 * step * step, step]) / pendulum.total_inertia(added_mass)
     response = np.zeros((count, count - 1))

@@ -37,7 +37,6 @@ from workbench.ensemble import Member
 from workbench.scenario import load_scenario
 
 SCENARIO = "turn_fast"
-"""Its gentle start lets the same turn be driven at every speed."""
 OWN_CAR = Member("own car", 0.0, {})
 """The car of the parameter files, which the swings were made for; not one of the ensemble."""
 MOST_LOWER = 4

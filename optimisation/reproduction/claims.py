@@ -1,19 +1,16 @@
 """All rows of the report: what the thesis states, recomputed from the runs of the ensemble or from its own tables."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from optimisation.calibration.validation import SCENARIOS, commanded_speed
+from optimisation.calibration.data import Datum, yaw_rate_of
+from optimisation.calibration.plan import SPEED_IN_TURN
 from optimisation.identify.aggregate import recompute_averages
 from optimisation.identify.published_check import robot_tail_line
 from optimisation.identify.published_tables import published, robot_tail_rows
-from optimisation.reproduction.evidence import NO_FLICK_THROTTLE, Evidence
+from optimisation.reproduction.evidence import NO_FLICK_THROTTLE, Evidence, basis_of
 from optimisation.reproduction.rows import (
     CLOSE,
-    Basis,
     Row,
     change_row,
     figure_row,
@@ -21,7 +18,7 @@ from optimisation.reproduction.rows import (
     recomputed_row,
     share_row,
 )
-from workbench.published import PublishedFigures, TurnMetrics, flip_bracket, published_figures
+from workbench.published import FILTERED, SIGNALS, PublishedFigures, TurnMetrics, flip_bracket, published_figures
 from workbench.report.words import metric_name, metric_unit
 
 MISSING = (
@@ -41,25 +38,21 @@ MISSING = (
 )
 
 
+OUTCOMES = ("tailless bracket", "tailed bracket", "real car with tail")
+"""What stands in the rows of the brackets, by the names of the plan."""
 PRINTED = 0.01
 """Last printed digit of a gain, %."""
 
 
-def all_rows(evidence: Evidence, calibrated: frozenset[str], tailed: Basis) -> list[Row]:
-    """Every row, in the order of the thesis.
-
-    Args:
-        evidence: runs of the ensemble.
-        calibrated: metrics of Table 7.1 that the ensemble was calibrated to; their rows say so.
-        tailed: what agreement with the tailed bracket is worth: the ensemble may be calibrated to it, or not.
-    """
+def all_rows(evidence: Evidence) -> list[Row]:
+    """Every row, in the order of the thesis; what agreement with it is worth follows from the plan of the ensemble."""
     return [
         *_tables_of_chapter_4_and_6(),
-        *_brackets(evidence, tailed),
-        *(row for published_row in published_figures() for row in _metrics(evidence, published_row, calibrated)),
-        *_changes(evidence, calibrated),
+        *_brackets(evidence),
+        *(_figure(evidence, datum) for datum in evidence.data),
+        *_changes(evidence),
         *_gains(),
-        *_kohut(evidence, calibrated),
+        *_kohut(evidence),
         _no_flick(evidence),
         *(missing_row(*entry) for entry in MISSING),
     ]
@@ -100,15 +93,15 @@ def _tables_of_chapter_4_and_6() -> list[Row]:
     return rows
 
 
-def _brackets(evidence: Evidence, tailed: Basis) -> list[Row]:
+def _brackets(evidence: Evidence) -> list[Row]:
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
     fastest = _physical("tailed").metrics.speed_m_per_s
     said = _said(evidence)
-    held: Basis = "calibrated to"
+    tailless, tailed, real = (evidence.basis_of_outcome(name) for name in OUTCOMES)
     survived, flipped = evidence.survived("none", none.survived), evidence.flipped("none", none.flipped)
     return [
-        share_row("7.1.1", f"no tail: survives {none.survived:g} m/s", survived, said, held),
-        share_row("7.1.1", f"no tail: flips at {none.flipped:g} m/s", flipped, said, held),
+        share_row("7.1.1", f"no tail: survives {none.survived:g} m/s", survived, said, tailless),
+        share_row("7.1.1", f"no tail: flips at {none.flipped:g} m/s", flipped, said, tailless),
         share_row(
             "7.1.2",
             f"tail: survives {swing.survived:g} m/s",
@@ -127,8 +120,8 @@ def _brackets(evidence: Evidence, tailed: Basis) -> list[Row]:
             "7.2.2",
             f"tail: survives {fastest:g} m/s",
             evidence.survived("swing", fastest),
-            f"{said}; turn of the simulation after a gentle start, tail swung at 8 rad/s"
-            f"{_tipped(evidence, 'swing', fastest)}",
+            f"{said}; turn of the simulation, tail swung at 8 rad/s{_tipped(evidence, 'swing', fastest)}",
+            real,
         ),
     ]
 
@@ -143,86 +136,61 @@ def _physical(configuration: str) -> PublishedFigures:
     return next(r for r in published_figures() if (r.platform, r.configuration) == ("physical", configuration))
 
 
-def _metrics(evidence: Evidence, published_row: PublishedFigures, calibrated: frozenset[str]) -> list[Row]:
-    mode, speed = SCENARIOS[published_row.configuration], commanded_speed(published_row)
-    physical = published_row.platform == "physical"
+def _figure(evidence: Evidence, datum: Datum) -> Row:
+    name = metric_name(datum.metric)
+    if datum.use == "commanded":
+        missing = "an input of the run: the speed is commanded, so nothing is predicted"
+        return missing_row(datum.source, name, missing)
+    mode, speed = datum.turn.tail_mode, datum.turn.speed
+    note = f"{_said(evidence)}, {evidence.survived(mode, speed):.0%} of the weight survived, numbers of these"
+    note += f"; {SIGNALS['physical' if datum.column.startswith(FILTERED) else 'simulated']}"
+    note += _tipped(evidence, mode, speed)
+    if datum.metric == "roll_integral_rad":
+        note += "; the printed sum has no time step, one is inferred (ERRATA E35)"
+    if datum.metric == SPEED_IN_TURN:
+        note += "; mean Kohut over mean yaw rate, if Kohut was taken sample by sample (ERRATA E36)"
+    if datum.metric != yaw_rate_of(datum.metric):
+        note += "; the yaw rate times the commanded speed, no figure of its own"
+    return figure_row(
+        datum.source,
+        name,
+        metric_unit(datum.metric),
+        datum.figure,
+        evidence.column(mode, speed, datum.column),
+        evidence.weights,
+        note,
+        basis_of(datum),
+    )
+
+
+def _changes(evidence: Evidence) -> list[Row]:
+    """Tailed against tailless, best runs of each platform (ERRATA E34); each follows from two rows of figures."""
     rows = []
-    shared = f"{_said(evidence)}, {evidence.survived(mode, speed):.0%} of the weight survived, numbers of these"
-    shared += "; after the car's filters" if physical else "; raw signals"
-    shared += _tipped(evidence, mode, speed)
-    for field in fields(TurnMetrics):
-        name, place = metric_name(field.name), published_row.source
-        if field.name == "speed_m_per_s":
-            rows.append(
-                missing_row(place, name, "an input of the run: the speed is commanded, so nothing is predicted")
-            )
-            continue
-        used = place == "Table 7.1" and (field.name in calibrated or _yaw_rate_of(field.name) in calibrated)
-        note = shared
-        if field.name == "roll_integral_rad":
-            note += "; the printed sum has no time step, one is inferred (ERRATA E35)"
-        if field.name != _yaw_rate_of(field.name):
-            note += "; the yaw rate times the commanded speed, no figure of its own"
-        rows.append(
-            figure_row(
-                place,
-                name,
-                metric_unit(field.name),
-                getattr(published_row.metrics, field.name),
-                evidence.column(mode, speed, ("filtered_" if physical else "") + field.name),
-                evidence.weights,
-                note,
-                "calibrated to" if used else "prediction",
-            )
-        )
-    return rows
-
-
-def _yaw_rate_of(metric: str) -> str:
-    """Kohut is speed times yaw rate; other metrics are themselves."""
-    return metric.replace("kohut_deg_m_per_s2", "yaw_rate_rad_per_s")
-
-
-def _changes(evidence: Evidence, calibrated: frozenset[str]) -> list[Row]:
-    """Tailed against tailless, best runs of each platform (ERRATA E34); each follows from two rows of `_metrics`."""
-    rows = []
-    for platform in ("simulated", "physical"):
-        none, swing = (
-            next(r for r in published_figures() if (r.platform, r.configuration) == (platform, configuration))
-            for configuration in ("tailless", "tailed")
-        )
+    for platform, places in (("simulated", ("Table 7.1", "Table 7.2")), ("physical", ("Table 7.3", "Table 7.4"))):
         for field in fields(TurnMetrics):
             if field.name == "speed_m_per_s":
                 continue
-            before, after = getattr(none.metrics, field.name), getattr(swing.metrics, field.name)
-            ours = _ratio(evidence, none, field.name, swing)
+            none, swing = (evidence.datum(place, field.name) for place in places)
+            before, after = (evidence.column(d.turn.tail_mode, d.turn.speed, d.column) for d in (none, swing))
             note = (
                 f"{_said(evidence)}; two runs at two speeds, so most of a change is the speed's; follows from the rows"
             )
             note += f" of {none.source} and {swing.source}"
-            if platform == "simulated" and _yaw_rate_of(field.name) in calibrated:
-                note += ", the first of which was calibrated to"
-            if field.name != _yaw_rate_of(field.name):
+            fitted = [datum.source for datum in (none, swing) if basis_of(datum) == "calibrated to"]
+            if fitted:
+                note += f", calibrated to that of {' and '.join(fitted)}"
+            if field.name != yaw_rate_of(field.name):
                 note += "; the yaw rate times the commanded speed, no figure of its own"
-            rows.append(
-                change_row(
-                    f"{none.source} to {swing.source[-3:]}",
-                    f"{metric_name(field.name)}, best run with tail over best without ({platform})",
-                    100.0 * (after / before - 1.0),
-                    ours,
-                    evidence.weights,
-                    note,
-                )
+            found = change_row(
+                f"{none.source} to {swing.source[-3:]}",
+                f"{metric_name(field.name)}, best run with tail over best without ({platform})",
+                100.0 * (swing.figure / none.figure - 1.0),
+                100.0 * (after / before - 1.0),
+                evidence.weights,
+                note,
             )
+            rows.append(replace(found, basis="calibrated to" if fitted else "prediction"))
     return rows
-
-
-def _ratio(evidence: Evidence, none: PublishedFigures, metric: str, swing: PublishedFigures) -> NDArray[np.float64]:
-    name = ("filtered_" if none.platform == "physical" else "") + metric
-    before = evidence.column("none", commanded_speed(none), name)
-    after = evidence.column("swing", commanded_speed(swing), name)
-    result: NDArray[np.float64] = 100.0 * (after / before - 1.0)
-    return result
 
 
 def _gains() -> list[Row]:
@@ -261,9 +229,10 @@ def _gains() -> list[Row]:
     ]
 
 
-def _kohut(evidence: Evidence, calibrated: frozenset[str]) -> list[Row]:
-    none = flip_bracket("tailless").survived
-    ours = evidence.column("none", none, "max_kohut_deg_m_per_s2")
+def _kohut(evidence: Evidence) -> list[Row]:
+    datum = evidence.datum("Table 7.1", "max_kohut_deg_m_per_s2")
+    none = datum.turn.speed
+    ours = evidence.column(datum.turn.tail_mode, none, datum.column)
     rows = []
     for robot in published("kohut_robots").to_dict("records"):
         share = float(evidence.weights @ (ours > float(robot["kohut_deg_m_per_s2"])))
@@ -274,7 +243,7 @@ def _kohut(evidence: Evidence, calibrated: frozenset[str]) -> list[Row]:
                 share,
                 f"{_said(evidence)} at {none:g} m/s; other robots as printed, not simulated; speed times yaw rate, so "
                 "a faster robot has more of it without turning better",
-                "calibrated to" if _yaw_rate_of("max_kohut_deg_m_per_s2") in calibrated else "prediction",
+                basis_of(datum),
             )
         )
     return rows
@@ -286,6 +255,6 @@ def _no_flick(evidence: Evidence) -> Row:
         "7.2.2",
         f"a held tail keeps the car upright at {100 * NO_FLICK_THROTTLE:.0f} % throttle, as where it did not swing",
         evidence.survived("held", speed),
-        f"{_said(evidence)}, tail held, {speed:.2f} m/s by the assumed throttle line, after a gentle start; shows that "
+        f"{_said(evidence)}, tail held, {speed:.2f} m/s by the assumed throttle line; shows that "
         f"holding suffices in the model, not why the robot's trigger was silent{_tipped(evidence, 'held', speed)}",
     )

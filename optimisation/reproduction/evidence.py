@@ -1,6 +1,6 @@
 """The runs behind the report: every member as the thesis ran its car."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,8 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from optimisation.calibration.data import Datum, plan_data
+from optimisation.calibration.plan import load_plan
 from optimisation.calibration.runs import RunStore, Wanted, flips_in_the_turn, survives
-from optimisation.calibration.validation import start_settings
+from optimisation.reproduction.rows import Basis
 from optimisation.sweep.engine import Engine
 from workbench.ensemble import Member
 from workbench.published import flip_bracket, published_figures
@@ -28,12 +30,24 @@ class Evidence:
         rows: tables of runs.
         held_speed: speed (m/s) of 55 % throttle by the assumed throttle line.
         settings: overrides that all runs share.
+        fitted: names of what the members were calibrated to, as their file has them.
+        data: published figures, with what agreement with each is worth.
     """
 
     members: tuple[Member, ...]
     rows: dict[tuple[str, float], pd.DataFrame]
     held_speed: float
     settings: tuple[str, ...]
+    fitted: frozenset[str]
+    data: tuple[Datum, ...]
+
+    def datum(self, source: str, metric: str) -> Datum:
+        """One published figure."""
+        return next(datum for datum in self.data if (datum.source, datum.metric) == (source, metric))
+
+    def basis_of_outcome(self, name: str) -> Basis:
+        """What agreement with an outcome is worth."""
+        return "calibrated to" if name in self.fitted else "prediction"
 
     @property
     def weights(self) -> NDArray[np.float64]:
@@ -60,27 +74,41 @@ class Evidence:
         return float(self.weights @ flips_in_the_turn(self.rows[mode, speed]))
 
 
+def basis_of(datum: Datum) -> Basis:
+    """What agreement with a figure is worth: what is fitted, or follows from it, is no evidence."""
+    return "calibrated to" if datum.use in ("fitted", "follows") else "prediction"
+
+
 def gather(
     members: Sequence[Member],
+    fitted: Collection[str],
     store: RunStore,
     engine: Engine,
     say: Callable[[str], None],
     settings: tuple[str, ...] = (),
+    more: Sequence[tuple[str, float]] = (),
 ) -> Evidence:
-    """Runs every member at every speed that the report needs; what the store has is not run again."""
+    """Runs every member at every speed that the report needs; what the store has is not run again.
+
+    Args:
+        members: to be run.
+        fitted: names of what they were calibrated to.
+        store: of the runs.
+        engine: that makes them.
+        say: told how far it is.
+        settings: overrides that all runs share.
+        more: (tail mode, speed) of runs that are wanted beside those of the claims.
+    """
     held_speed = throttle_speed(NO_FLICK_THROTTLE)
-    pairs = wanted_pairs(held_speed)
-    wanted = [
-        Wanted(m.values, mode, speed, settings=(*start_settings(speed), *settings))
-        for mode, speed in pairs
-        for m in members
-    ]
+    pairs = list(dict.fromkeys([*wanted_pairs(held_speed), *more]))
+    wanted = [Wanted(m.values, mode, speed, settings=settings) for mode, speed in pairs for m in members]
     rows = store.run(wanted, engine, lambda done, of: say(f"[{done}/{of}] runs"))
     count = len(members)
     tables = {
         pair: rows[place * count : (place + 1) * count].reset_index(drop=True) for place, pair in enumerate(pairs)
     }
-    return Evidence(tuple(members), tables, held_speed, settings)
+    data = plan_data(load_plan(), fitted)
+    return Evidence(tuple(members), tables, held_speed, settings, frozenset(fitted), data)
 
 
 def wanted_pairs(held_speed: float) -> list[tuple[str, float]]:

@@ -4,15 +4,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.calibration.validation import SCENARIOS, commanded_speed
+from optimisation.calibration.data import turn_of
 from optimisation.identify.published_tables import published
 from optimisation.reproduction.evidence import Evidence
 from optimisation.reproduction.rows import CLOSE, LEVELS, SURE, WIDEST, Basis, Row, Verdict
+from optimisation.reproduction.survival import survival_section
 from workbench.ensemble import Ensemble, weighted_quantiles
 from workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
-from workbench.published import flip_bracket, published_figures
+from workbench.published import SIGNALS, flip_bracket, metric_column, published_figures
 from workbench.report.page import Cell, Markup, Section, bullets, figure, finding, link, noted, page, paragraph, table
 from workbench.report.words import metric_name, metric_unit
 
@@ -27,7 +29,13 @@ SHOWN = (
 )
 
 
-def reproduction_page(rows: Sequence[Row], evidence: Evidence, ensemble: Ensemble, replays: Mapping[str, str]) -> str:
+def reproduction_page(
+    rows: Sequence[Row],
+    evidence: Evidence,
+    ensemble: Ensemble,
+    replays: Mapping[str, str],
+    survival: pd.DataFrame | None = None,
+) -> str:
     """The whole page as HTML text.
 
     Args:
@@ -35,6 +43,7 @@ def reproduction_page(rows: Sequence[Row], evidence: Evidence, ensemble: Ensembl
         evidence: the runs behind them.
         ensemble: where the members come from.
         replays: words -> file beside the page.
+        survival: shares over speed, as `survival_table` makes them.
     """
     method = ensemble.provenance.get("method", "not stated")
     lead = (
@@ -43,6 +52,7 @@ def reproduction_page(rows: Sequence[Row], evidence: Evidence, ensemble: Ensembl
     )
     sections = (
         _verdicts(rows),
+        *(() if survival is None else (survival_section(survival),)),
         Section("figures", "Figures", _figures(evidence)),
         Section("rows", "Every row", (_table(rows),)),
         Section("replays", "Replays", (bullets([link(file, words) for words, file in replays.items()]),)),
@@ -54,18 +64,22 @@ def _verdicts(rows: Sequence[Row]) -> Section:
     bases: list[Basis] = list(dict.fromkeys(row.basis for row in rows if row.basis))
     counted = Counter((row.verdict, row.basis) for row in rows)
     totals = Counter(row.verdict for row in rows)
-    predicted = sum(row.basis == "prediction" for row in rows)
-    held = counted["reproduced", "prediction"]
+    shown = [row for row in rows if row.basis in ("prediction", "calibrated to")]
+    held, fitted = (counted["reproduced", basis] for basis in ("prediction", "calibrated to"))
+    direction = sum(row.verdict == "direction only" for row in shown)
+    predicted = sum(row.basis == "prediction" for row in shown)
     counts: list[Sequence[Cell]] = [
         (verdict, *(str(counted[verdict, basis]) for basis in bases), str(totals[verdict])) for verdict in VERDICTS
     ]
     parts = (
         finding(
-            paragraph(f"Reproduced: {held} of {predicted} claims that the runs predict."),
             paragraph(
-                "The other agreement is no evidence for the car: the ensemble was calibrated to it, or it is "
-                "arithmetic on printed numbers."
+                f"Of {len(shown)} claims about runs of the car {held} are reproduced as predictions (of {predicted}), "
+                f"{fitted} are reproduced because the cars were calibrated to them (of {len(shown) - predicted}), "
+                f"which is no evidence, and {len(shown) - held - fitted} are not reproduced ({direction} of these in "
+                "the direction of a change only)."
             ),
+            paragraph("Arithmetic on printed numbers says nothing about the car."),
         ),
         table(("verdict", *bases, "all"), counts, numbers=range(1, len(bases) + 2)),
         paragraph(
@@ -111,7 +125,8 @@ def _figures(evidence: Evidence) -> tuple[Markup, ...]:
     return (
         figure(
             plot_metrics(evidence),
-            "Bars: median and band of the ensemble; stars: Tables 7.1 to 7.4. Physical rows after the car's filters.",
+            "Bars: median and band of the ensemble; stars: Tables 7.1 to 7.4. "
+            f"Simulated: {SIGNALS['simulated']}. Physical: {SIGNALS['physical']}.",
             "Six metrics of the four published runs beside the ensemble",
         ),
         figure(
@@ -133,9 +148,8 @@ def plot_metrics(evidence: Evidence) -> Figure:
         drawing, axes = new_figure(10.5, 5.2, 2, 3)
         for axis, name in zip(axes.flat, SHOWN, strict=True):
             for place, row in enumerate(published_figures()):
-                prefix = "filtered_" if row.platform == "physical" else ""
-                mode, speed = SCENARIOS[row.configuration], commanded_speed(row)
-                _bar(axis, place, evidence.column(mode, speed, prefix + name), evidence.weights)
+                turn, column = turn_of(row), metric_column(name, row.platform)
+                _bar(axis, place, evidence.column(turn.tail_mode, turn.speed, column), evidence.weights)
                 axis.plot(place, getattr(row.metrics, name), "*", color=VERMILION, markersize=12)
             labels = [f"{row.source[-3:]}\n{row.metrics.speed_m_per_s:g} m/s" for row in published_figures()]
             axis.set_xticks(range(len(labels)), labels, fontsize=8)
@@ -166,7 +180,7 @@ def plot_acceleration(evidence: Evidence) -> Figure:
     constants = published("constants").set_index("name").value_si
     without, with_tail = (float(constants[f"dima_lateral_acceleration_{k}"]) for k in ("no_tail", "with_tail"))
     none, swing = flip_bracket("tailless").survived, flip_bracket("tailed").survived
-    name = "filtered_max_linear_acceleration_m_per_s2"
+    name = metric_column("max_linear_acceleration_m_per_s2", "physical")
     with styled():
         drawing, axes = new_figure(6.4, 3.0)
         axis = axes[0, 0]

@@ -1,24 +1,24 @@
 """Writes the reproduction report: runs, rows, table, page, replays."""
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
 
-from optimisation.calibration.plan import CALIBRATED_METRICS
 from optimisation.calibration.runs import RunStore
-from optimisation.calibration.validation import start_settings
+from optimisation.calibration.validation import as_table, compare
 from optimisation.reproduction.claims import all_rows
 from optimisation.reproduction.evidence import Evidence, gather
 from optimisation.reproduction.page import reproduction_page
+from optimisation.reproduction.survival import PAIRS, survival_table
 from optimisation.sweep.engine import Engine
 from workbench.atomic_write import write_atomically
 from workbench.ensemble import Ensemble
 from workbench.errors import UserError
 from workbench.published import flip_bracket
-from workbench.scenario import load_scenario
 
-PAGE, TABLE = "index.html", "rows.csv"
+PAGE, TABLE, FIGURES, SURVIVAL = "index.html", "rows.csv", "figures.csv", "survival.csv"
 
 
 def write_report(
@@ -31,13 +31,15 @@ def write_report(
     replays: bool = True,
     force: bool = False,
     settings: tuple[str, ...] = (),
+    survival: bool = False,
 ) -> Path:
-    """Runs members drawn by weight, writes `rows.csv` and `index.html`; the path of the page.
+    """Runs members drawn by weight, writes `rows.csv`, `figures.csv` and `index.html`; the path of the page.
 
     Args:
         number: of members; all of them if there are fewer.
         out: folder; runs that are in it are not run again.
         settings: overrides that all runs share, such as a shorter run.
+        survival: also runs every tail mode at every speed of `survival.SPEEDS` and writes `survival.csv`.
 
     Raises:
         UserError: wrong number of members, one that is no possible car, or the folder holds runs of other parameters.
@@ -46,20 +48,27 @@ def write_report(
     for member in members:
         ensemble.scenario(member, "turn_swing")
     varied = {key for member in ensemble.members for key in member.values}
-    store = RunStore(out, load_scenario("turn_none"), varied, force=force)
-    evidence = gather(members, store, engine, say, settings)
-    calibrated = frozenset(CALIBRATED_METRICS if "targets" in ensemble.provenance else ())
-    targets = ensemble.provenance.get("targets", {})
-    rows = all_rows(evidence, calibrated, "calibrated to" if targets.get("tailed_is_met") else "prediction")
-    frame = pd.DataFrame([row.as_row() for row in rows])
-    write_atomically(out / TABLE, lambda path: frame.to_csv(path, index=False, lineterminator="\n"), True, UserError)
+    fitted = ensemble.provenance.get("fitted", ())
+    with closing(RunStore(out, varied, force=force)) as store:
+        evidence = gather(members, fitted, store, engine, say, settings, PAIRS if survival else ())
+    rows = all_rows(evidence)
+    _write_csv(out / TABLE, pd.DataFrame([row.as_row() for row in rows]))
+    compared = [compare(d, evidence.rows[d.turn.tail_mode, d.turn.speed], evidence.weights) for d in evidence.data]
+    _write_csv(out / FIGURES, as_table(compared))
+    shares = survival_table(evidence) if survival else None
+    if shares is not None:
+        _write_csv(out / SURVIVAL, shares)
     made = _replays(ensemble, evidence, out, say, settings) if replays else {}
-    page = reproduction_page(rows, evidence, ensemble, made)
+    page = reproduction_page(rows, evidence, ensemble, made, shares)
 
     def write(path: Path) -> None:
         path.write_text(page, encoding="utf-8")
 
     return write_atomically(out / PAGE, write, True, UserError)
+
+
+def _write_csv(path: Path, frame: pd.DataFrame) -> None:
+    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False, lineterminator="\n"), True, UserError)
 
 
 def _replays(
@@ -80,7 +89,7 @@ def _replays(
     for mode, speed in shown:
         name = f"replay_{mode}_{speed:.2f}.html"
         say(f"{name} ...")
-        overrides = [f"manoeuvre.speed={speed!r}", *start_settings(speed), *settings]
+        overrides = [f"manoeuvre.speed={speed!r}", *settings]
         scenario = ensemble.scenario(ensemble.best, f"turn_{mode}", overrides)
         trial = run_trial(scenario, signals="all", stop_when_flipped=False)
         write_replay_html(trial.run_log, out / name, force=True)

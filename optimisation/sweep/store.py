@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from optimisation.sweep.engine import SweepError
 from workbench.atomic_write import make_folder, write_atomically
+from workbench.batch import WORKER_RECORD
 
 TABLE, CSV, MARK, PARTS, LOCK, TIMING = "table.parquet", "table.csv", "study.json", "parts", ".lock", "timing.json"
 STORE_SCHEMA = "aerodima/sweep/1"
@@ -185,7 +186,7 @@ def _claim(folder: Path, identity: Mapping[str, Any], store: ResultStore, force:
         store.clear()
     elif mark.exists():
         _refuse_other(mark, identity)
-    elif foreign := sorted(path.name for path in folder.iterdir() if path.name not in (PARTS, LOCK)):
+    elif foreign := sorted(path.name for path in folder.iterdir() if path.name not in (PARTS, LOCK, WORKER_RECORD)):
         raise SweepError(f"{folder}: holds other files ({', '.join(foreign[:3])}); choose another folder, or --force")
     text = json.dumps({"schema": STORE_SCHEMA, **identity}, indent=1, sort_keys=True) + "\n"
     write_atomically(mark, lambda path: _write(path, text), True, SweepError)

@@ -231,7 +231,7 @@ def _run(
     factors: Sequence[str],
     number: int,
 ) -> PlannedRun:
-    own = () if member is None else member.settings
+    own = () if member is None else member.settings_on(block.scenario)
     settings = (*own, *block.settings, *(f"{name}={_text(value)}" for name, value in point.items()))
     place: dict[str, Value | None] = {"block": block_name}
     if member is not None:

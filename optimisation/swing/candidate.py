@@ -38,7 +38,7 @@ SPACING = 2 * FRICTION_STEP
 def most_roll(scenario: Scenario) -> float:
     """Roll (rad) at which the car tips by its own weight, or before that a tail lying outside touches the ground."""
     car = scenario.car
-    leans = np.linspace(0.0, math.atan(0.5 * car.track / car.com_height), 201)
+    leans = np.linspace(0.0, math.atan(car.outer_half_track / car.com_height), 201)
     free = ground_clearance(scenario, 0.0, scenario.controller.hold_angle, leans) > 0.0
     return float(leans[-1] if np.all(free) else leans[int(np.argmin(free))])
 

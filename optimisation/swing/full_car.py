@@ -29,7 +29,7 @@ class Outcome:
     """What a run of the full car came to.
 
     Attributes:
-        clean: survived, and neither cage, board nor tail touched the ground.
+        clean: as in `workbench.metrics.Outcome`.
         survived: did not roll over.
         peak_roll: rad; `heading` change, rad; `released` when the swing was, s, or None.
     """

@@ -131,7 +131,7 @@ def _cars(scenario: Scenario, options: Options) -> tuple[Scenario, ...]:
         own = float(default_values()["car"]["tyre_friction"])
         for member in load_ensemble(options.ensemble).drawn(options.members):
             sections: dict[str, dict[str, Any]] = {"car": {}}
-            for key, value in member.values.items():
+            for key, value in member.values_with(scenario.tail.name).items():
                 section, _, entry = key.partition(".")
                 sections.setdefault(section, {})[entry] = value
             friction = float(member.values.get(FRICTION, own)) * scenario.car.tyre_friction / own

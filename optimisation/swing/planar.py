@@ -14,7 +14,8 @@ asks for. A force on the tail, which stands over the rear axle, therefore change
 
 with a_f, a_r the distances of the axles from the centre of mass, T_y the sideways force of the tail on the car and W
 the weight. N_front is the load that the vertical forces of this motion put on the front axle; what braking adds to it
-is part of `front_ratio`, which the profile measures against the same load.
+is part of `front_ratio`, which the profile measures against the same load. The drag D of a sail that faces the wind, at
+height z and y to the left, adds (front_ratio D z - D y) to F_rear a_r (D < 0).
 
 Valid while the outer wheels bear load and the roll is below about 0.6 rad; pitch and heave of the body are left out.
 Signs: those of the car (design section 4), written for a left turn: roll positive outwards (to the right), tail roll
@@ -96,7 +97,7 @@ def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> 
     By, Bz, B2y, B2z = point_slopes(car.axis_height - car.tyre_radius, s, c, lift, wheel, car)
 
     M, m, ml, J = car.mass, car.tail_mass, car.tail_mass * car.tail_com, car.tail_inertia[0]
-    air_y, air_z, air_roll, air_tail = _air(
+    air_y, air_z, air_roll, air_tail, drag, drag_lever = _air(
         (By, Bz, n_y, n_z, e_y), roll_rate, alpha_rate, (speed, lateral_speed, yaw_rate), car
     )
     Bn = By * n_y + Bz * n_z
@@ -119,7 +120,9 @@ def _equations(state: Array, control: Array, inputs: Array, car: ReducedCar) -> 
     load0 = M * (g + A2z * squared) - behind * (m * g + c_tail_z - air_z)
     load1, load2 = M * Az - behind * t_z, -behind * ml * n_z
     kappa = 1.0 + behind
-    f0 = ratio * load0 - yaw_force * weight - kappa * (air_y - c_tail_y)
+    # Drag along the car, at its height and to its side: it unloads the front axle, and yaws.
+    drag_up, drag_left = c * car.axis_height * drag + e_z * drag_lever, -s * car.axis_height * drag + e_y * drag_lever
+    f0 = ratio * load0 - yaw_force * weight - kappa * (air_y - c_tail_y) + (ratio * drag_up - drag_left) / car.com_x
     f_y, f1, f2 = kappa * m, ratio * load1 + kappa * t_y, ratio * load2 + kappa * ml * n_y
 
     gyroscopic = car.wheel_spin_inertia * speed / car.tyre_radius * yaw_rate
@@ -202,8 +205,11 @@ def point_slopes(
 
 def _air(
     geometry: tuple[Array, ...], roll_rate: Array, alpha_rate: Array, motion: tuple[Array, ...], car: ReducedCar
-) -> tuple[Array, Array, Array, Array]:
-    """Force of the air on the sail (y, z) and its moments on car roll and tail roll; normal-force law (design 5)."""
+) -> tuple[Array, ...]:
+    """Force of the air on the sail (y, z), its moments on car roll and tail roll, drag along x and its first moment.
+
+    Laws of design section 5; only a sail that faces the wind drags along x.
+    """
     By, Bz, n_y, n_z, e_y = (value[..., None] for value in geometry)
     speed, lateral_speed, yaw_rate = (value[..., None] for value in motion)
     distance, area = np.array(car.section_distances), np.array(car.section_areas)
@@ -212,9 +218,11 @@ def _air(
     along = speed - yaw_rate * distance * e_y
     mean, half = 0.5 * (car.force_along + car.force_against), 0.5 * (car.force_along - car.force_against)
     coefficient = mean + half * np.tanh(car.normal_side * across / SIDE_BLEND) if half else mean
-    force = -0.5 * car.air_density * area * coefficient * np.sqrt(across * across + along * along + 1e-12) * across
+    pressure = -0.5 * car.air_density * area * np.sqrt(across * across + along * along + 1e-12)
+    force, drag = pressure * coefficient * across, pressure * car.force_chord * along
     total, moment = force.sum(-1), (force * distance).sum(-1)
-    return total * n_y[..., 0], total * n_z[..., 0], total * lever[..., 0] + moment, moment
+    n_y, n_z, lever = n_y[..., 0], n_z[..., 0], lever[..., 0]
+    return total * n_y, total * n_z, total * lever + moment, moment, drag.sum(-1), (drag * distance).sum(-1)
 
 
 def motion(

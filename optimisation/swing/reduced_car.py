@@ -9,9 +9,11 @@ from pydrake.systems.framework import DiagramBuilder
 
 from optimisation.errors import SwingError
 from workbench.actuators.ak70 import torque_speed_limits
-from workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+from workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from workbench.car_air import sail_law, sail_layout
+from workbench.logs.columns import AXLES
 from workbench.plants.car import add_car_plant
+from workbench.plants.car_model import wheel_rates
 from workbench.scenario import Scenario, scenario_from_dict
 
 
@@ -25,10 +27,10 @@ class ReducedCar:
         wheelbase: m.
         inertia: of it about its own centre of mass, forward axis, kg m2.
         half_track: m; the centre of mass stands this far inside the outer contact line.
-        tyre_radius, tyre_half_width: half axes of the tyre's ellipsoid, m.
+        tyre_radius, tyre_half_width: half axes of the tyre's ellipsoid, m; of no width for the edge of a cylinder.
         wheel_spin_inertia: of the four wheels about their axles together, kg m2.
-        side_stiffness: suspension and tyres of one side in series, both axles, N/m.
-        side_damping: suspension of one side, both axles, N s/m.
+        side_stiffness: suspension and tyres of one side in series, both axles, at the lever of `half_track`, N/m.
+        side_damping: suspension of one side, both axles, alike, N s/m.
         axis_height, axis_x: of the tail's joints above the ground and ahead of the rear axle, m.
         tail_mass: of rod and sail, kg; `tail_com` its centre on the tail's axis from the joints, m.
         tail_inertia: of rod and sail about the joints, tail axes x (roll), y, z (along the tail), kg m2.
@@ -36,7 +38,8 @@ class ReducedCar:
         rotor_inertia: of one motor, reflected to its joint, kg m2.
         tail_length: m; `sail_half_width` m.
         section_distances, section_areas: of the sail from the joints, m, and m2, shape (n,).
-        force_along, force_against: C_N for air along and against the sail's normal.
+        force_along, force_against: C_N for air along and against the sail's normal; `force_chord` along its chord, 0
+            unless the sail faces the wind.
         normal_side: +1 or -1, direction of that normal along y of an upright tail.
         coulomb, viscous, tanh_gain: friction of a tail joint, N m, N m s/rad, s/rad.
         torque_limit: N m; `stall_torque` N m and `no_load_speed` rad/s of the torque-speed line.
@@ -68,6 +71,7 @@ class ReducedCar:
     section_areas: tuple[float, ...]
     force_along: float
     force_against: float
+    force_chord: float
     normal_side: float
     coulomb: float
     viscous: float
@@ -112,8 +116,10 @@ class ReducedCar:
             plant.GetBodyByName(f"{axle}_{side}_wheel") for axle in ("front", "rear") for side in ("left", "right")
         ]
         law, _ = sail_law(tail)
-        layout = sail_layout(tail, law)
-        along, against = _coefficients(law)
+        layout = sail_layout(tail)
+        along, against, chord = _coefficients(law)
+        springs, dampers = zip(*(wheel_rates(car, axle) for axle in AXLES), strict=True)
+        lever = 0.5 * car.track / car.outer_half_track
         stall, no_load = torque_speed_limits(scenario.tail_motor)
         return cls(
             mass=float(M_BBo_B.get_mass()),
@@ -121,13 +127,13 @@ class ReducedCar:
             com_x=float(p_BoBcm[0]),
             wheelbase=car.wheelbase,
             inertia=float(I_BBcm.get_moments()[0]),
-            half_track=car.track / 2,
+            half_track=car.outer_half_track,
             tyre_radius=car.tyre_radius,
-            tyre_half_width=car.tyre_width / 2,
+            tyre_half_width=car.track / 2 + car.tyre_width / 2 - car.outer_half_track,
             wheel_spin_inertia=float(sum(wheel.default_rotational_inertia().get_moments()[1] for wheel in wheels)),
-            side_stiffness=_series(car.suspension_stiffness_front, car.tyre_stiffness_front)
-            + _series(car.suspension_stiffness_rear, car.tyre_stiffness_rear),
-            side_damping=car.suspension_damping_front + car.suspension_damping_rear,
+            side_stiffness=lever**2
+            * (_series(springs[0], car.tyre_stiffness_front) + _series(springs[1], car.tyre_stiffness_rear)),
+            side_damping=lever**2 * sum(dampers),
             axis_height=tail.mount_height,
             axis_x=tail.mount_x,
             tail_mass=float(M_TTo_T.get_mass()),
@@ -141,6 +147,7 @@ class ReducedCar:
             section_areas=tuple(float(area) for area in layout.areas),
             force_along=along,
             force_against=against,
+            force_chord=chord,
             normal_side=float(layout.normal_B[1]),
             coulomb=scenario.friction.coulomb,
             viscous=scenario.friction.viscous,
@@ -159,20 +166,23 @@ def _refuse_unknown(scenario: Scenario) -> None:
     tail = scenario.tail
     if tail.mode == "none":
         raise SwingError("tail.mode: 'none', the car has no tail to swing; allowed: held, swing")
-    if tail.sail != "locked":
-        raise SwingError(f"tail.sail: {tail.sail!r}; the reduced models know: locked")
+    if tail.sail == "free":
+        raise SwingError("tail.sail: 'free'; the reduced models know: facing, locked")
     if tail.added_mass != 0.0:
         raise SwingError(f"tail.added_mass: {tail.added_mass:g} kg; the reduced models know: 0 kg")
     if not scenario.wind.is_still:
         raise SwingError("wind: blows in this scenario; the reduced models know still air")
 
 
-def _coefficients(law: object) -> tuple[float, float]:
-    """C_N of both sides of the sail; SwingError for a law that is not made of constants."""
+def _coefficients(law: object) -> tuple[float, float, float]:
+    """C_N of both sides of the sail and along its chord; SwingError for a law that is not made of constants."""
+    if isinstance(law, CrossedPlatesLaw):  # a sail that faces the wind has one drag in every direction
+        along, against, _ = _coefficients(law.normal)
+        return along, against, _coefficients(law.side)[0]
     if isinstance(law, TwoSidedLaw):
-        return law.along_normal, law.against_normal
+        return law.along_normal, law.against_normal, 0.0
     if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
-        return float(law.coefficient), float(law.coefficient)
+        return float(law.coefficient), float(law.coefficient), 0.0
     raise SwingError(
         "tail.coefficients: depend on speed or angle; the reduced models know constants and two-sided sets"
     )

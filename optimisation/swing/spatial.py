@@ -142,15 +142,20 @@ def _tail_axes(s: Array, c: Array, p: Array, q: Array) -> tuple[Vector, Vector, 
 
 
 def _air(velocity: Vector, w: Vector, X: Vector, N: Vector, e: Vector, car: ReducedCar) -> tuple[Vector, Vector]:
-    """Force of the air on the sail and its moment about the joints; normal-force law (design section 5)."""
+    """Force of the air on the sail and its moment about the joints (design section 5).
+
+    Normal-force law; a sail that faces the wind drags along its chord as well.
+    """
     k = _cross(w, e)
     distance, area = np.array(car.section_distances), np.array(car.section_areas)
     across = _dot(velocity, N)[..., None] + distance * _dot(k, N)[..., None]
     along = _dot(velocity, X)[..., None] + distance * _dot(k, X)[..., None]
     mean, half = 0.5 * (car.force_along + car.force_against), 0.5 * (car.force_along - car.force_against)
     coefficient = mean - half * np.tanh(car.normal_side * across / SIDE_BLEND) if half else mean
-    force = -0.5 * car.air_density * area * coefficient * np.sqrt(across * across + along * along + 1e-12) * across
-    return _times(force.sum(-1), N), _times(-(force * distance).sum(-1), X)
+    pressure = -0.5 * car.air_density * area * np.sqrt(across * across + along * along + 1e-12)
+    normal, chord = pressure * coefficient * across, pressure * car.force_chord * along
+    F = _sum(_times(normal.sum(-1), N), _times(chord.sum(-1), X))
+    return F, _sum(_times(-(normal * distance).sum(-1), X), _times((chord * distance).sum(-1), N))
 
 
 def _inertia(axes: tuple[Vector, Vector, Vector], w: Vector, car: ReducedCar) -> Vector:

@@ -58,7 +58,7 @@ def plot_tip_path(swing: SwingFile, scenario: Scenario) -> Figure:
             axes.margins(0.12)
             axes.set_xlabel("to the right [m]")
         behind, above = grid[0]
-        half, length = car.track / 2, car.wheelbase
+        half, length = car.outer_half_track, car.wheelbase
         behind.fill([-half, half, half, -half], [0, 0, mount[2], mount[2]], color=TURN_SHADE, zorder=0)
         above.fill([-half, half, half, -half], [0, 0, length, length], color=TURN_SHADE, zorder=0)
         behind.axhline(0.0, color=BLACK, linewidth=1.0)

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import can
@@ -18,6 +19,7 @@ import numpy as np
 
 from tests.benchmarks.rows import BenchRow
 from workbench.logs.schema import RunLog, read_run_log
+from workbench.realtime import permitted
 
 _PROGRAM = str(Path(sys.executable).with_name("aerodima"))
 _SETTINGS = ("manoeuvre.straight_time=55", "manoeuvre.log_end=60", "simulation.step=0.004", "simulation.log_rate=250")
@@ -40,6 +42,29 @@ def bench_drive_over_the_bridge_for_a_minute() -> Iterator[BenchRow]:
 def bench_plain_drive_for_a_minute() -> Iterator[BenchRow]:
     """The plain loop, on the CAN adapter."""
     yield from _rows("direct_can", "plain", ["--no-drake"])
+
+
+def bench_drive_beside_load() -> Iterator[BenchRow]:
+    """With real-time priority beside one ordinary program per processor that computes without a pause; all wirings."""
+    if not all(permitted()):
+        print("bench_drive_beside_load: skipped: real-time priority or locked memory is not permitted here")
+        return
+    with _load():
+        yield from _rows("teensy_bridge", "drake_beside_load", [])
+        yield from _rows("watched_can", "drake_beside_load", [])
+        yield from _rows("direct_can", "plain_beside_load", ["--no-drake"])
+
+
+@contextmanager
+def _load() -> Iterator[None]:
+    """Programs that compute, one per processor."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
 
 
 def _rows(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:

@@ -15,13 +15,12 @@ from scipy.optimize import least_squares
 
 from optimisation.fit_batch import fit_logs
 from optimisation.identify.added_mass import added_mass_problem
-from optimisation.identify.friction import friction_seed
+from optimisation.identify.friction import friction_model, friction_seed
 from optimisation.identify.log_fits import fit_static_log
 from optimisation.identify.static import fit_static, static_parameters, static_problem
 from optimisation.identify.static_log import StaticData, static_data
-from optimisation.identify.swing_fit import SwingModel, friction_of, friction_parameters
+from optimisation.identify.swing_fit import friction_parameters
 from optimisation.identify.swing_log import swing_data
-from optimisation.identify.swing_model import Pendulum
 from optimisation.least_squares import Problem, Solver, solve_formula, solve_rollout
 from tests.benchmarks.rows import BenchRow
 from workbench.logs.schema import write_run_log
@@ -129,8 +128,7 @@ def bench_rollout_fits() -> list[BenchRow]:
         )
         flick_scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2"])
         flick = swing_data(run_rig(flick_scenario, Path(folder) / "flick.parquet"), "swing")
-    gain = bar.scenario.friction.tanh_gain
-    friction = SwingModel(bar, Pendulum.of(bar.scenario), lambda values: [friction_of(values, gain)])
+    friction = friction_model(bar)
     problems = {
         "bar_friction_fit": friction.problem(friction_parameters(*friction_seed(robot=False))),
         "added_mass_fit": added_mass_problem(flick),

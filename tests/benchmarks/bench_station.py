@@ -15,6 +15,7 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from tests.benchmarks.rows import BenchRow
+from workbench.event_order import Stage
 from workbench.logs.journal import JournalWriter
 from workbench.logs.recorder import RunRecorder, recorded_columns
 from workbench.logs.schema import run_metadata, signals_equal
@@ -112,7 +113,7 @@ def _recorded_step_seconds(scenario: Scenario, path: Path) -> float:
     car = assemble(scenario)
     metadata = run_metadata(scenario.resolved(), scenario.seed)
     with JournalWriter(path, recorded_columns(car.signals), metadata) as journal:
-        RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate)
+        RunRecorder.add_to_builder(car.builder, journal, car.signals, scenario.simulation.log_rate, Stage.RECORD)
         return _timed(Simulator(car.builder.Build()), scenario)
 
 

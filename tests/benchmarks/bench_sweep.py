@@ -1,4 +1,4 @@
-"""The 47 runs of the turn study on the distributed engine: one and two workers, and what the engine itself costs."""
+"""The 68 runs of the turn study on the distributed engine: one and two workers, and what the engine itself costs."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from workbench.actuators.drive import shaft_gain
-from workbench.actuators.servo import ackermann
-from workbench.plants.car_model import axle_statics, chassis_inertial, gearbox_height, unsprung_mass
+from workbench.actuators.servo import knuckle_angles
+from workbench.plants.car_model import axle_statics, chassis_inertial, gearbox_height, unsprung_mass, wheel_rates
 from workbench.scenario import Scenario
 from workbench.tail_impulses import FLIP_TILT
 
@@ -50,7 +50,7 @@ def mjcf(scenario: Scenario, step: float) -> str:
     <body name="chassis">
       <freejoint/>
       {_inertial(chassis.mass, chassis.com, chassis.moments)}
-      <body pos="{tail.mount_x} 0 {gearbox_height(car, tail)}">
+      <body pos="{car.gearbox_x} 0 {gearbox_height(car, tail)}">
         {_inertial(car.gearbox_mass, (0, 0, 0), (m * (w + h), m * (length + h), m * (length + w)))}
       </body>
       {"".join(parts)}
@@ -74,8 +74,7 @@ def _corner(scenario: Scenario, axle: str, side: str, sign: int) -> str:
     statics = axle_statics(car, scenario.environment.gravity, axle)
     front = axle == "front"
     name = f"{axle}_{side}"
-    spring = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
-    damper = car.suspension_damping_front if front else car.suspension_damping_rear
+    spring, damper = wheel_rates(car, axle)
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
     moving = unsprung_mass(car, axle)
     stiffness = (1.0 - IMPEDANCE) * tyre / moving
@@ -86,7 +85,7 @@ def _corner(scenario: Scenario, axle: str, side: str, sign: int) -> str:
     wheel = f"""<body name="{name}_wheel">
         <joint name="{name}_spin" type="hinge" axis="0 1 0"/>
         {_inertial(car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral))}
-        <geom type="ellipsoid" size="{radius} {half} {radius}" friction="{car.tyre_friction} 0 0" contype="0"
+        <geom type="cylinder" size="{radius} {half}" zaxis="0 1 0" friction="{car.tyre_friction} 0 0" contype="0"
               conaffinity="1" solref="{-stiffness} {-damping}" solimp="{IMPEDANCE} {IMPEDANCE} 0.001" priority="1"/>
       </body>"""
     if front:
@@ -118,7 +117,7 @@ def load_model(scenario: Scenario, step: float) -> Any:
 
 
 class MujocoTurn:
-    """The published turn: ramp, steering step through the Ackermann linkage, straight again."""
+    """The published turn: ramp, steering step through the linkage, straight again."""
 
     def __init__(self, scenario: Scenario, step: float) -> None:
         self._scenario = scenario
@@ -145,7 +144,7 @@ class MujocoTurn:
             target = manoeuvre.steer_angle if turning else 0.0
             travel = scenario.servo.rate * model.opt.timestep
             angle += min(max(target - angle, -travel), travel)
-            data.ctrl[:2] = ackermann(angle, car.wheelbase, car.track)
+            data.ctrl[:2] = knuckle_angles(angle, scenario.servo, car)
             data.ctrl[2] = manoeuvre.speed * min(1.0, time / manoeuvre.speed_ramp) / radius
             mujoco.mj_step(model, data)
             x, y = data.qpos[4], data.qpos[5]

@@ -14,7 +14,7 @@ from typing import Any
 from hardware.emulator.events import read_events
 from hardware.emulator.folder import EVENTS_FILE
 
-SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
+SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250", "drive.governor=true")
 """Half the load of a step of 2 ms for a machine that runs car, drive and browser."""
 GAMEPADS = """
 window.fakePads = [];

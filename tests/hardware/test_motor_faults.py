@@ -186,13 +186,61 @@ def test_six_byte_replies_are_enough(bench):
 @pytest.mark.parametrize("angle", [math.pi / 2 + 0.2, -math.pi / 2 - 0.2])
 def test_tail_beyond_its_range_is_switched_off(bench, angle):
     bench.fakes[1].blocked = True
-    for i in range(1, 101):
-        bench.fakes[1].position = angle * i / 100
+    for i in range(1, 61):  # sooner than a tail that is held away from its command counts as not following
+        bench.fakes[1].position = angle * i / 60
         bench.cycle(RUN)
         if bench.motors[1].state is MotorState.FAULTED:
             break
     assert bench.motors[1].fault is MotorFault.OUT_OF_RANGE
-    assert abs(bench.motors[1].position) == pytest.approx(math.pi / 2 + 0.15, abs=0.03)
+    assert abs(bench.motors[1].position) == pytest.approx(math.pi / 2 + 0.15, abs=0.035)
+
+
+def test_a_motor_that_switches_itself_off_is_noticed_once_torque_is_asked_of_it(bench):
+    bench.cycle(RUN, count=200)
+    off = bench.now
+    bench.fakes[1].entered = False
+    bench.fakes[1].position += 0.3  # gravity; the loop asks for 17 * 0.3 N m
+    while bench.motors[1].state is not MotorState.FAULTED and bench.now < off + 1.0:
+        bench.cycle(RUN)
+    safety = bench.motors[1].settings.safety
+    assert bench.motors[1].fault is MotorFault.NOT_FOLLOWING
+    assert "is it off?" in bench.motors[1].fault_text
+    assert bench.now - off <= safety.follow_time + 0.05
+    assert bench.motors[0].fault is MotorFault.OTHER_MOTOR
+
+
+def test_a_tail_that_is_held_away_from_its_command_is_switched_off(bench):
+    bench.cycle(RUN, count=200)
+    held = bench.now
+    bench.fakes[1].blocked, bench.fakes[1].speed = True, 0.0
+    bench.fakes[1].position += 0.09
+    for _ in range(6):
+        bench.fakes[1].position += 0.09
+        bench.cycle(RUN)
+    while bench.motors[1].state is not MotorState.FAULTED and bench.now < held + 2.0:
+        bench.cycle(RUN)
+    safety = bench.motors[1].settings.safety
+    assert bench.motors[1].fault is MotorFault.NOT_FOLLOWING
+    assert "rad from its command" in bench.motors[1].fault_text
+    assert bench.now - held <= safety.tracking_time + 0.15
+
+
+def test_a_motor_that_works_against_something_is_taken_back_to_its_rated_torque_and_switched_off(bench):
+    """I2t: the budget of `overload` beyond the rated torque, then off."""
+    motor, fake = bench.motors[1], bench.fakes[1]
+    safety = motor.settings.safety
+    hard = dataclasses.replace(RUN, kp=0.0, kd=0.0, torque=20.0)
+    fake.blocked = True
+    begin, torques = bench.now, []
+    while motor.state is not MotorState.FAULTED and bench.now < begin + 60.0:
+        bench.cycle(RUN, hard)
+        torques.append(fake.torque)
+    assert motor.fault is MotorFault.OVERLOAD
+    assert max(torques) == pytest.approx(20.0, abs=0.05)
+    full = safety.overload / (20.0**2 - safety.rated_torque**2)
+    assert 0.8 * full < bench.now - begin < 1.5 * full
+    assert torques[-1] < 13.0, "taken back over the last fifth of the budget"
+    assert motor.load.share < 1.0
 
 
 def test_tail_that_spins_is_switched_off(bench):

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 from pydrake.solvers import MathematicalProgram
 
-from optimisation.identify.aggregate import huber_location
 from optimisation.identify.published_check import robot_tail_line
 from optimisation.identify.springs import fit_spring
 from optimisation.identify.throttle import SteadyPoint, fit_throttle
@@ -45,11 +44,10 @@ def test_identification_uses_no_other_optimiser() -> None:
     "act",
     [
         robot_tail_line,
-        lambda: huber_location(np.array([1.0, 2.0, 2.5, 9.0])),
         lambda: fit_spring(pd.DataFrame({"displacement_m": 0.01 * np.arange(9.0), "force_n": np.arange(9.0) ** 1.1})),
         lambda: fit_throttle([SteadyPoint(x, 9.0 * x + 0.1 * x**2, 0.0, 0.0, 1.0) for x in (0.2, 0.4, 0.5, 0.7)]),
     ],
-    ids=["line", "huber", "spring", "throttle"],
+    ids=["line", "spring", "throttle"],
 )
 def test_a_fit_is_solved_in_mathematical_program(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> None:
     programs = []

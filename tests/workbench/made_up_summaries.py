@@ -35,6 +35,8 @@ def made_up_summary(
         tail_torque_peak_n_m=20.0,
         tail_energy_j=3.0,
         min_wheel_load_n=1.0,
+        speed_in_turn_m_per_s=speed,
+        lift_yaw_rate_rad_per_s=1.0,
     )
     own = None if mode == "none" else impulses or Impulses(aerodynamic=1.0, weight=0.5, inertial=-0.25)
     return RunSummary(

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+from workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from workbench.aero.polar_law import PolarLaw
-from workbench.car_air import sail_law, sail_layout, wind_model
+from workbench.car_air import free_sail, sail_law, sail_layout, wind_model
 from workbench.coefficient_names import robot_tail_sets
 from workbench.errors import ModelError, ScenarioError
 from workbench.scenario import load_scenario, scenario_from_dict
@@ -28,9 +28,11 @@ def tail(**keys):
         ("tail", "coefficients", "robot_tail_lne", ("'robot_tail_lne'", "did you mean 'robot_tail_line'?", ".csv")),
         ("tail", "coefficients", "cheetah_tail_1_major", ("robot's tail", "constant, half_cylinder, robot_tail_")),
         ("tail", "coefficients", 2.0, ("2.0", "string")),
-        ("tail", "sail", "loose", ("'loose'", "'locked' or 'free'")),
-        ("tail", "sail_centre_of_pressure", "2 cm", ("'cm'", "allowed is 'm'")),
-        ("tail", "sail_centre_of_pressure", math.nan, ("finite",)),
+        ("tail", "sail", "loose", ("'loose'", "'facing', 'free' or 'locked'")),
+        ("tail", "sail_board_share", 0.0, ("greater than 0",)),
+        ("tail", "sail_shell_offset", 1.5, ("less than or equal to 1",)),
+        ("tail", "sail_shell_offset", math.nan, ("finite",)),
+        ("tail", "sail_centre_of_pressure", 0.02, ("unknown",)),
         ("tail", "sail_bearing_damping", -1e-3, ("greater than or equal to 0", "N m s/rad")),
         ("tail", "added_mass", "heavy", ("'heavy'", "kg")),
         ("tail", "added_mass", -2.0, ("greater than or equal to -1", "kg")),
@@ -53,12 +55,6 @@ def test_wrong_air_is_refused_with_key_and_what_is_allowed(section, key, value, 
     assert "\n" not in str(caught.value)
 
 
-def test_centre_of_pressure_of_a_free_sail_lies_on_the_sail():
-    with pytest.raises(ScenarioError, match=r"tail\.sail_centre_of_pressure: 0\.21 m; allowed: .* 0\.2 m, of the axis"):
-        tail(sail="free", sail_centre_of_pressure=0.21)
-    assert tail(sail="locked", sail_centre_of_pressure=0.21).sail == "locked"
-
-
 def test_sets_for_the_robot_tail_are_those_that_know_the_normal_of_a_sail():
     assert robot_tail_sets() == (
         "half_cylinder",
@@ -68,30 +64,40 @@ def test_sets_for_the_robot_tail_are_those_that_know_the_normal_of_a_sail():
     )
 
 
-@pytest.mark.parametrize("sail", ["locked", "free"])
+@pytest.mark.parametrize("sail", ["facing", "free", "locked"])
 @pytest.mark.parametrize("name", ["constant", *robot_tail_sets()])
-def test_every_set_gives_a_law_to_either_sail(name, sail):
+def test_every_set_gives_a_law_to_every_sail(name, sail):
     law, limit = sail_law(tail(coefficients=name, sail=sail))
-    assert isinstance(law, TwoSidedLaw if name == "half_cylinder" else NormalForceLaw)
+    if sail == "facing":
+        assert isinstance(law, CrossedPlatesLaw)
+        law = law.normal
+    assert isinstance(law, TwoSidedLaw if name == "half_cylinder" and sail != "facing" else NormalForceLaw)
     assert limit == 15.0  # Table 11.7 ends there
 
 
 def test_constant_is_the_number_of_the_scenario():
-    law, _ = sail_law(tail(normal_force_coefficient=1.3))
+    law, _ = sail_law(tail(normal_force_coefficient=1.3, sail="locked"))
     assert law == NormalForceLaw(1.3)
+    law, _ = sail_law(tail(normal_force_coefficient=1.3))
+    assert law == CrossedPlatesLaw(NormalForceLaw(1.3), NormalForceLaw(1.3))
 
 
-def test_centre_of_pressure_moves_the_sections_of_a_free_sail_only():
-    for sail, x in (("free", -0.02), ("locked", 0.0)):
-        layout = sail_layout(tail(sail=sail), NormalForceLaw(2.0))
-        assert layout.p_BoRo_B == (x, 0.0, 0.0)  # behind is -x, and the wind of a driving car comes from +x
+def test_shell_and_board_of_a_free_sail_stand_behind_its_bearing():
+    sizes = {"length": 0.9, "sail_length": 0.6, "sail_width": 0.2, "sail_shell_offset": 0.25, "sail_board_share": 0.5}
+    parameters = tail(sail="free", **sizes)
+    sail = free_sail(parameters, sail_law(parameters)[0])
+    assert sail.shell_layout.p_BoRo_B == pytest.approx((0.0, -0.05, 0.0))  # behind is -y, hollow to +y
+    assert sail.board_layout.p_BoRo_B == pytest.approx((0.0, -0.15, 0.0))
+    assert sum(sail.board_layout.areas) == pytest.approx(0.06)
+    for layout in (sail.shell_layout, sail_layout(parameters)):
         assert (layout.start, layout.end) == pytest.approx((0.3, 0.9))
         assert sum(layout.areas) == pytest.approx(0.12)
+    assert sail.inertia == pytest.approx(parameters.mass * parameters.sail_mass_fraction * (0.2**2 + 0.2**2) / 12)
 
 
 def test_file_of_coefficients_is_read_when_the_car_is_built(tmp_path):
     path = tmp_path / "mine.csv"
-    given = tail(coefficients=str(path))
+    given = tail(coefficients=str(path), sail="locked")
     with pytest.raises(ModelError, match=r"tail\.coefficients: .*no file .*mine\.csv"):
         sail_law(given)
     path.write_text(POLAR)
@@ -103,11 +109,12 @@ def test_file_of_coefficients_is_read_when_the_car_is_built(tmp_path):
         sail_law(given)
 
 
-def test_free_sail_refuses_a_law_that_does_not_know_its_normal(tmp_path):
+@pytest.mark.parametrize("sail", ["facing", "free"])
+def test_turning_sail_refuses_a_law_that_does_not_know_its_normal(tmp_path, sail):
     path = tmp_path / "mine.csv"
     path.write_text(POLAR)
-    with pytest.raises(ModelError, match=r"tail\.coefficients: .*polar.*'free': normal_force, two_sided"):
-        sail_law(tail(coefficients=str(path), sail="free"))
+    with pytest.raises(ModelError, match=rf"tail\.coefficients: .*polar.*'{sail}': normal_force, two_sided"):
+        sail_law(tail(coefficients=str(path), sail=sail))
 
 
 def test_wind_of_the_scenario_in_world_axes():
@@ -129,8 +136,9 @@ def test_still_air_is_the_default_and_a_car_without_tail_has_no_wind():
 def test_scenario_from_before_the_air_could_move_is_one_in_still_air():
     resolved = scenario_from_dict({"seed": 3}).resolved()
     del resolved["wind"]
-    for key in ("coefficients", "sail_centre_of_pressure", "sail_bearing_damping", "added_mass"):
+    for key in ("coefficients", "sail_shell_offset", "sail_board_share", "sail_bearing_damping", "added_mass"):
         del resolved["tail"][key]
+    resolved["tail"]["sail_centre_of_pressure"] = 0.02  # of the flat sail of earlier versions
     assert scenario_from_dict(resolved) == scenario_from_dict({"seed": 3})
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from workbench.ensemble import Member, ensemble_names, load_ensemble, weighted_quantiles
 from workbench.errors import EnsembleError
+from workbench.scenario import load_scenario
 
 TEXT = """schema: aerodima/ensemble/1
 name: two
@@ -96,3 +97,13 @@ def test_weighted_quantiles_follow_the_weight_not_the_count() -> None:
     values, weights = [3.0, 1.0, np.nan, 2.0], [0.1, 0.8, 5.0, 0.1]
     assert list(weighted_quantiles(values, weights, (0.05, 0.5, 0.85, 1.0))) == [1.0, 1.0, 2.0, 3.0]
     assert np.isnan(weighted_quantiles([np.nan], [1.0], (0.5,))).all()
+
+
+def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member() -> None:
+    ensemble = load_ensemble()
+    member = ensemble.members[0]
+    built, designed = (ensemble.scenario(member, name) for name in ("turn_swing", "turn_designed"))
+    assert built.tail.sail_width == pytest.approx(float(member.values["tail.sail_width"]))
+    assert designed.tail.sail_width == load_scenario("turn_designed").tail.sail_width != built.tail.sail_width
+    assert designed.tail.mount_height == built.tail.mount_height
+    assert designed.car == built.car

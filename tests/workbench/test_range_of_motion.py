@@ -51,12 +51,22 @@ def test_the_map_is_that_of_a_car_with_two_equal_sides(motion: RangeOfMotion) ->
 
 def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: RangeOfMotion) -> None:
     scenario = load_scenario("turn_swing")
-    mount, half_track = scenario.tail.mount_height, scenario.car.track / 2
-    assert ground_clearance(scenario, 0.0, -LIMIT) == pytest.approx(mount)
-    assert ground_clearance(scenario, LIMIT, LIMIT) == pytest.approx(mount - scenario.tail.sail_width / 2)
+    mount, half_track = scenario.tail.mount_height, scenario.car.outer_half_track
+    # A sail that turns sweeps 0.15 m about the rod: half of the shell and the board are behind the bearing.
+    assert scenario.tail.sail_reach == pytest.approx(
+        (0.5 + scenario.tail.sail_board_share) * scenario.tail.sail_width - scenario.tail.sail_front
+    )
+    assert ground_clearance(scenario, 0.0, -LIMIT) == pytest.approx(mount - scenario.tail.sail_reach, abs=1e-6)
+    flat = load_scenario("turn_swing", ["tail.sail=locked"])
+    assert ground_clearance(flat, 0.0, -LIMIT) == pytest.approx(mount)
+    assert ground_clearance(flat, LIMIT, LIMIT) == pytest.approx(mount - scenario.tail.sail_width / 2)
     by_query = motion.clearance(0.0, np.array([-LIMIT, LIMIT]), ("ground",))
     assert np.all(by_query <= mount)
-    assert np.all(by_query > mount - scenario.tail.sail_width)
+    assert np.all(by_query > mount - 0.041 - scenario.tail.sail_reach - 1e-3)  # mounted 41 mm lower
+    assert motion.clearance(0.0, -LIMIT, ("ground",)) == pytest.approx(0.24 - scenario.tail.sail_reach, abs=5e-3), (
+        "mounted at 0.24 m"
+    )
+    scenario = flat
     leaning = float(ground_clearance(scenario, 0.0, LIMIT, 0.2))
     tip = (half_track - scenario.tail.length) * math.sin(0.2) + mount * math.cos(0.2)
     assert leaning == pytest.approx(tip), "a car that leans to the right lowers a tail on its right"
@@ -79,7 +89,7 @@ def test_file_comes_back_equal_and_a_bad_one_is_refused(tmp_path: Path, motion: 
     path = write_range_of_motion(motion, tmp_path / "map.csv")
     again = read_range_of_motion(path)
     np.testing.assert_array_equal(again.clearances, motion.clearances)
-    assert again.car["tail.length"] == 0.9
+    assert again.car == motion.car
     lines = path.read_text().splitlines()
     for name, text, message in (
         ("cut", lines[:-1], "one row per node of a full grid"),

@@ -72,19 +72,6 @@ def test_turning_faster_needs_a_clean_run_and_95_percent_of_the_heading_change()
     assert "no clean run is faster" in findings.faster_claim(slower, "swing", reference)
 
 
-def test_optimised_swing_that_turns_less_far_is_said_to() -> None:
-    runs = [
-        made_up_summary("swing", 4.44, heading=math.radians(41.0)),
-        made_up_summary("optimised", 4.44, heading=math.radians(36.0)),
-        made_up_summary("swing", 3.61, heading=math.radians(48.0)),
-        made_up_summary("optimised", 3.61, heading=math.radians(50.0)),
-        made_up_summary("swing", 5.0, result="flipped"),
-        made_up_summary("optimised", 5.0),
-    ]
-    assert "both clean at 2 speeds, and it turns less far at 1 of them" in findings.optimised_beside_swing(runs)
-    assert findings.optimised_beside_swing(runs[:1]) == ""
-
-
 def test_reference_is_the_fastest_clean_run_without_tail() -> None:
     runs = [
         made_up_summary("none", 3.0),

@@ -129,13 +129,13 @@ def test_force_readings_are_wrench_less_offset_plus_bias_and_noise(logs) -> None
     assert np.all(np.abs(rest.mean(axis=0)) < 0.002 * ACCURACIES)
 
 
-def test_robot_tail_comes_to_rest_where_spring_and_wind_balance(logs) -> None:
+def test_robot_tail_comes_to_rest_where_spring_and_wind_balance(tmp_path: Path) -> None:
     """Held by kp (0 - angle): the same torque that holds that angle statically. Friction 0.161 N m may keep it away."""
-    scenario, _ = logs["robot"]
-    log = logs["robot"][1]
-    angle = log.signal("angle_truth_rad")[-1]
+    scenario = load_rig_scenario("robot", ["experiment.rest=0.2", "experiment.duration=2.5"])
+    angle = run_rig(scenario, tmp_path / "robot.parquet").signal("angle_truth_rad")[-1]
     rig = Rig(scenario)
-    assert -4.0 * angle == pytest.approx(rig.torque_of(rig.holding_current(angle)), abs=0.17)
+    torque = -scenario.experiment.kp * angle
+    assert torque == pytest.approx(rig.torque_of(rig.holding_current(angle)), abs=0.17)
 
 
 def test_repeated_runs_are_equal_bit_for_bit(tmp_path: Path) -> None:

@@ -138,7 +138,9 @@ def test_steering_beyond_the_servo_is_refused():
 
 
 def test_sail_longer_than_the_tail_is_refused():
-    assert "tail.sail_length: 0.95 m; allowed: <= tail.length 0.9 m" in refusal({"tail": {"sail_length": 0.95}})
+    assert "tail.sail_length: 0.95 m; allowed: <= tail.length 0.9 m" in refusal(
+        {"tail": {"length": 0.9, "sail_length": 0.95}}
+    )
 
 
 def test_turn_that_starts_before_the_speed_is_reached_is_refused():

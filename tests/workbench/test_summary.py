@@ -49,8 +49,9 @@ def test_only_the_runs_of_the_thesis_have_published_figures() -> None:
 
 
 def test_a_swing_from_a_file_is_a_mode_of_its_own_and_has_no_published_figures() -> None:
-    played = {"swing_file": "roll_4_5"}
+    played = {"swing_file": "thesis_8_rad_per_s"}
     assert tail_mode_of({"tail": {"mode": "swing"}, "controller": played}) == "optimised"
+    assert tail_mode_of({"tail": {"mode": "swing", "name": "mine"}}) == "designed"
     assert tail_mode_of({"tail": {"mode": "held"}, "controller": played}) == "held"
     assert tail_mode_of({"tail": {"mode": "swing"}, "controller": {"swing_file": "none"}}) == "swing"
     assert not published_for(made_up_summary("optimised", 16 / 3.6))

@@ -28,7 +28,7 @@ def flat(values):
 
 @pytest.mark.parametrize(("mode", "direction"), [("none", "left"), ("swing", "right")])
 def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(tmp_path, mode, direction):
-    scenario = turn(mode, 3.0, f"manoeuvre.direction={direction}")
+    scenario = turn(mode, 2.5, f"manoeuvre.direction={direction}")
     logged = run_scenario(scenario, tmp_path / "run.parquet")
     expected, trial = summarise(logged, scenario.name), run_trial(scenario)
     assert STOPPED not in trial.run_log.extra
@@ -55,7 +55,7 @@ def test_all_signals_give_the_table_of_the_logged_run_and_the_impulses_of_the_ta
 
 
 def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
-    scenario = turn("none", 4.5)
+    scenario = turn("none", 3.4)
     stopped, whole = run_trial(scenario), run_trial(scenario, stop_when_flipped=False)
     end = stopped.run_log.extra[STOPPED]
     assert end == stopped.run_log.time[-1] < whole.run_log.time[-1]

@@ -9,7 +9,12 @@ from workbench.parameters import CarParameters, DriveParameters
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:
-    """Speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero inside its dead band."""
+    """Speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero inside its dead band.
+
+    Without governor the motor does not overcome its load below `breakaway_throttle` (thesis 6.2).
+    """
+    if not drive.governor and abs(throttle) < drive.breakaway_throttle:
+        return 0.0
     forward = max(0.0, drive.throttle_gain * abs(throttle) + drive.throttle_offset)
     return forward if throttle > 0 else -forward if throttle < 0 else 0.0
 

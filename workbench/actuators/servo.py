@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from workbench.discrete_vector import DiscreteVector
+from workbench.event_order import Stage, declare_ticks, nominal_time
 from workbench.parameters import CarParameters, ServoParameters
 
 
@@ -20,12 +21,20 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
     return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
 
 
+def knuckle_angles(steering_angle: float, servo: ServoParameters, car: CarParameters) -> tuple[float, float]:
+    """Angles (rad) of the left and right front wheel for a steering angle, as the linkage makes them."""
+    if servo.linkage == "parallel":
+        return steering_angle, steering_angle
+    return ackermann(steering_angle, car.wheelbase, car.track)
+
+
 class SteeringServo(LeafSystem):
-    """Rate-limited servo that drives both front knuckles through an Ackermann linkage.
+    """Rate-limited servo that drives both front knuckles through a linkage (`knuckle_angles`).
 
     30 degrees take 0.14 s (thesis 7.1.1). The servo reads its command once per frame and moves towards it at its rate;
-    in between, the angle is that of the moving linkage at every instant. The command is clipped to the servo's limit;
-    NaN holds the last angle.
+    in between, the angle is that of the moving linkage at every instant. A command that the driver gives at the instant
+    of a frame is seen in that frame, and the plant's step of that instant sees the frame (`workbench.event_order`).
+    The command is clipped to the servo's limit; NaN holds the last angle.
 
     Input ports:
         steering_angle (1): commanded bicycle steering angle, rad, positive to the left.
@@ -35,16 +44,14 @@ class SteeringServo(LeafSystem):
     Args:
         servo: rate, limit, frame rate.
         car: wheelbase and track.
-        offset: when the first frame is read, s; in a diagram one step of the plant, so that a command that a
-            controller gives at the same instant is seen in that frame and not in the next one.
     """
 
-    def __init__(self, servo: ServoParameters, car: CarParameters, offset: float = 0.0):
+    def __init__(self, servo: ServoParameters, car: CarParameters):
         super().__init__()
         self._servo, self._car = servo, car
         self._command = self.DeclareVectorInputPort("steering_angle", 1)
         self._frame = DiscreteVector(self, [0.0, 0.0, 0.0])
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / servo.frame_rate, offset, self._read_frame)
+        declare_ticks(self, servo.frame_rate, Stage.SERVO, self._read_frame)
         self.DeclareVectorOutputPort(
             "knuckle_state", 4, self._calc_knuckles, prerequisites_of_calc={self.time_ticket(), self._frame.ticket}
         )
@@ -52,22 +59,26 @@ class SteeringServo(LeafSystem):
     def _read_frame(self, context: Context, next_state: DiscreteValues) -> None:
         commanded: Any = self._command.Eval(context)
         command = float(commanded[0])
-        angle, _ = self._motion(context)
+        time = nominal_time(context.get_time(), self._servo.frame_rate)
+        angle, _ = self._motion(context, time)
         target = angle if math.isnan(command) else min(max(command, -self._servo.limit), self._servo.limit)
-        self._frame.write(next_state, [context.get_time(), angle, target])
+        self._frame.write(next_state, [time, angle, target])
 
-    def _motion(self, context: Context) -> tuple[float, float]:
-        """Bicycle steering angle, rad, and its rate, rad/s, at this instant."""
+    def _motion(self, context: Context, time: float) -> tuple[float, float]:
+        """Bicycle steering angle, rad, and its rate, rad/s, at `time` s."""
         begin, start, target = self._frame.read(context).tolist()
-        travel = self._servo.rate * (context.get_time() - begin)
+        travel = self._servo.rate * (time - begin)
         if abs(target - start) <= travel:
             return target, 0.0
         side = 1.0 if target > start else -1.0
         return start + side * travel, side * self._servo.rate
 
     def _calc_knuckles(self, context: Context, output: BasicVector) -> None:
-        angle, rate = self._motion(context)
-        left, right = ackermann(angle, self._car.wheelbase, self._car.track)
+        angle, rate = self._motion(context, context.get_time())
+        left, right = knuckle_angles(angle, self._servo, self._car)
+        if self._servo.linkage == "parallel":
+            output.SetFromVector(np.array([left, right, rate, rate]))
+            return
         tangent = math.tan(angle)
         half = 0.5 * self._car.track / self._car.wheelbase
         turning = rate * (1.0 + tangent**2)

@@ -1,6 +1,6 @@
-"""The two force laws of a section (design section 5), for floats and for AutoDiffXd alike.
+"""The force laws of a section (design section 5), for floats and for AutoDiffXd alike.
 
-Both work on a line of sections: section i at distance s_i along the axis a sees the relative velocity
+All work on a line of sections: section i at distance s_i along the axis a sees the relative velocity
 v_i = v_air - v_section = u + s_i k, with u that of the root and k = -(omega x a). Hence k is perpendicular to a, and
 the spanwise part v_i . a is the same for all sections. Vectors are sequences of three scalars in the world frame.
 """
@@ -87,7 +87,9 @@ def float_of(value: Scalar) -> float:
 class NormalForceLaw:
     """F = 1/2 rho A C_N(|v|) |v_p| v_n n, with v_p the velocity without its spanwise part, v_n its part along n.
 
-    With C_N = 2 this is the robot-tail model of the thesis (eq. 6.8) and equals Drake's `Wing`.
+    Equals Drake's `Wing`. The thesis' model of the robot tail (eq. 6.8, C_D = 2, force normal to the tail) has
+    cos(gamma) |v|^2 where this law has |v_p| v_n, in the plane of tail and normal cos^2(gamma) |v|^2: the two are equal
+    broadside only.
 
     Attributes:
         coefficient: C_N, a number or a function of |v_rel| such as `SpeedTable`.
@@ -198,3 +200,48 @@ class TwoSidedLaw:
     def covers(self, speed: float, angle: float) -> bool:
         """Two numbers cover everything."""
         return True
+
+
+@dataclass(frozen=True)
+class CrossedPlatesLaw:
+    """Two plates that cross on one line: `normal` acts along n, `side` along the chord n x a.
+
+    With two equal laws of constant C_N = C_D it is the drag of a sail that always faces the wind,
+    F = 1/2 rho A C_D |v_p| v_p with v_p the velocity without its spanwise part; n does not matter then.
+
+    Attributes:
+        normal: of the plate whose normal is n.
+        side: of the plate whose normal is the chord.
+    """
+
+    normal: NormalForceLaw | TwoSidedLaw
+    side: NormalForceLaw
+
+    def line_force(
+        self,
+        u: Vector,
+        k: Vector,
+        a: Vector,
+        n: Vector,
+        distances: Sequence[Scalar],
+        areas: Sequence[Scalar],
+        density: float,
+    ) -> tuple[Scalar, ...]:
+        """See `SectionLaw.line_force`."""
+        normal = self.normal.line_force(u, k, a, n, distances, areas, density)
+        side = self.side.line_force(u, k, a, cross(n, a), distances, areas, density)
+        return tuple(one + other for one, other in zip(normal, side, strict=True))
+
+    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
+        """See `SectionLaw.section_force`."""
+        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """See `SectionLaw.covers`; both plates must."""
+        return self.normal.covers(speed, angle) and self.side.covers(speed, angle)
+
+
+def facing_law(law: NormalForceLaw | TwoSidedLaw) -> CrossedPlatesLaw:
+    """Law of a sail that shows the same side to the wind whatever its direction: of two sides the hollow one."""
+    drag = NormalForceLaw(law.along_normal) if isinstance(law, TwoSidedLaw) else law
+    return CrossedPlatesLaw(drag, drag)

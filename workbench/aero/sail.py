@@ -1,17 +1,31 @@
-"""The sail that turns freely about the tail's own axis (design section 5, "Passive sail").
+r"""The sail on a bearing about the tail's own axis (design section 5, "Sail"; thesis 5.2).
 
-In the sail frame S the z axis is the tail axis (root to tip) and the chord lies along x at zero angle; the wind that
-comes from +x blows along -x. The centre of pressure sits `centre_of_pressure` behind the axis, at
-x = -centre_of_pressure. Behind (positive) the sail turns into the wind like a vane; ahead (negative), as on the first
-sail of the thesis, it turns away.
+The sail is a half cylinder, hollow towards the wind, with a backing board behind it that turns it there like a
+rudder. In the sail frame S the z axis is the bearing, root to tip. The hollow opens to +y; "behind" is -y, where the
+board is. Seen along z at angle 0, with the wind towards -y:
 
-The moment about the sail axis is not a law of its own: the force acts at the centre of pressure, and its rigid-body
-velocity includes the sail's own rate, which gives the damping c = 1/2 rho A C_N |v| e^2. For small angles in a wind U
+      wind | | | |
+           v v v v
+         |         |  +y
+         |    o    |  bearing, then behind it:
+          \_     _/   shell, middle of its depth at y = -e
+             | |
+             | |      board, middle at y = -(e + width/4 + board/2)
 
-    omega_n^2 = 1/2 rho A C_N U^2 e / I,    zeta = c / (2 I omega_n) (bearing damping comes on top).
+Three flat plates stand for it: the shell's opening (normal y), the shell's outline from the side (half as deep as the
+opening is wide) and the board (both normal x). The first pushes through the bearing; the moment of the two others
+about it is
 
-The centre of pressure is fixed: a real plate's moves from a quarter of the chord behind its leading edge (edge-on) to
-the middle (broadside), which this model leaves out.
+    -1/2 rho C |v|^2 sin(delta) S,   S = sum of side area x distance behind the bearing,
+
+delta the angle between wind and -y. So the sail is stable facing the wind with S > 0, and turns away from it with
+S < 0, as with the bearing of the first sail of the thesis, too far behind. For small angles in a wind U
+
+    omega_n^2 = 1/2 rho C U^2 S / I,    zeta = 1/2 rho C U S2 / (2 I omega_n), S2 with the distance squared,
+
+plus the damping of the bearing. The damping is no law of its own: the plates feel the sail's own rate.
+Valid as far as plates are: how drag changes with delta is known from Fig. 5.11 in words only, a real centre of
+pressure moves with delta, and the shell does not shade the board here.
 """
 
 from __future__ import annotations
@@ -25,46 +39,52 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, RigidBody, SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw
+from workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from workbench.aero.sections import Air, SectionLayout
-from workbench.aero.tail_force import add_to_builder
+from workbench.aero.tail_force import add_to_builder as add_tail_force
 from workbench.errors import ModelError
+from workbench.parameters import SHELL_DEPTH
 
 
 @dataclass(frozen=True)
 class FreeSail:
-    """A sail on a bearing about the tail axis.
+    """A half cylinder with a backing board on a bearing about the tail axis.
 
     Attributes:
-        length, width: of the sail along the tail and along the chord, m.
-        centre_of_pressure: behind the axis, m; negative is ahead.
+        length, width: of the opening along the tail and across it, m.
+        centre_of_pressure: e, of the shell's side force behind the bearing, m; a quarter of the width with the bearing
+            in the plane of the opening, negative with the bearing behind it.
+        board_width: of the backing board along the wind, m.
         mass: kg.
-        inertia: about the sail axis, kg m2.
+        inertia: about the bearing, kg m2.
         start: distance of the sail's near end from the origin of its mount along the axis, m.
         bearing_damping: N m s/rad.
-        law: `NormalForceLaw`, or `TwoSidedLaw` for a half cylinder whose normal (+y) leaves its round side.
+        law: of the opening; the normal of a `TwoSidedLaw` leaves its round side, -y.
+        side_coefficient: C_N of shell and board across the wind.
         number: of sections.
     """
 
     length: float
     width: float
     centre_of_pressure: float
+    board_width: float
     mass: float
     inertia: float
     start: float = 0.0
     bearing_damping: float = 0.0
     law: NormalForceLaw | TwoSidedLaw = NormalForceLaw(2.0)  # noqa: RUF009 (frozen)
+    side_coefficient: float = 2.0
     number: int = 5
 
     def __post_init__(self) -> None:
-        for name in ("length", "width", "mass", "inertia"):
+        for name in ("length", "width", "board_width", "mass", "inertia"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ModelError(f"free sail: {name} is {value}, but it must be a finite number above 0")
-        if not (math.isfinite(self.bearing_damping) and self.bearing_damping >= 0.0):
-            raise ModelError(
-                f"free sail: bearing_damping is {self.bearing_damping}, but it must be a finite number from 0"
-            )
+        for name in ("bearing_damping", "side_coefficient"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ModelError(f"free sail: {name} is {value}, but it must be a finite number from 0")
         if not abs(self.centre_of_pressure) <= self.width:
             raise ModelError(
                 f"free sail: centre_of_pressure is {self.centre_of_pressure} m, but it must lie within one width "
@@ -72,34 +92,61 @@ class FreeSail:
             )
 
     @property
-    def layout(self) -> SectionLayout:
-        """Sections in the sail frame, on the line through the centre of pressure."""
+    def shell_law(self) -> CrossedPlatesLaw:
+        """The opening along its normal, and the outline across it."""
+        return CrossedPlatesLaw(self.law, NormalForceLaw(SHELL_DEPTH * self.side_coefficient))
+
+    @property
+    def shell_layout(self) -> SectionLayout:
+        """Sections of the shell in the sail frame."""
+        return self._strip(self.width, self.centre_of_pressure, (0.0, -1.0, 0.0))
+
+    @property
+    def board_layout(self) -> SectionLayout:
+        """Sections of the backing board in the sail frame."""
+        return self._strip(self.board_width, self.board_place, (1.0, 0.0, 0.0))
+
+    @property
+    def board_place(self) -> float:
+        """Distance of the middle of the board behind the bearing, m: it begins where the shell ends."""
+        return self.centre_of_pressure + SHELL_DEPTH * self.width / 2 + self.board_width / 2
+
+    def _strip(self, width: float, behind: float, normal: tuple[float, float, float]) -> SectionLayout:
         return SectionLayout.strip(
             start=self.start,
             length=self.length,
-            width=self.width,
+            width=width,
             number=self.number,
-            p_BoRo_B=(-self.centre_of_pressure, 0.0, 0.0),
-            axis_B=(0.0, 0.0, 1.0),
-            normal_B=(0.0, 1.0, 0.0),
+            p_BoRo_B=(0.0, -behind, 0.0),
+            normal_B=normal,
         )
 
-    def vane_frequency(self, wind_speed: float, coefficient: float, air: Air | None = None) -> float:
-        """Undamped small-angle frequency omega_n as a weather vane, rad/s; 0 when the centre of pressure is not behind.
+    def side_moment(self, power: int = 1) -> float:
+        """Sum of side area x (distance behind the bearing)^power, m^(2 + power); S and S2 above for 1 and 2."""
+        plates = ((SHELL_DEPTH * self.width, self.centre_of_pressure), (self.board_width, self.board_place))
+        return self.length * sum(width * behind**power for width, behind in plates)
+
+    def vane_frequency(self, wind_speed: float, air: Air | None = None) -> float:
+        """Undamped small-angle frequency omega_n as a weather vane, rad/s; 0 where the sail turns away.
 
         Args:
             wind_speed: m/s.
-            coefficient: C_N.
+            air: density.
         """
         density = (air or Air()).density
-        area = self.length * self.width
-        stiffness = 0.5 * density * area * coefficient * wind_speed**2 * self.centre_of_pressure
+        stiffness = 0.5 * density * self.side_coefficient * wind_speed**2 * self.side_moment()
         return math.sqrt(max(stiffness, 0.0) / self.inertia)
+
+    def damping_ratio(self, wind_speed: float, air: Air | None = None) -> float:
+        """Share zeta of critical damping by air and bearing in a wind (m/s) that it faces; inf where it turns away."""
+        frequency = self.vane_frequency(wind_speed, air)
+        rate = 0.5 * (air or Air()).density * self.side_coefficient * wind_speed * self.side_moment(2)
+        return (rate + self.bearing_damping) / (2 * self.inertia * frequency) if frequency else math.inf
 
     def add_to_plant(
         self, plant: MultibodyPlant, tail: RigidBody, X_TS: RigidTransform | None = None, name: str = "sail"
     ) -> tuple[RigidBody, RevoluteJoint]:
-        """Adds the sail body and its joint about the tail axis, before Finalize.
+        """Adds the sail body and its joint about the tail axis, before Finalize. The sail is balanced on its bearing.
 
         Args:
             X_TS: pose of the sail's mount in the tail frame, z along the axis from root to tip.
@@ -125,7 +172,28 @@ class FreeSail:
         *,
         air: Air | None = None,
         wind: OutputPort | None = None,
-    ) -> System:
-        """Adds the air's force on the sail, see `tail_force.add_to_builder`."""
-        law: SectionLaw = self.law
-        return add_to_builder(builder, plant, body, self.layout, law, air=air, wind=wind)
+        quasi_steady_limit: float | None = None,
+    ) -> tuple[System, System]:
+        """Adds the air's force on shell and board, see `tail_force.add_to_builder`."""
+        name = body if isinstance(body, str) else body.name()
+        shell = add_tail_force(
+            builder,
+            plant,
+            body,
+            self.shell_layout,
+            self.shell_law,
+            air=air,
+            wind=wind,
+            quasi_steady_limit=quasi_steady_limit,
+        )
+        board = add_tail_force(
+            builder,
+            plant,
+            body,
+            self.board_layout,
+            self.side_coefficient,
+            air=air,
+            wind=wind,
+            name=f"board_force_{name}",
+        )
+        return shell, board

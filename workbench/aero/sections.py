@@ -158,7 +158,7 @@ class SectionLayout:
         axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
         normal_B: tuple[float, float, float] = (0.0, 1.0, 0.0),
     ) -> SectionLayout:
-        """One section at a given distance: the robot-tail model of the thesis (eq. 6.8, L_cor)."""
+        """One section at a given distance: the robot-tail model of the thesis (6.3.2, L_cor)."""
         return cls(p_BoRo_B, axis_B, normal_B, (distance,), (area,), chord, distance, distance)
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce_
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import InputPortIndex
 
 from workbench.aero.laws import dot
-from workbench.aero.system_template import LeafSystem_, system_template
+from workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
 
 
 @system_template("SlideKeeper_")
@@ -51,9 +50,9 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._middle, self._mass = plant, middle, mass
-            self._slides, self._rate = slides, rate
-            self._kinematics, self._world = plant.CreateDefaultContext(), plant.world_frame()
+            self._plant, self._middle, self._mass = plant, middle.index(), mass
+            self._slides, self._rate = [(joint.index(), part) for joint, part in slides], rate
+            self._kinematics = plant.CreateDefaultContext()
             self._origin = np.zeros(3)
             nq = plant.num_positions()
             self._rows = [
@@ -70,17 +69,13 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             self._SpatialForce = SpatialForce_[T]
             self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
             self._air = self.DeclareVectorInputPort("wind_acceleration", 3)
-            self.DeclareAbstractOutputPort(
-                "spatial_forces",
-                lambda: Value[list[ExternallyAppliedSpatialForce_[T]]](),
-                self._calc,
-                {self.input_port_ticket(InputPortIndex(i)) for i in (0, 1)},
-            )
+            inputs = {self.input_port_ticket(InputPortIndex(i)) for i in (0, 1)}
+            declare_spatial_forces(self, self._calc, inputs, T)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             plant = other._plant.ToScalarType[T]()
-            slides = [(plant.get_joint(joint.index()), part) for joint, part in other._slides]
-            middle = plant.get_frame(other._middle.index())
+            slides = [(plant.get_joint(joint), part) for joint, part in other._slides]
+            middle = plant.get_frame(other._middle)
             Impl._construct(self, plant, middle, other._mass, slides, other._rate, converter)
 
         @staticmethod
@@ -92,7 +87,7 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
         def _calc(self, context: Any, output: Any) -> None:
             state, kinematics = self._state.Eval(context), self._kinematics
             self._plant.SetPositionsAndVelocities(kinematics, state)
-            R_WM = self._middle.CalcRotationMatrixInWorld(kinematics).matrix().tolist()
+            R_WM = self._plant.get_frame(self._middle).CalcRotationMatrixInWorld(kinematics).matrix().tolist()
             forces = []
             if self._hold is not None:
                 self._hold.F_Bq_W = self._pure_force(self._holding(state, R_WM))
@@ -107,8 +102,9 @@ def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             output.set_value(forces)
 
         def _holding(self, state: Any, R_WM: Any) -> list[Any]:
-            bias = self._plant.CalcBiasTranslationalAcceleration(
-                self._kinematics, JacobianWrtVariable.kV, self._middle, self._origin, self._world, self._world
+            plant, world = self._plant, self._plant.world_frame()
+            bias = plant.CalcBiasTranslationalAcceleration(
+                self._kinematics, JacobianWrtVariable.kV, plant.get_frame(self._middle), self._origin, world, world
             )[:, 0].tolist()
             rate, total = self._rate, [0.0, 0.0, 0.0]
             for axis, position, velocity, mass in self._rows:

@@ -1,12 +1,15 @@
-"""Systems that convert between double and AutoDiffXd: the two names that Drake's stubs lack, in one place."""
+"""Systems that convert between double and AutoDiffXd, and the output port of those that push a plant."""
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from typing import Any
 
 import pydrake.systems.framework
 from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common.value import Value
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
@@ -19,3 +22,23 @@ def system_template(name: str) -> Callable[[Callable[[Any], Any]], Any]:
         name, T_list=[float, AutoDiffXd]
     )
     return decorator
+
+
+def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float) -> None:
+    """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
+
+    Drake 1.58 keeps the function of an abstract port for ever, unlike that of a vector port: a bound method would make
+    its system, and with it the whole diagram, immortal. So the port holds it weakly; it lives as long as its system.
+
+    Args:
+        system: whose method `calc` is.
+        inputs: tickets of the ports that the forces depend on.
+        T: scalar type of the system.
+    """
+    method: Any = weakref.WeakMethod(calc)
+    system.DeclareAbstractOutputPort(
+        "spatial_forces",
+        lambda: Value[list[ExternallyAppliedSpatialForce_[T]]](),
+        lambda context, output: method()(context, output),
+        inputs,
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import Value
+from pydrake.math import arctan2
 from pydrake.multibody.math import SpatialForce_
 from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce_,
@@ -21,9 +21,9 @@ from pydrake.systems.framework import (
 )
 
 from workbench.aero.jet import Jet
-from workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, float_of, length
+from workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, dot, float_of, length
 from workbench.aero.sections import Air, SectionLayout
-from workbench.aero.system_template import LeafSystem_, system_template
+from workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
 from workbench.errors import ModelError
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
@@ -55,6 +55,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the force N.
             validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it (edge value held),
                 3 inside it but above the quasi-steady limit.
+            wind_direction (1): angle (rad) about the axis from the normal to where the air moves across the axis,
+                sum of area |v_p| v_p over the sections; 0 in still air. A sail that faces the wind has turned so far.
 
         Args:
             plant: finalised plant, of double scalar; read for its kinematics only.
@@ -78,7 +80,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             converter: Any = None,
         ) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._body = plant, resolve_body(plant, body)
+            self._plant, self._body = plant, resolve_body(plant, body).index()  # not the object: design section 13
             self._layout, self._air, self._jet = layout, air or Air(), jet
             self._law = NormalForceLaw(law) if isinstance(law, int | float) else law
             self._quasi_steady_limit = quasi_steady_limit
@@ -86,25 +88,24 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             self._p_BoRo_B = layout.p_BoRo_B
             self._a_B, self._n_B = layout.axis_B, layout.normal_B
             self._force = ExternallyAppliedSpatialForce_[T]()
-            self._force.body_index = self._body.index()
+            self._force.body_index = self._body
             self._force.p_BoBq_B = list(layout.p_BoRo_B)
             self._SpatialForce = SpatialForce_[T]
             self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
             self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
             inputs = {self.input_port_ticket(InputPortIndex(i)) for i in (0, 1)}
-            self.DeclareAbstractOutputPort(
-                "spatial_forces", lambda: Value[list[ExternallyAppliedSpatialForce_[T]]](), self._calc_forces, inputs
-            )
+            declare_spatial_forces(self, self._calc_forces, inputs, T)
             for name, size, calc in (
                 ("wrench", 9, self._calc_wrench),
                 ("sections", 4 * layout.number, self._calc_sections),
                 ("validity", layout.number, self._calc_validity),
+                ("wind_direction", 1, self._calc_wind_direction),
             ):
                 self.DeclareVectorOutputPort(name, size, calc, inputs)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             plant = other._plant.ToScalarType[T]()
-            body = plant.get_body(other._body.index())
+            body = plant.get_body(other._body)
             Impl._construct(
                 self,
                 plant,
@@ -125,11 +126,11 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
         @property
         def body(self) -> Any:
             """The body that carries the sections."""
-            return self._body
+            return self._plant.get_body(self._body)
 
         def _motion(self, context: Any) -> tuple[Any, ...]:
             """Pose of the body (three rows of [R | p]), axis and normal in W, and the relative velocity u + s k."""
-            kinematics, plant, body = self._kinematics, self._plant, self._body
+            kinematics, plant, body = self._kinematics, self._plant, self.body
             plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
             X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
             w_x, w_y, w_z, v_x, v_y, v_z = plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
@@ -195,6 +196,15 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             for _, area, speed, angle, _, _ in self._section_rows(context):
                 values.append(self._validity(float_of(area), float_of(speed), float_of(angle)))
             output.SetFromVector(values)
+
+        def _calc_wind_direction(self, context: Any, output: Any) -> None:
+            along_normal = across = 0.0
+            for v, area, _, _, a, n in self._section_rows(context):
+                v_n, v_b = dot(v, n), dot(v, cross(a, n))
+                weight = area * length((v_n, v_b, 0.0 * v_n))
+                along_normal, across = along_normal + weight * v_n, across + weight * v_b
+            still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
+            output.SetFromVector([0.0 * across if still else arctan2(across, along_normal)])
 
         def _validity(self, area: float, speed: float, angle: float) -> float:
             if area <= 0.0:

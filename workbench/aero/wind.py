@@ -16,6 +16,7 @@ from workbench.aero.jet import Jet
 from workbench.aero.system_template import LeafSystem_, system_template
 from workbench.aero.tail_force import resolve_body
 from workbench.errors import ModelError
+from workbench.event_order import Stage, period_of
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)
@@ -93,8 +94,10 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             self._turbulent = max(model.turbulence) > 0.0
             if self._turbulent:
                 self.DeclareDiscreteState(model.turbulence_step(0, None))
-                # Offset 0, where the update changes nothing: another one would miss the plant's steps by its rounding.
-                self.DeclarePeriodicDiscreteUpdateEvent(model.update_period, 0.0, self._update)
+                # The update at 0 changes nothing.
+                self.DeclarePeriodicDiscreteUpdateEvent(
+                    period_of(1.0 / model.update_period, Stage.WIND), 0.0, self._update
+                )
             self.DeclareVectorOutputPort("wind_velocity", 3, self._calc)
             self.DeclareVectorOutputPort("wind_acceleration", 3, self._calc_acceleration)
 
@@ -144,7 +147,7 @@ def ApparentWind_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         def _construct(self, plant: Any, body: Any, p_BoQ_B: Vector3 = _CALM, converter: Any = None) -> None:
             LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._body, self._point = plant, resolve_body(plant, body), p_BoQ_B
+            self._plant, self._body, self._point = plant, resolve_body(plant, body).index(), p_BoQ_B
             self._kinematics = plant.CreateDefaultContext()
             self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
             self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
@@ -152,13 +155,13 @@ def ApparentWind_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
             plant = other._plant.ToScalarType[T]()
-            Impl._construct(self, plant, plant.get_body(other._body.index()), other._point, converter)
+            Impl._construct(self, plant, plant.get_body(other._body), other._point, converter)
 
         def _calc(self, context: Any, output: Any) -> None:
-            plant, kinematics = self._plant, self._kinematics
+            plant, kinematics, body = self._plant, self._kinematics, self._plant.get_body(self._body)
             plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
-            R_WB = plant.EvalBodyPoseInWorld(kinematics, self._body).rotation().matrix()
-            V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, self._body)
+            R_WB = plant.EvalBodyPoseInWorld(kinematics, body).rotation().matrix()
+            V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, body)
             v = V_WB.translational() + np.cross(V_WB.rotational(), R_WB @ np.asarray(self._point))
             wind = self._wind.Eval(context) if self._wind.HasValue(context) else np.zeros(3)
             output.SetFromVector(R_WB.T @ (wind - v))

@@ -62,26 +62,27 @@ def metrics(
 
 def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """The table: what is of the run as a whole, then the eight metrics raw, then filtered."""
+    from workbench.published import FILTERED, SIGNALS
     from workbench.text_table import shown_value, text_table
 
+    known = all(row["signals"] == "truth" for row in rows.values())
+    raw_signals = SIGNALS["simulated"] if known else "as the sensors reported them, where `signals` is sensors"
     names = list(next(iter(rows.values())))
-    filtered = [name for name in names if name.startswith("filtered_")]
-    raw = [name.removeprefix("filtered_") for name in filtered]
+    filtered = [name for name in names if name.startswith(FILTERED)]
+    raw = [name.removeprefix(FILTERED) for name in filtered]
     whole = [name for name in names if name not in (*filtered, *raw)]
 
     def lines(keys: list[str]) -> list[list[str]]:
-        return [
-            [f"  {key.removeprefix('filtered_')}", *(shown_value(row[key]) for row in rows.values())] for key in keys
-        ]
+        return [[f"  {key.removeprefix(FILTERED)}", *(shown_value(row[key]) for row in rows.values())] for key in keys]
 
     return text_table(
         ["", *rows],
         [
             ["the run"],
             *lines(whole),
-            ["in the turn, raw: as the log has the signals"],
+            [f"in the turn, raw: {raw_signals}"],
             *lines(raw),
-            ["in the turn, filtered: after the car's zero-phase filters (IMU 5 Hz, GPS 1 Hz)"],
+            [f"in the turn, filtered: {SIGNALS['physical']}"],
             *lines(filtered),
         ],
     )

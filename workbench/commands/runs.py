@@ -269,7 +269,9 @@ def summary_lines(run_log: RunLog) -> list[str]:
     outcome, raw = metrics.outcome, metrics.raw
     result = outcome.result + ("" if outcome.result == "flipped" else ", clean" if outcome.clean else ", not clean")
     touched = f"; touched the ground: {', '.join(outcome.touched)}" if outcome.touched else ""
-    lines = [f"outcome: {result}{touched}"]
+    board = outcome.board_before_turn_s
+    started = f"; anti-ramp board on the ground for {board:.2f} s before the turn" if board else ""
+    lines = [f"outcome: {result}{touched}{started}"]
     peak_roll = f"peak roll {degrees(metrics.peak_roll_rad):.1f} deg"
     if run_log.scenario["manoeuvre"]["kind"] in ("turn", "auto_turn"):
         heading = f"heading change {degrees(metrics.heading_change_rad):.0f} deg"
@@ -279,7 +281,7 @@ def summary_lines(run_log: RunLog) -> list[str]:
     lines.append(
         f"yaw rate max {raw.max_yaw_rate_rad_per_s:.2f}, mean {raw.average_yaw_rate_rad_per_s:.2f} rad/s; lateral "
         f"acceleration max {raw.max_linear_acceleration_m_per_s2:.2f}, mean "
-        f"{raw.average_linear_acceleration_m_per_s2:.2f} m/s2"
+        f"{raw.average_linear_acceleration_m_per_s2:.2f} m/s2 (unfiltered {metrics.source})"
     )
     jolt = jolt_line(metrics)
     return [*lines, *([f"note: {jolt}"] if jolt else []), *_air_lines(run_log.extra)]

@@ -38,11 +38,13 @@ class ThrottleLine:
         gain: m/s per unit throttle.
         offset: m/s at throttle 0.
         time_constant: s of the speed's response to the throttle; 0 where a governor holds the commanded speed.
+        breakaway: throttle below which the car stands; 0 where a governor holds the commanded speed.
     """
 
     gain: float
     offset: float
     time_constant: float = 0.0
+    breakaway: float = 0.0
 
     def __post_init__(self) -> None:
         check_range("drive.throttle_gain", self.gain, 0.0, math.inf, "m/s", above_low=True)
@@ -60,6 +62,12 @@ class ThrottleLine:
         if not (math.isfinite(speed) and 0.0 <= speed <= top + 1e-12):
             raise UserError(
                 f"manoeuvre.speed: {speed:g} m/s; allowed: 0 to {top:g} m/s, the steady speed at full throttle"
+            )
+        if speed > 0.0 and self.throttle(speed) < self.breakaway:
+            slowest = self.gain * self.breakaway + self.offset
+            raise UserError(
+                f"manoeuvre.speed: {speed:g} m/s; allowed without governor: 0, or from {slowest:g} m/s on, the steady "
+                f"speed at drive.breakaway_throttle {self.breakaway:g}"
             )
 
 
@@ -139,7 +147,7 @@ class SlalomSchedule:
     """Sinusoidal steering from `start` on (thesis 6.1.3); each half wave is announced as a turn when it begins.
 
     Args:
-        ramp: reaches the speed before the first half wave.
+        ramp: of the speed; it may go on while the car steers, as in the thesis.
         side: of the first half wave, +1 left, -1 right; announced from the first tick.
         steer_angle: amplitude, rad.
         start: s.
@@ -156,7 +164,6 @@ class SlalomSchedule:
         _check_steering(self.side, self.steer_angle)
         check_range("manoeuvre.turn_start", self.start, 0.0, math.inf, "s")
         check_range("manoeuvre.slalom_period", self.period, 0.0, math.inf, "s", above_low=True)
-        check_range("manoeuvre.speed_ramp", self.ramp.duration, 0.0, self.start, "s")
 
     def at(self, time: float) -> DriverInput:
         """Inputs at `time` s since the start."""
@@ -178,16 +185,17 @@ def make_schedule(scenario: Any) -> Schedule:
     if manoeuvre.direction not in ("left", "right"):
         raise UserError(f"manoeuvre.direction: {manoeuvre.direction!r}; allowed: left, right")
     side = 1.0 if manoeuvre.direction == "left" else -1.0
-    lag = 0.0 if drive.governor else drive.time_constant
-    ramp = SpeedRamp(
-        manoeuvre.speed, manoeuvre.speed_ramp, ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag)
-    )
+    lag, breakaway = (0.0, 0.0) if drive.governor else (drive.time_constant, drive.breakaway_throttle)
+    line = ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
+    ramp = SpeedRamp(manoeuvre.speed, manoeuvre.speed_ramp, line)
     if manoeuvre.kind == "turn":
         return TurnSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.turn_hold)
     if manoeuvre.kind == "auto_turn":
         start = manoeuvre.straight_time
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn
         check_range("manoeuvre.log_end", manoeuvre.log_end, throttle_off, math.inf, "s")
+        if not drive.governor:  # the car's sequence sets its throttle and waits (thesis 7.2.1)
+            ramp = SpeedRamp(manoeuvre.speed, 0.0, line)
         return TurnSchedule(ramp, side, manoeuvre.steer_angle, start, manoeuvre.turn_hold, throttle_off)
     if manoeuvre.kind == "straight":
         return StraightSchedule(ramp)

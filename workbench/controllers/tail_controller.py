@@ -11,6 +11,7 @@ from workbench.controllers.law_of_scenario import law_of_scenario
 from workbench.controllers.observation import AGE_LIMIT, observe
 from workbench.controllers.tail_law import Observation, TailLaw
 from workbench.discrete_vector import DiscreteVector
+from workbench.event_order import Stage, declare_ticks, nominal_time, stage_before
 from workbench.ports import IMU, PLANNED_TURN, SPEED, STATUS, STEERING_ANGLE, TAIL_COMMAND, TAIL_STATE
 
 
@@ -33,12 +34,13 @@ class TailController(LeafSystem):
     Args:
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
+        stage: of its ticks, where it drives a simulated car (`workbench.event_order`).
 
     Raises:
         UserError: rate or age limit out of range.
     """
 
-    def __init__(self, law: TailLaw, age_limit: float = AGE_LIMIT) -> None:
+    def __init__(self, law: TailLaw, age_limit: float = AGE_LIMIT, stage: Stage | None = None) -> None:
         super().__init__()
         check_range("controller.rate", law.rate, 0.0, math.inf, "Hz", above_low=True)
         check_range("controller.age_limit", age_limit, 0.0, math.inf, "s", above_low=True)
@@ -55,14 +57,15 @@ class TailController(LeafSystem):
         self._pitch_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_pitch_command")
         self._roll_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_roll_command")
         self._state = DiscreteVector(self, [0.0], output="state")
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1.0 / law.rate, offset_sec=0.0, update=self._tick)
+        declare_ticks(self, law.rate, stage, self._tick)
 
     @classmethod
     def add_to_builder(
         cls, builder: DiagramBuilder, scenario: Any, *, station: System, driver: System, law: TailLaw | None = None
     ) -> "TailController":
         """Adds a law, by default that of the scenario, between the ports of a station and of a driver."""
-        controller = cls(law or law_of_scenario(scenario))
+        stage = stage_before(station, Stage.CONTROLLER)
+        controller = cls(law or law_of_scenario(scenario), stage=stage)
         builder.AddSystem(controller)
         for port in ("tail_state", "imu", "status", "speed"):
             builder.Connect(station.GetOutputPort(port), controller.GetInputPort(port))
@@ -81,7 +84,7 @@ class TailController(LeafSystem):
         speed: Any = self._speed.Eval(context) if self._speed.HasValue(context) else None
         steering: Any = self._steering.Eval(context) if self._steering.HasValue(context) else (math.nan,)
         return observe(
-            context.get_time(),
+            nominal_time(context.get_time(), self._law.rate),
             tail,
             imu,
             status,

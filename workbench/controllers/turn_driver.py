@@ -7,6 +7,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, L
 from workbench.controllers.checks import check_range
 from workbench.controllers.manoeuvre import DriverInput, Schedule
 from workbench.discrete_vector import DiscreteVector
+from workbench.event_order import Stage, declare_ticks, nominal_time, stage_before
 
 
 class TurnDriver(LeafSystem):
@@ -23,33 +24,35 @@ class TurnDriver(LeafSystem):
     Args:
         schedule: from `make_schedule(scenario)`.
         rate: Hz.
+        stage: of its ticks, where it drives a simulated car (`workbench.event_order`).
 
     Raises:
         UserError: rate out of range.
     """
 
-    def __init__(self, schedule: Schedule, rate: float = 100.0) -> None:
+    def __init__(self, schedule: Schedule, rate: float = 100.0, stage: Stage | None = None) -> None:
         super().__init__()
         check_range("controller.rate", rate, 0.0, math.inf, "Hz", above_low=True)
         self.set_name("driver")
-        self._schedule = schedule
+        self._schedule, self._rate = schedule, rate
         self._outputs = [
             DiscreteVector(self, [value], output=name)
             for name, value in zip(DriverInput._fields, schedule.at(0.0), strict=True)
         ]
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1.0 / rate, offset_sec=0.0, update=self._tick)
+        declare_ticks(self, rate, stage, self._tick)
 
     @classmethod
     def add_to_builder(
         cls, builder: DiagramBuilder, schedule: Schedule, rate: float = 100.0, *, station: System
     ) -> "TurnDriver":
         """Adds a driver and connects steering and throttle to the station."""
-        driver = cls(schedule, rate)
+        driver = cls(schedule, rate, stage_before(station, Stage.DRIVER))
         builder.AddSystem(driver)
         for port in ("steering_angle", "throttle"):
             builder.Connect(driver.GetOutputPort(port), station.GetInputPort(port))
         return driver
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
-        for output, value in zip(self._outputs, self._schedule.at(context.get_time()), strict=True):
+        inputs = self._schedule.at(nominal_time(context.get_time(), self._rate))
+        for output, value in zip(self._outputs, inputs, strict=True):
             output.write(discrete_state, [value])

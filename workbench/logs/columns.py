@@ -131,7 +131,9 @@ def contact_truth_columns() -> list[Column]:
     for wheel in WHEELS:
         columns += _vector(f"wheel_force_{wheel}", "truth_n", "N", f"force of the ground on the {wheel} wheel, W axes")
     for wheel in WHEELS:
-        columns += _vector(f"wheel_contact_{wheel}", "truth_m", "m", f"contact point of the {wheel} wheel in W")
+        columns += _vector(
+            f"wheel_contact_{wheel}", "truth_m", "m", f"contact point of the {wheel} wheel in W, weighted by load"
+        )
     for part in GROUND_CONTACTS:
         columns.append(Column(f"ground_contact_{part}_truth_n", "N", f"magnitude of the ground's force on the {part}"))
     return [*columns, Column("drive_power_truth_w", "W", "mechanical power of the drive")]

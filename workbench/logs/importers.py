@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from workbench.errors import LogError
-from workbench.logs.columns import TIME
+from workbench.logs.columns import RIG_KINDS, TIME
 from workbench.logs.findings import (
     Finding,
     gap_findings,
@@ -201,12 +201,7 @@ def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFr
 
 
 def _metadata(mapping: Mapping, files: list[str], findings: list[Finding]) -> dict[str, Any]:
-    scenario: dict[str, Any] = {}
-    if mapping.scenario is not None:
-        from workbench.scenario import load_scenario
-
-        chosen = load_scenario(mapping.scenario.base, list(mapping.scenario.set))
-        scenario = chosen.model_dump(mode="json", by_alias=True)
+    scenario = _scenario(mapping)
     facts = mapping.facts
     if "tail" in facts:
         facts["tail"] = str(facts["tail"])
@@ -216,6 +211,21 @@ def _metadata(mapping: Mapping, files: list[str], findings: list[Finding]) -> di
         "findings": listed(findings),
     }
     return run_metadata(scenario, seed=0, kind=mapping.kind, extra={**facts, "imported": imported})
+
+
+def _scenario(mapping: Mapping) -> dict[str, Any]:
+    """The car or the rig that a mapping names; of a rig without its experiment, which the metadata state."""
+    if mapping.scenario is None:
+        return {}
+    base, settings = mapping.scenario.base, list(mapping.scenario.set)
+    if mapping.kind not in RIG_KINDS:
+        from workbench.scenario import load_scenario
+
+        return load_scenario(base, settings).model_dump(mode="json", by_alias=True)
+    from workbench.rig_scenario import load_rig_scenario
+
+    resolved = load_rig_scenario(base, settings).resolved()
+    return {key: value for key, value in resolved.items() if key not in ("experiment", "schema", "name", "seed")}
 
 
 def _import_own(foreign: ForeignLog) -> Imported:

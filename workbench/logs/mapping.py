@@ -83,7 +83,7 @@ class CsvFormat(StrictModel):
 
 
 class ScenarioSource(StrictModel):
-    """The scenario that describes what was driven: a name or file, and overrides such as `manoeuvre.speed=4`."""
+    """The car and what was driven, or the rig: a name or file, and overrides such as `manoeuvre.speed=4`."""
 
     base: str = Field(description="shipped scenario or YAML file")
     set: tuple[str, ...] = Field(default=(), description="overrides, section.key=value")
@@ -108,7 +108,7 @@ class Mapping(StrictModel):
     check_rates: StrictBool = Field(
         default=True, description="compare every logged rate with the derivative of its angle"
     )
-    scenario: ScenarioSource | None = Field(default=None, description="for the car: what was driven")
+    scenario: ScenarioSource | None = Field(default=None, description="what was driven; for a rig log, the rig")
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
+from workbench.event_order import Stage, nominal_time, period_of
 from workbench.logs.columns import TIME
 from workbench.logs.unwrapping import RowUnwrapper
 
@@ -27,12 +28,21 @@ class RunRecorder(LeafSystem):
         journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
         sources: size of each recorded port.
         rate: rows per second, Hz.
+        stage: `Stage.RECORD` beside a simulated car (`workbench.event_order`), whose row then has what sensors and
+            controllers did at its instant; without, a row has what stood on the ports before its instant.
     """
 
-    def __init__(self, journal: RowSink, columns: Sequence[str], sizes: Sequence[int], rate: float):
+    def __init__(
+        self,
+        journal: RowSink,
+        columns: Sequence[str],
+        sizes: Sequence[int],
+        rate: float,
+        stage: Stage | None = None,
+    ):
         super().__init__()
         self.set_name("run_recorder")
-        self._journal = journal
+        self._journal, self._rate = journal, rate
         self._row = np.zeros(1 + sum(sizes))
         self._ports = []
         start = 1
@@ -40,7 +50,8 @@ class RunRecorder(LeafSystem):
             self._ports.append((self.DeclareVectorInputPort(f"signal_{index}", size), start, start + size))
             start += size
         self._unwrapper = RowUnwrapper(columns)
-        self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._record)
+        period = 1.0 / rate if stage is None else period_of(rate, stage)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._record)
 
     @classmethod
     def add_to_builder(
@@ -49,10 +60,11 @@ class RunRecorder(LeafSystem):
         journal: RowSink,
         signals: Sequence[tuple[OutputPort, Sequence[str]]],
         rate: float,
+        stage: Stage | None = None,
     ) -> "RunRecorder":
         """Records each output port under the given column names."""
         columns = recorded_columns(signals)
-        recorder = cls(journal, columns, [port.size() for port, _ in signals], rate)
+        recorder = cls(journal, columns, [port.size() for port, _ in signals], rate, stage)
         builder.AddSystem(recorder)
         for index, (port, _) in enumerate(signals):
             builder.Connect(port, recorder.get_input_port(index))
@@ -60,7 +72,7 @@ class RunRecorder(LeafSystem):
 
     def _record(self, context: Context) -> EventStatus:
         row = self._row
-        row[0] = context.get_time()
+        row[0] = nominal_time(context.get_time(), self._rate)
         for port, start, end in self._ports:
             values: Any = port.Eval(context)
             row[start:end] = values

@@ -1,7 +1,7 @@
 """The car on level ground as a `MultibodyPlant`, with or without its tail arm.
 
-Discrete plant with point contact, `kLagged` approximation and ellipsoid wheels (design section 7). Body frame B: x
-forward, y left, z up, origin on the ground under the rear axle at nominal ride height.
+Discrete plant with point contact, `kLagged` approximation and tyres that stand on their edges (design section 7). Body
+frame B: x forward, y left, z up, origin on the ground under the rear axle at nominal ride height.
 """
 
 from dataclasses import dataclass
@@ -88,10 +88,11 @@ def add_car_plant(builder: DiagramBuilder, scenario: Scenario, wind_acceleration
     tail, added = None, None
     if scenario.tail.mode != "none":
         arm = tail_sdf(scenario.tail, scenario.tail_motor, scenario.car)
-        if scenario.tail.sail == "locked":
+        if scenario.tail.sail != "free":
             arm.fix_joint("tail_sail_turn")
         tail = parse_model(plant, arm)
-        X_GT = RigidTransform(np.array([0.0, 0.0, scenario.car.gearbox_height / 2]))
+        reach = scenario.tail.mount_x - scenario.car.gearbox_x
+        X_GT = RigidTransform(np.array([reach, 0.0, scenario.car.gearbox_height / 2]))
         plant.WeldFrames(plant.GetFrameByName("gearbox"), plant.GetFrameByName("tail_anchor"), X_GT)
         plant.GetJointByName("tail_roll").set_default_angle(resting_roll(scenario))
         plant.GetJointByName("tail_pitch").set_default_angle(scenario.controller.pitch_angle)

@@ -23,6 +23,10 @@ CAGE_STIFFNESS = 1.0e5
 """Contact stiffness (N/m) of cage and board: stiff against the tyres; acts in a crash only."""
 
 
+EDGE_HALF_WIDTH = 0.002
+"""Half the width (m) of each edge of a tyre: narrow against any tyre, so that its contact point stays on it."""
+
+
 @dataclass(frozen=True)
 class AxleStatics:
     """One axle at rest: load per wheel on the ground (N), tyre deflection (m), wheel-centre height (m), preload (m)."""
@@ -39,10 +43,21 @@ def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
     load = 0.5 * car.mass * gravity * share
     front = axle == "front"
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
-    spring = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
+    spring, _ = wheel_rates(car, axle)
     deflection = load / tyre
     sprung_load = load - gravity * unsprung_mass(car, axle)
     return AxleStatics(load, deflection, car.tyre_radius - deflection, -sprung_load / spring)
+
+
+def wheel_rates(car: CarParameters, axle: str) -> tuple[float, float]:
+    """Spring rate (N/m) and damping (N s/m) at one wheel: those of its suspension unit times the motion ratio squared.
+
+    Table 6.1 has the rates of the units, which were pressed on their own (thesis 6.1.2); the wheel moves further.
+    """
+    front, squared = axle == "front", car.suspension_motion_ratio**2
+    stiffness = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
+    damping = car.suspension_damping_front if front else car.suspension_damping_rear
+    return squared * stiffness, squared * damping
 
 
 def unsprung_mass(car: CarParameters, axle: str) -> float:
@@ -69,22 +84,29 @@ def chassis_inertial(car: CarParameters, tail: TailParameters, gravity: float) -
 
 
 def chassis_centre(car: CarParameters, tail: TailParameters, gravity: float) -> tuple[float, float, float]:
-    """Mass (kg) and place (x, z in B, m) of the chassis alone: what is left of the car without gearbox and wheels.
+    """Mass (kg) and place (x, z in B, m) of the chassis alone: the car without gearbox, wheels and anti-ramp board.
 
     Parameters that are arrays of one shape give arrays; nothing is checked.
     """
-    parts = [(car.gearbox_mass, tail.mount_x, gearbox_height(car, tail))]
+    parts = [(car.gearbox_mass, car.gearbox_x, gearbox_height(car, tail))]
     for axle, x in (("front", car.wheelbase), ("rear", 0.0)):
         parts.append((2 * unsprung_mass(car, axle), x, axle_statics(car, gravity, axle).wheel_height))
     parts.append((SHAFT_MASS, 0.0, axle_statics(car, gravity, "rear").wheel_height))
+    if car.board:
+        parts.append((car.board_mass, *board_centre(car)))
     mass = car.mass - sum(part[0] for part in parts)
     x = (car.mass * car.com_x - sum(m * px for m, px, _ in parts)) / mass
     z = (car.mass * car.com_height - sum(m * pz for m, _, pz in parts)) / mass
     return mass, x, z
 
 
+def board_centre(car: CarParameters) -> tuple[float, float]:
+    """Place (x, z in B, m) of the anti-ramp board's centre."""
+    return car.board_x + car.board_length / 2, car.board_height + car.board_thickness / 2
+
+
 def gearbox_height(car: CarParameters, tail: TailParameters) -> float:
-    """Height (m) of the gearbox centre: the tail joints cross in the middle of its upper face."""
+    """Height (m) of the gearbox centre: the tail joints cross at the height of its upper face."""
     return tail.mount_height - car.gearbox_height / 2
 
 
@@ -95,10 +117,11 @@ def car_sdf(scenario: Scenario) -> SdfModel:
     model = SdfModel(model_path(CAR_SDF))
     model.set_inertial("chassis", chassis_inertial(car, tail, gravity))
     friction = ground_partner_friction(car)
-    for link in ("chassis", "gearbox"):
+    for link in ("chassis", "gearbox", "board"):
         for shape in model.collision_names(link):
             model.set_contact(link, shape, CAGE_STIFFNESS, 1.0, friction)
     _set_gearbox(model, car, tail)
+    _set_board(model, car)
     _set_drive_shaft(model, drive, axle_statics(car, gravity, "rear").wheel_height)
     for axle in AXLES:
         _set_axle(model, car, axle, axle_statics(car, gravity, axle))
@@ -111,15 +134,34 @@ def car_sdf(scenario: Scenario) -> SdfModel:
 
 def _set_gearbox(model: SdfModel, car: CarParameters, tail: TailParameters) -> None:
     length, width, height = car.gearbox_length, car.gearbox_width, car.gearbox_height
-    twelfth = car.gearbox_mass / 12
-    moments = (
-        twelfth * (width**2 + height**2),
-        twelfth * (length**2 + height**2),
-        twelfth * (length**2 + width**2),
-    )
-    model.set_link_position("gearbox", (tail.mount_x, 0, gearbox_height(car, tail)))
-    model.set_inertial("gearbox", Inertial(car.gearbox_mass, (0, 0, 0), moments))
+    model.set_link_position("gearbox", (car.gearbox_x, 0, gearbox_height(car, tail)))
+    model.set_inertial("gearbox", _box(car.gearbox_mass, length, width, height))
     model.set_shape("gearbox", "gearbox", size=f"{length:.9g} {width:.9g} {height:.9g}")
+    reach = tail.mount_x - car.gearbox_x
+    model.set_shape("gearbox", "shaft", (reach / 2, 0, height / 2), length=f"{max(abs(reach), 0.001):.9g}")
+
+
+def _set_board(model: SdfModel, car: CarParameters) -> None:
+    """Places the anti-ramp board, which touches the ground with the ends of its rear edge, or takes it away."""
+    if not car.board:
+        model.remove_link("board", "board_mount")
+        return
+    length, width, thickness = car.board_length, car.board_width, car.board_thickness
+    x, z = board_centre(car)
+    model.set_link_position("board", (x, 0, z))
+    model.set_inertial("board", _box(car.board_mass, length, width, thickness))
+    model.set_shape("board", "board", size=f"{length:.9g} {width:.9g} {thickness:.9g}")
+    radius = thickness / 2
+    for side, sign in (("left", 1), ("right", -1)):
+        corner = (radius - length / 2, sign * (width / 2 - radius), 0.0)
+        model.set_shape("board", f"board_{side}", corner, radius=f"{radius:.9g}")
+
+
+def _box(mass: float, length: float, width: float, height: float) -> Inertial:
+    """Solid box about its centre."""
+    twelfth = mass / 12
+    moments = (twelfth * (width**2 + height**2), twelfth * (length**2 + height**2), twelfth * (length**2 + width**2))
+    return Inertial(mass, (0, 0, 0), moments)
 
 
 def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> None:
@@ -132,8 +174,7 @@ def _set_drive_shaft(model: SdfModel, drive: DriveParameters, height: float) -> 
 
 def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStatics) -> None:
     front = axle == "front"
-    stiffness = car.suspension_stiffness_front if front else car.suspension_stiffness_rear
-    damping = car.suspension_damping_front if front else car.suspension_damping_rear
+    stiffness, damping = wheel_rates(car, axle)
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
     radius, width = car.tyre_radius, car.tyre_width
     diametral = car.wheel_mass * (3 * radius**2 + width**2) / 12
@@ -161,11 +202,23 @@ def _set_axle(model: SdfModel, car: CarParameters, axle: str, statics: AxleStati
             Inertial(car.wheel_mass, (0, 0, 0), (diametral, 0.5 * car.wheel_mass * radius**2, diametral)),
         )
         model.set_shape(f"{wheel}_wheel", "rim", radius=f"{0.6 * radius:.9g}", length=f"{width + 0.002:.9g}")
-        model.set_contact(f"{wheel}_wheel", "tyre", tyre, car.tyre_dissipation, car.tyre_friction)
-        _set_tyre_shapes(model, f"{wheel}_wheel", radius, width)
+        _set_tyre(model, f"{wheel}_wheel", car, tyre)
 
 
-def _set_tyre_shapes(model: SdfModel, link: str, radius: float, width: float) -> None:
+def _set_tyre(model: SdfModel, link: str, car: CarParameters, stiffness: float) -> None:
+    """Shapes of one wheel. A cylinder stands on its two edges, each with half of the tyre's stiffness.
+
+    Drake gives a cylinder on level ground a single contact point, which hops from edge to edge with the sign of the
+    camber: roll moments up to the weight times half the width would then cost no roll, and each hop makes energy.
+    """
+    radius, width = car.tyre_radius, car.tyre_width
     model.set_shape(link, "tyre_tread", radius=f"{radius:.9g}", length=f"{width:.9g}")
-    model.set_shape(link, "tyre", radii=f"{radius:.9g} {width / 2:.9g} {radius:.9g}")
     model.set_shape(link, "spoke", size=f"{1.05 * radius:.9g} {width + 0.004:.9g} {0.18 * radius:.9g}")
+    edges = {"tyre_left": width / 2 - EDGE_HALF_WIDTH, "tyre_right": EDGE_HALF_WIDTH - width / 2}
+    half_width = EDGE_HALF_WIDTH
+    if car.tyre_shape == "ellipsoid":
+        model.remove_collision(link, "tyre_right")
+        edges, half_width = {"tyre_left": 0.0}, width / 2
+    for shape, y in edges.items():
+        model.set_shape(link, shape, (0.0, y, 0.0), radii=f"{radius:.9g} {half_width:.9g} {radius:.9g}")
+        model.set_contact(link, shape, stiffness / len(edges), car.tyre_dissipation, car.tyre_friction)

@@ -9,6 +9,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from workbench.aero.added_mass import AddedMass
+from workbench.aero.system_template import declare_spatial_forces
 
 
 class SupportWrench(LeafSystem):
@@ -51,24 +52,21 @@ class SpanwiseBalance(LeafSystem):
         super().__init__()
         self._plant = plant
         self._context = plant.CreateDefaultContext()
-        (self._body,) = (plant.get_body(index) for index in plant.GetBodyIndices(added.instance))
-        self._mass = self._body.default_mass()
+        (self._body,) = plant.GetBodyIndices(added.instance)
+        self._mass = plant.get_body(self._body).default_mass()
         self._state = self.DeclareVectorInputPort("plant_state", 2)
-        calc: Any = self._calc
-        self.DeclareAbstractOutputPort(
-            "spatial_forces", lambda: Value[list[ExternallyAppliedSpatialForce]](), calc, {self._state.ticket()}
-        )
+        declare_spatial_forces(self, self._calc, {self._state.ticket()})
 
     def _calc(self, context: Context, output: Any) -> None:
         plant, mine = self._plant, self._context
         state: Any = self._state.Eval(context)
         plant.SetPositionsAndVelocities(mine, state)
-        pose = plant.EvalBodyPoseInWorld(mine, self._body)
+        pose = plant.EvalBodyPoseInWorld(mine, plant.get_body(self._body))
         axis = pose.rotation().matrix()[:, 2]
         pivot = plant.EvalBodyPoseInWorld(mine, plant.GetJointByName("swing").child_body()).translation()
         distance = axis @ (pose.translation() - pivot)
         force = ExternallyAppliedSpatialForce()
-        force.body_index = self._body.index()
+        force.body_index = self._body
         force.p_BoBq_B = np.zeros(3)
         force.F_Bq_W = SpatialForce(np.zeros(3), -self._mass * distance * state[1] ** 2 * axis)
         output.set_value([force])

@@ -118,6 +118,16 @@ class SdfModel:
         element.set("type", "fixed")
         element.remove(self._child(element, "axis"))
 
+    def remove_collision(self, link: str, shape: str) -> None:
+        """Takes away a collision shape of a link."""
+        for element in self._shapes(link, shape, "collision"):
+            self._named("link", link).remove(element)
+
+    def remove_link(self, link: str, joint: str) -> None:
+        """Takes away a link with the joint that holds it."""
+        self.model.remove(self._named("joint", joint))
+        self.model.remove(self._named("link", link))
+
     def collision_names(self, link: str) -> list[str]:
         """Names of the collision shapes of a link."""
         return [str(element.get("name")) for element in self._named("link", link).findall("collision")]

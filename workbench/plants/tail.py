@@ -1,14 +1,15 @@
 """The tail arm: hub, rod and sail with pitch, roll and sail joints (models/tail/tail.sdf).
 
 Joint signs: roll 0 = straight up, positive to the right (-y), axis +x; pitch axis +y, positive tilts forward; sail
-about the tail's own axis (design section 4). The sail's normal is the body y axis when the arm stands up.
+about the tail's own axis (design section 4). At sail angle 0 the sail is hollow towards +y; one that faces the wind is
+welded there, since its angle follows from the wind at every instant (`TailForce`, port `wind_direction`).
 """
 
 import math
 from dataclasses import dataclass
 
 from workbench.aero.sections import SectionLayout
-from workbench.parameters import CarParameters, TailMotorParameters, TailParameters
+from workbench.parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
 from workbench.plants.sdf_model import Inertial, SdfModel
 from workbench.resources import model_path
 
@@ -16,15 +17,14 @@ TAIL_SDF = "tail/tail.sdf"
 ROD_RADIUS = 0.006
 """Radius of the tail rod (m), as drawn in the SDF; used for its inertia about its own axis only."""
 
+BOARD_THICKNESS = 0.002
+"""Of the backing board as drawn, m."""
+
 SAIL_TIP_MARGIN = 0.01
 """Radius (m) of the spheres that feel the ground at the corners of the sail's tip, as drawn in the SDF."""
 
 TAIL_CONTACT_STIFFNESS = 1.0e4
-"""Contact stiffness (N/m) of the sail's corners: a foam edge, soft against the tyres; acts in a crash only."""
-
-FLAT_PLATE_MARGIN = 1e-8
-"""Of a flat plate the moment through its plane is exactly the sum of the other two. The file's nine digits would round
-it above that for two sails of three, which Drake refuses."""
+"""Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts in a crash only."""
 
 ADDED_MASS_PARTS = 5
 """Equal parts of the whole tail, `tail.added_mass` each (design section 5)."""
@@ -76,29 +76,20 @@ def added_mass_layout(tail: TailParameters) -> SectionLayout:
 def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> SdfModel:
     """The tail model with the numbers of a scenario.
 
-    The rod is a uniform thin rod from the roll axis to the tip, the sail a uniform flat plate of the given length and
-    width that ends at the tip, balanced about the tail's axis.
+    The rod is a uniform thin rod from the roll axis to the tip; the sail ends at the tip, see `sail_inertial`.
     """
     model = SdfModel(model_path(TAIL_SDF))
-    sail_mass = tail.mass * tail.sail_mass_fraction
-    rod_mass = tail.mass - sail_mass
-    sail_centre = tail.length - tail.sail_length / 2
+    sail = sail_inertial(tail)
+    rod_mass = tail.mass - sail.mass
     hub = 0.4 * tail.hub_mass * 0.03**2
     rod = rod_mass * tail.length**2 / 12
-    along, across = sail_mass * tail.sail_length**2 / 12, sail_mass * tail.sail_width**2 / 12
     model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
     model.set_inertial(
         "tail_rod", Inertial(rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2))
     )
-    through = (along + across) * (1 - FLAT_PLATE_MARGIN)
-    model.set_inertial("tail_sail", Inertial(sail_mass, (0, 0, sail_centre), (along, through, across)))
+    model.set_inertial("tail_sail", sail)
     model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
-    model.set_shape(
-        "tail_sail",
-        "sail",
-        (0, 0, sail_centre),
-        scale=f"{tail.sail_width:.9g} {tail.sail_width:.9g} {tail.sail_length:.9g}",
-    )
+    _set_sail_shapes(model, tail)
     for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):
         corner = (side * (tail.sail_width / 2 - SAIL_TIP_MARGIN), 0, tail.length - SAIL_TIP_MARGIN)
         model.set_shape("tail_sail", shape, corner)
@@ -108,6 +99,24 @@ def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameter
         model.set_rotor(joint, motor.rotor_inertia, motor.gear_ratio)
     model.set_joint("tail_sail_turn", damping=tail.sail_bearing_damping)
     return model
+
+
+def sail_inertial(tail: TailParameters) -> Inertial:
+    """Shell and board: a uniform box as long and wide as the sail and as deep as both, balanced on its axis."""
+    mass = tail.mass * tail.sail_mass_fraction
+    length, width, deep = (mass * size**2 / 12 for size in (tail.sail_length, tail.sail_width, tail.sail_depth))
+    return Inertial(mass, (0, 0, tail.length - tail.sail_length / 2), (length + deep, length + width, width + deep))
+
+
+def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> None:
+    """The drawn shell opens to +y at its place before the bearing, with the board behind it."""
+    width, middle = tail.sail_width, tail.length - tail.sail_length / 2
+    board = tail.sail_board_share * width
+    scale = f"{width:.9g} {width:.9g} {tail.sail_length:.9g}"
+    model.set_shape("tail_sail", "sail", (0, tail.sail_front, middle), scale=scale)
+    behind = tail.sail_front - SHELL_DEPTH * width - board / 2
+    size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
+    model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
 
 
 def ground_partner_friction(car: CarParameters) -> float:

@@ -22,7 +22,7 @@ from workbench.plots.style import (
     shade_turn,
     styled,
 )
-from workbench.published import PublishedFigures
+from workbench.published import Platform, PublishedFigures
 from workbench.summary import RunSummary, summarise
 from workbench.turn_signals import turn_window
 
@@ -77,33 +77,37 @@ def _outcome_legend() -> list[Line2D]:
     ]
 
 
-def plot_metrics(summaries: Sequence[RunSummary], filtered: bool = False) -> Figure:
-    """The metrics of the thesis over the speed at the start of the turn, with the published figures as stars.
+def plot_metrics(summaries: Sequence[RunSummary], platform: Platform = "simulated") -> Figure:
+    """The metrics of the thesis over the speed at the start of the turn, with a platform's published rows as stars.
 
     Args:
         summaries: runs; flipped ones are crosses.
-        filtered: metrics after the car's filters instead of raw.
+        platform: whose rows, and whose signals (`published.SIGNALS`) the metrics of the runs are from.
     """
-    kind = "filtered" if filtered else "raw"
+    rows = [row for row in published_figures() if row.platform == platform]
     modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]
     with styled():
         figure, grid = new_figure(11.0, 5.6, 2, 4)
         for axes, (metric, label) in zip(grid.flat, _METRIC_LABELS.items(), strict=False):
             for mode in modes:
                 runs = [s for s in summaries if s.tail_mode == mode]
-                _scatter(axes, runs, mode, [getattr(getattr(s.metrics, kind), metric) for s in runs])
-            for row in published_figures():
+                _scatter(axes, runs, mode, [getattr(s.metrics.like(platform), metric) for s in runs])
+            for row in rows:
                 _star(axes, row, metric)
             axes.set(xlabel="speed [m/s]", ylabel=label)
             if metric == "roll_integral_rad":
-                survived = [getattr(s.metrics, kind).roll_integral_rad for s in summaries if s.survived]
-                published = [row.metrics.roll_integral_rad for row in published_figures()]
+                survived = [s.metrics.like(platform).roll_integral_rad for s in summaries if s.survived]
+                published = [row.metrics.roll_integral_rad for row in rows]
                 axes.set_ylim(0.0, 1.15 * max(survived + published))
             else:
                 axes.set_ylim(bottom=0.0)
         legend = grid[1, 3]
         legend.set_axis_off()
-        legend.legend(handles=[*_mode_legend(modes), *_published_legend()], loc="center left", title=f"metrics: {kind}")
+        legend.legend(
+            handles=[*_mode_legend(modes), *_published_legend(platform)],
+            loc="center left",
+            title=f"signals: {platform}",
+        )
     return figure
 
 
@@ -141,16 +145,16 @@ def _mode_legend(modes: Sequence[str]) -> list[Line2D]:
     return [*handles, crossed]
 
 
-def _published_legend() -> list[Line2D]:
+def _published_legend(platform: Platform) -> list[Line2D]:
     handles = []
     for configuration, mode in (("tailless", "none"), ("tailed", "swing")):
-        for platform, face in (("simulated", MODE_STYLES[mode].colour), ("physical", "white")):
-            handles.append(
-                Line2D(
-                    [], [], linestyle="none", marker="*", markersize=12, mec=MODE_STYLES[mode].colour, mfc=face,
-                    label=f"published, {configuration}, {platform}",
-                )
-            )  # fmt: skip
+        colour = MODE_STYLES[mode].colour
+        handles.append(
+            Line2D(
+                [], [], linestyle="none", marker="*", markersize=12, mec=colour,
+                mfc=colour if platform == "simulated" else "white", label=f"published, {configuration}, {platform}",
+            )
+        )  # fmt: skip
     return handles
 
 

@@ -60,6 +60,7 @@ MODE_STYLES = {
     "none": ModeStyle("no tail", BLACK, "o", "-"),
     "held": ModeStyle("tail held", BLUE, "s", (0, (5, 2))),
     "swing": ModeStyle("tail swings", VERMILION, "^", (0, (5, 1.5, 1, 1.5))),
+    "designed": ModeStyle("designed tail swings", SKY, "v", (0, (3, 1))),
     "optimised": ModeStyle("optimised swing", GREEN, "D", (0, (1, 1))),
 }
 

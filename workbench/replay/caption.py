@@ -55,12 +55,15 @@ def caption_of(run_log: RunLog) -> Caption:
 
 
 def outcome_in_words(outcome: Outcome) -> str:
-    """For example `survived, clean` or `survived, board touched the ground`."""
-    if outcome.result == "flipped":
-        return "flipped"
-    if outcome.touched:
-        return f"survived, {' and '.join(outcome.touched)} touched the ground"
-    return "survived, clean" if outcome.clean else "survived"
+    """For example `survived, clean` or `survived, tail touched the ground, board down 0.36 s before the turn`."""
+    words: list[str] = [outcome.result]
+    if outcome.result == "survived" and outcome.touched:
+        words.append(f"{' and '.join(outcome.touched)} touched the ground")
+    elif outcome.clean:
+        words.append("clean")
+    if outcome.board_before_turn_s:
+        words.append(f"board down {outcome.board_before_turn_s:.2f} s before the turn")
+    return ", ".join(words)
 
 
 def speed_and_roll(run_log: RunLog) -> tuple[FloatArray, FloatArray]:

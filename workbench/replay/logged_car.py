@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
@@ -15,6 +16,8 @@ from workbench.scenario import Scenario, scenario_from_dict
 from workbench.signals import check_time
 
 FloatArray = NDArray[np.float64]
+
+SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
 
 
 @dataclass(frozen=True)
@@ -54,19 +57,36 @@ def add_logged_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedCar:
         scenario = scenario_from_dict(run_log.scenario)
     except ScenarioError as error:
         raise LogError(f"{name}: the scenario in its metadata cannot be read: {error}") from None
-    car = add_car_plant(builder, scenario)
+    car = add_car_plant(builder, with_turning_sail(scenario))
     wanted = [PLANT_POSITION_PREFIX + position for position in _position_names(car.plant)]
+    table = _with_sail_angle(run_log, scenario)
+    logged = [column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)]
     if set(wanted) != set(logged):
         missing, foreign = sorted(set(wanted) - set(logged)), sorted(set(logged) - set(wanted))
         raise LogError(
             f"{name}: its plant positions are not those of the car of its scenario; "
             f"missing: {', '.join(missing) or 'none'}; unknown: {', '.join(foreign) or 'none'}"
         )
-    positions = run_log.table[wanted].to_numpy(dtype=np.float64)
+    positions = table[wanted].to_numpy(dtype=np.float64)
     if not np.all(np.isfinite(positions)):
         row, column = np.argwhere(~np.isfinite(positions))[0]
         raise LogError(f"{name}: {wanted[column]} is not finite at {run_log.time[row]:g} s")
     return LoggedCar(run_log, scenario, car, positions)
+
+
+def with_turning_sail(scenario: Scenario) -> Scenario:
+    """The scenario with a joint for a sail that faces the wind, so that it can be drawn turned."""
+    if scenario.tail.sail != "facing":
+        return scenario
+    return scenario.model_copy(update={"tail": scenario.tail.model_copy(update={"sail": "free"})})
+
+
+def _with_sail_angle(run_log: RunLog, scenario: Scenario) -> pd.DataFrame:
+    """The log with the encoder's angle as position of the joint that a facing sail does not have in its simulation."""
+    table = run_log.table
+    if scenario.tail.sail != "facing" or scenario.tail.mode == "none" or SAIL_POSITION in table.columns:
+        return table
+    return table.assign(**{SAIL_POSITION: run_log.signal("sail_angle_rad")})
 
 
 def _position_names(plant: MultibodyPlant) -> list[str]:

@@ -20,6 +20,7 @@ from workbench.errors import LogError, ScenarioError
 from workbench.logs.columns import PLANT_POSITION_PREFIX
 from workbench.logs.schema import RunLog
 from workbench.plants.car import CarPlant, add_car_plant
+from workbench.replay.logged_car import with_turning_sail
 from workbench.scenario import Scenario, scenario_from_dict
 from workbench.signals import check_signals
 
@@ -87,7 +88,7 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
         ]
     )
     builder = DiagramBuilder()
-    car = add_car_plant(builder, scenario)
+    car = add_car_plant(builder, with_turning_sail(scenario))
     plant = car.plant
     context = plant.CreateDefaultContext()
     names = list(plant.GetPositionNames())
@@ -133,7 +134,7 @@ def _joints(names: list[str], signals: dict[str, FloatArray]) -> dict[int, Float
 
 def _corners(scenario: Scenario) -> FloatArray:
     """Corners of the car's box in B, m, shape (3, 8); its lower face touches the ground at nominal ride height."""
-    half, length = 0.5 * scenario.car.track, scenario.car.wheelbase
+    half, length = scenario.car.outer_half_track, scenario.car.wheelbase
     return np.array([(x, y, z) for x in (0.0, length) for y in (-half, half) for z in (0.0, _BOX_HEIGHT)]).T
 
 

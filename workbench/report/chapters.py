@@ -8,7 +8,7 @@ from workbench.logs.schema import RunLog
 from workbench.metrics import compare_to_published, published_figures
 from workbench.plots import plot_comparison, plot_impulses, plot_metrics, plot_moments, plot_outcomes, plot_triggers
 from workbench.plots.style import MODE_STYLES
-from workbench.published import Comparison, FlipBracket, PublishedFigures, TurnMetrics, flip_bracket
+from workbench.published import SIGNALS, Comparison, FlipBracket, PublishedFigures, TurnMetrics, flip_bracket
 from workbench.report import findings
 from workbench.report.page import Cell, Markup, Section, figure, finding, folded, heading, paragraph, table
 from workbench.report.words import degrees, metric_name, metric_unit, percent
@@ -29,7 +29,8 @@ def outcomes(summaries: Sequence[RunSummary]) -> Section:
         figure(
             plot_outcomes(summaries),
             "Outcome of every run. Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel "
-            "in the air. Clean: survived, and neither cage, board nor tail touched the ground.",
+            "in the air. Clean: survived, and neither cage nor tail touched the ground, nor the anti-ramp board from "
+            "the start of the turn on.",
             "Map of outcomes over commanded speed and tail mode",
         ),
         finding(*(paragraph(*_bracket_sentences(summaries, mode)) for mode in _modes(summaries))),
@@ -99,35 +100,30 @@ def beside_published(summaries: Sequence[RunSummary], scenario: dict) -> Section
             f"{r.source} ({r.platform}, {r.configuration}, {r.metrics.speed_m_per_s:.2f} m/s)" for r in missing
         )
         parts.append(paragraph(f"No run corresponds to {named}: the figures show these as stars only."))
-    for filtered in (False, True):
-        kind = "after the car's zero-phase filters (IMU 5 Hz, GPS 1 Hz)" if filtered else "as simulated"
+    for platform, signals in SIGNALS.items():
         drawn = figure(
-            plot_metrics(summaries, filtered),
-            f"Metrics {kind}, over the speed at the start of the turn. The roll integral of flipped runs is off the "
-            "scale.",
-            "Seven metrics over speed for every run, published figures as stars",
+            plot_metrics(summaries, platform),
+            f"Metrics of the runs over the speed at the start of the turn, from the signals of the {platform} rows: "
+            f"{signals}. Stars: the {platform} rows. The roll integral of flipped runs is off the scale.",
+            f"Seven metrics over speed for every run, published figures of the {platform} car as stars",
         )
-        parts.append(folded("The same after the filters", drawn) if filtered else drawn)
+        parts.append(drawn if platform == "simulated" else folded("The same with the signals of the real car", drawn))
     return Section("published", "Beside the published figures", tuple(parts))
 
 
 def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Comparison]) -> list[Markup]:
-    header = ("metric", "unit", "published", "run, raw", "difference", "in %", "run, filtered", "difference", "in %")
+    header = ("metric", "unit", "published", "run", "difference", "in %")
     rows = []
     for c in comparisons:
-        beyond = c.filtered - c.published
         digits = 0 if abs(c.published) >= 100 else 2
         rows.append(
             (
                 metric_name(c.metric),
                 metric_unit(c.metric),
                 f"{c.published:.2f}" if c.metric != "roll_integral_rad" else f"{c.published:.3f}",
-                f"{c.raw:.{digits}f}",
+                f"{c.ours:.{digits}f}",
                 f"{c.difference:+.{digits}f}",
                 percent(c.relative),
-                f"{c.filtered:.{digits}f}",
-                f"{beyond:+.{digits}f}",
-                percent(beyond / c.published),
             )
         )
     named = f"{row.source} ({row.platform}, {row.configuration}) beside the run: {MODE_STYLES[run.tail_mode].words}, "
@@ -137,8 +133,9 @@ def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Compar
         heading(named + f"{run.commanded_speed:.2f} m/s commanded"),
         table(header, rows, numbers=range(2, len(header))),
         paragraph(
-            f"{close} of the {len(eight)} metrics lie within {100 * CLOSE:.0f} % of the published figure, raw or "
-            f"filtered. Furthest off: {findings.misses_in_words(eight)}."
+            f"{close} of the {len(eight)} metrics lie within {100 * CLOSE:.0f} % of the published figure. "
+            f"Furthest off: {findings.misses_in_words(eight)}. Signals, as the thesis took them for {row.source}: "
+            f"{SIGNALS[row.platform]}."
         ),
     ]
 
@@ -237,7 +234,7 @@ def _moment_figures(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog
     chosen = [s for s in shown if s.tail_mode == "held"][-1:]
     swings = [s for s in shown if s.tail_mode == "swing"]
     chosen += [swings[0], swings[-1]] if len(swings) > 1 else swings
-    chosen += [s for s in shown if s.tail_mode == "optimised"][-1:]
+    chosen += [s for s in shown if s.tail_mode == "designed"][-1:]
     if not chosen:
         return []
     titles = [f"{MODE_STYLES[s.tail_mode].words.capitalize()}, {s.commanded_speed:.2f} m/s" for s in chosen]

@@ -84,18 +84,15 @@ def bracket_verdict(bracket: Bracket, published: FlipBracket) -> str:
 
 
 def misses_in_words(comparisons: Sequence[Comparison], most: int = 3) -> str:
-    """The largest differences, raw and filtered, relative to the published figures."""
-    ordered = sorted(comparisons, key=lambda c: -min(abs(c.relative), abs(_relative_filtered(c))))
-    parts = [
-        f"{metric_name(c.metric)} {percent(c.relative)} raw and {percent(_relative_filtered(c))} filtered"
-        for c in ordered[:most]
-    ]
+    """The largest differences relative to the published figures."""
+    ordered = sorted(comparisons, key=lambda c: -abs(c.relative))
+    parts = [f"{metric_name(c.metric)} {percent(c.relative)}" for c in ordered[:most]]
     return ", ".join(parts[:-1]) + f" and {parts[-1]}" if len(parts) > 1 else "".join(parts)
 
 
 def close_metrics(comparisons: Sequence[Comparison], share: float) -> int:
-    """How many metrics lie within `share` of the published figure, raw or filtered, whichever is nearer."""
-    return sum(min(abs(c.relative), abs(_relative_filtered(c))) <= share for c in comparisons)
+    """How many metrics lie within `share` of the published figure."""
+    return sum(abs(c.relative) <= share for c in comparisons)
 
 
 def tipping_sentences(car: dict[str, Any], gravity: float, published: PublishedFigures, run: RunSummary) -> list[str]:
@@ -166,24 +163,6 @@ def faster_claim(summaries: Sequence[RunSummary], mode: str, reference: RunSumma
         f"{max(s.commanded_speed for s in faster):.2f} m/s, the one that turns furthest ({most.commanded_speed:.2f} "
         f"m/s) changes its heading by {degrees(most.metrics.heading_change_rad)}, {100 * share:.0f} % of the "
         "reference."
-    )
-
-
-def optimised_beside_swing(summaries: Sequence[RunSummary]) -> str:
-    """At how many speeds the optimised swing turns less far than the published one, and what it was made for."""
-    swing = {s.commanded_speed: s for s in summaries if s.tail_mode == "swing" and s.clean}
-    pairs = [
-        (s.metrics.heading_change_rad, swing[s.commanded_speed].metrics.heading_change_rad)
-        for s in summaries
-        if s.tail_mode == "optimised" and s.clean and s.commanded_speed in swing
-    ]
-    if not pairs:
-        return ""
-    less = sum(optimised < published for optimised, published in pairs)
-    return (
-        f"The optimised swing beside the published one: both clean at {len(pairs)} speeds, and it turns less far at "
-        f"{less} of them. It was searched for the highest grip that the car survives, not for a farther turn on this "
-        "floor: what it gains shows on a floor with more grip."
     )
 
 
@@ -259,12 +238,9 @@ def jolt_sentence(summaries: Sequence[RunSummary]) -> str:
     return (
         f"In {len(jolted)} runs ({_modes(jolted)}) the largest raw lateral acceleration, "
         f"{span([_raw(s) for s in jolted])} m/s², is a jolt of the tail motor at the IMU (up to {torque:.1f} N m) and "
-        f"not cornering: after the 5 Hz filter {span([_filtered(s) for s in jolted])} m/s² are left."
+        f"not cornering: in the IMU's 100 Hz after the 5 Hz filter {span([_filtered(s) for s in jolted])} m/s² are "
+        "left."
     )
-
-
-def _relative_filtered(comparison: Comparison) -> float:
-    return (comparison.filtered - comparison.published) / comparison.published
 
 
 def _raw(summary: RunSummary) -> float:

@@ -15,6 +15,8 @@ def metric_name(metric: str) -> str:
         "max_kohut_deg_m_per_s2": "largest Kohut",
         "average_kohut_deg_m_per_s2": "mean Kohut",
         "roll_integral_rad": "roll integral",
+        "speed_in_turn_m_per_s": "speed in the turn",
+        "lift_yaw_rate_rad_per_s": "yaw rate at which an inner wheel lifts",
         "integral_of_roll_rate_as_printed": "sum of roll-rate samples as printed",
     }[metric]
 

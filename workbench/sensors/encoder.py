@@ -38,6 +38,7 @@ class SailEncoder(SampledSensor):
         position_index: of the joint's angle in plant_state.
         state_size: of the plant.
         step: of the plant, s.
+        discrete: whether the plant is discrete, see `SampledSensor`.
         rate_window: s; rounded to whole samples, at least one.
 
     Raises:
@@ -52,10 +53,16 @@ class SailEncoder(SampledSensor):
         position_index: int = 0,
         state_size: int = 1,
         step: float | None = None,
+        discrete: bool = False,
         rate_window: float = 0.02,
     ) -> None:
         super().__init__(
-            name="sail_encoder", outputs={"angle": 1, "rate": 1}, rate=settings.rate, delay=settings.delay, step=step
+            name="sail_encoder",
+            outputs={"angle": 1, "rate": 1},
+            rate=settings.rate,
+            delay=settings.delay,
+            step=step,
+            discrete=discrete,
         )
         if not 4 <= settings.bits <= 20:
             raise UserError(f"sail_encoder.bits: {settings.bits}; allowed: 4 to 20")
@@ -85,6 +92,7 @@ class SailEncoder(SampledSensor):
             position_index=joint.position_start(),
             state_size=plant.num_multibody_states(),
             step=plant.time_step() or None,
+            discrete=plant.time_step() > 0.0,
             rate_window=rate_window,
         )
         builder.AddSystem(encoder)
@@ -159,6 +167,7 @@ class MotorEncoder(SampledSensor):
         state_size: of the plant.
         reply: ranges and word lengths.
         step: of the plant, s.
+        discrete: whether the plant is discrete, see `SampledSensor`.
 
     Raises:
         UserError: rate or delay not allowed.
@@ -173,8 +182,16 @@ class MotorEncoder(SampledSensor):
         state_size: int = 4,
         reply: MotorReply | None = None,
         step: float | None = None,
+        discrete: bool = False,
     ) -> None:
-        super().__init__(name="tail_motors", outputs={"angles": 2, "rates": 2}, rate=rate, delay=delay, step=step)
+        super().__init__(
+            name="tail_motors",
+            outputs={"angles": 2, "rates": 2},
+            rate=rate,
+            delay=delay,
+            step=step,
+            discrete=discrete,
+        )
         reply = reply or MotorReply()
         self._plant_state = self.DeclareVectorInputPort("plant_state", state_size)
         words = [(reply.position_range, reply.position_bits), (reply.speed_range, reply.speed_bits)]
@@ -203,6 +220,7 @@ class MotorEncoder(SampledSensor):
             state_size=plant.num_multibody_states(),
             reply=reply,
             step=plant.time_step() or None,
+            discrete=plant.time_step() > 0.0,
         )
         builder.AddSystem(encoder)
         builder.Connect(plant.get_state_output_port(), encoder.GetInputPort("plant_state"))

@@ -31,13 +31,24 @@ class GpsSpeed(SampledSensor):
         body_index: of the car body in the plant.
         seed: of the run.
         step: of the plant, s.
+        discrete: whether the plant is discrete, see `SampledSensor`.
 
     Raises:
         UserError: rate or delay not allowed.
     """
 
-    def __init__(self, settings: Any, *, body_index: BodyIndex | int, seed: int, step: float | None = None) -> None:
-        super().__init__(name="gps", outputs={"speed": 1}, rate=settings.rate, delay=settings.delay, step=step)
+    def __init__(
+        self,
+        settings: Any,
+        *,
+        body_index: BodyIndex | int,
+        seed: int,
+        step: float | None = None,
+        discrete: bool = False,
+    ) -> None:
+        super().__init__(
+            name="gps", outputs={"speed": 1}, rate=settings.rate, delay=settings.delay, step=step, discrete=discrete
+        )
         self._body = int(body_index)
         self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
         self._deviation = settings.noise
@@ -48,7 +59,13 @@ class GpsSpeed(SampledSensor):
         cls, builder: DiagramBuilder, settings: Any, *, plant: MultibodyPlant, body: RigidBody, seed: int
     ) -> "GpsSpeed":
         """Adds the receiver on a body of a plant and connects it."""
-        gps = cls(settings, body_index=body.index(), seed=seed, step=plant.time_step() or None)
+        gps = cls(
+            settings,
+            body_index=body.index(),
+            seed=seed,
+            step=plant.time_step() or None,
+            discrete=plant.time_step() > 0.0,
+        )
         builder.AddSystem(gps)
         builder.Connect(plant.GetOutputPort("body_spatial_velocities"), gps.GetInputPort("body_spatial_velocities"))
         return gps

@@ -105,6 +105,7 @@ class Imu(SampledSensor):
         p_BoImu_B: position (3) of the IMU in the body, m.
         seed: of the run.
         step: of the plant, s.
+        discrete: whether the plant is discrete, see `SampledSensor`.
         gravity: m/s2.
         limits: range and resolution of the chip.
 
@@ -120,10 +121,18 @@ class Imu(SampledSensor):
         p_BoImu_B: np.ndarray,
         seed: int,
         step: float | None = None,
+        discrete: bool = False,
         gravity: float = 9.81,
         limits: ImuRange = BNO055,
     ) -> None:
-        super().__init__(name="imu", outputs={"imu": IMU.size}, rate=settings.rate, delay=settings.delay, step=step)
+        super().__init__(
+            name="imu",
+            outputs={"imu": IMU.size},
+            rate=settings.rate,
+            delay=settings.delay,
+            step=step,
+            discrete=discrete,
+        )
         self._body = int(body_index)
         self._p_BoImu_B = np.array(p_BoImu_B, dtype=float)
         self._gravity = gravity
@@ -156,6 +165,7 @@ class Imu(SampledSensor):
             p_BoImu_B=p_BoImu_B,
             seed=seed,
             step=plant.time_step() or None,
+            discrete=plant.time_step() > 0.0,
             gravity=-float(plant.gravity_field().gravity_vector()[2]),
         )
         builder.AddSystem(imu)

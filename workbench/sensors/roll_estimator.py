@@ -5,6 +5,7 @@ from typing import Any
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
 from workbench.discrete_vector import DiscreteVector
+from workbench.event_order import Stage, declare_ticks, stage_before
 from workbench.ports import IMU, SPEED
 from workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 
@@ -21,9 +22,10 @@ class RollEstimator(LeafSystem):
 
     Args:
         settings: of the filter; its rate should be the IMU's.
+        stage: of its ticks, beside a simulated car (`workbench.event_order`).
     """
 
-    def __init__(self, settings: RollFilterSettings | None = None) -> None:
+    def __init__(self, settings: RollFilterSettings | None = None, stage: Stage | None = None) -> None:
         super().__init__()
         self.set_name("roll_estimator")
         self._settings = settings or RollFilterSettings()
@@ -32,14 +34,14 @@ class RollEstimator(LeafSystem):
         self._roll = DiscreteVector(self, [0.0], output="roll_estimate")
         self._roll_rate = DiscreteVector(self, [0.0], output="roll_rate_estimate")
         self._filter = DiscreteVector(self, RollEstimate())
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1.0 / self._settings.rate, offset_sec=0.0, update=self._tick)
+        declare_ticks(self, self._settings.rate, stage, self._tick)
 
     @classmethod
     def add_to_builder(
         cls, builder: DiagramBuilder, settings: RollFilterSettings | None = None, *, station: System
     ) -> "RollEstimator":
         """Adds an estimator and connects it to the outputs `imu` and `speed` of a station."""
-        estimator = cls(settings)
+        estimator = cls(settings, stage_before(station, Stage.CONTROLLER))
         builder.AddSystem(estimator)
         for port in ("imu", "speed"):
             builder.Connect(station.GetOutputPort(port), estimator.GetInputPort(port))

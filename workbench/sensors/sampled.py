@@ -7,6 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from workbench.discrete_vector import DiscreteVector
 from workbench.errors import UserError
+from workbench.event_order import Stage, period_of
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
@@ -34,10 +35,11 @@ class SampledSensor(LeafSystem):
     sample, so the delay is exact and nothing is interpolated. Before the run the robot is taken to have stood as it
     does at the initial time: the output then holds the first sample, and its age is the delay.
 
-    Sampling is an unrestricted update. Drake runs those before the discrete updates of the same instant, and the step
-    of a discrete plant is one too: the sensor sees the plant as it is at that instant, not one step later, and a
-    controller whose discrete update falls on that instant already sees a sample without delay. Where the delay is
-    broken, a sample appears between the plant's steps.
+    Before a discrete plant, sampling and appearing come first of all that happens at an instant, and the plant's step
+    last (`workbench.event_order`): the sensor sees the plant as it is at that instant, not one step later, and a
+    controller that acts at that instant already sees a sample without delay. Elsewhere sampling is an unrestricted
+    update, which Drake runs before the discrete updates of the same instant. An instant between two steps of a
+    discrete plant shows the plant as it will be after the step that has begun.
 
     Output ports:
         <outputs>: the newest sample that has appeared, cut into ports; cost nothing between samples.
@@ -49,13 +51,23 @@ class SampledSensor(LeafSystem):
         outputs: name and size of the output ports, in the order of the numbers of a sample.
         rate: Hz.
         delay: s.
-        step: of the plant, s; None where there is no stepping plant to compare the rate with.
+        step: of the plant or its integrator, s; None where there is none to compare the rate with.
+        discrete: whether it is the step of a discrete plant.
 
     Raises:
         UserError: the rate is not positive or above 1/step, or the delay is negative or not finite.
     """
 
-    def __init__(self, *, name: str, outputs: dict[str, int], rate: float, delay: float, step: float | None) -> None:
+    def __init__(
+        self,
+        *,
+        name: str,
+        outputs: dict[str, int],
+        rate: float,
+        delay: float,
+        step: float | None,
+        discrete: bool = False,
+    ) -> None:
         super().__init__()
         check_rate(rate, step, f"{name}.rate")
         if not (math.isfinite(delay) and delay >= 0.0):
@@ -77,9 +89,10 @@ class SampledSensor(LeafSystem):
         self._queue = DiscreteVector(self, np.zeros(self._queue_length * self._row_size))
         self.DeclareVectorOutputPort("age", 1, self._calc_age, {self.time_ticket(), self._sample_time.ticket})
         self.DeclareInitializationUnrestrictedUpdateEvent(self._initialise)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=1.0 / rate, offset_sec=0.0, update=self._sample)
+        period = period_of(rate, Stage.SENSOR) if discrete else 1.0 / rate
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._sample)
         if not self._shows_at_once:
-            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=1.0 / rate, offset_sec=lag, update=self._show)
+            self.DeclarePeriodicDiscreteUpdateEvent(period, lag * rate * period, self._show)
 
     @property
     def rate(self) -> float:

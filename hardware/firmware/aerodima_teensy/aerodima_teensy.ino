@@ -52,14 +52,19 @@ void receive_frames() {
   }
 }
 
+// One frame after the other (`seq`), or an exit frame could be overtaken by the command before it; one that the driver
+// does not take waits for the next turn.
 void send_frames() {
-  aerodima::CanFrame frame;
-  while (core->next_frame(&frame)) {
+  static aerodima::CanFrame frame;
+  static bool waits = false;
+  while (waits || core->next_frame(&frame)) {
     CAN_message_t message;
     message.id = frame.id;
     message.len = frame.length;
+    message.seq = 1;
     memcpy(message.buf, frame.data, sizeof frame.data);
-    can_bus.write(message);
+    waits = can_bus.write(message) <= 0;
+    if (waits) return;
   }
 }
 
@@ -73,7 +78,7 @@ void setup() {
   digitalWriteFast(kEncoderClock, HIGH);
   Serial.begin(115200);  // USB ignores the rate
   const aerodima::Config config = aerodima_config();
-  if (config.owns_can) {
+  if (config.owns_can || config.watches_bus) {
     can_bus.begin();
     can_bus.setBaudRate(kCanBitrate);
   }
@@ -91,13 +96,13 @@ void loop() {
   int count = 0;
   while (count < static_cast<int>(sizeof bytes) && Serial.available()) bytes[count++] = static_cast<char>(Serial.read());
   core->feed(bytes, static_cast<size_t>(count), now);
-  if (AERODIMA_OWNS_CAN) receive_frames();
+  if (AERODIMA_ON_BUS) receive_frames();
   if (micros() - encoder_time >= kEncoderPeriodUs) {
     encoder_time = micros();
     core->set_sail_word(read_encoder());
   }
   core->step(now);
-  if (AERODIMA_OWNS_CAN) send_frames();
+  if (AERODIMA_ON_BUS) send_frames();
   char text[aerodima::kLongestReply];
   const size_t size = core->take_reply(text, sizeof text);
   if (size && Serial.availableForWrite() >= static_cast<int>(size)) Serial.write(text, size);

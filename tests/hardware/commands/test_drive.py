@@ -54,7 +54,7 @@ def test_wrong_words():
     assert "no such ports file" in refused("auto_turn", "--ports", "none.json")
     assert "allowed: ak70" not in refused("nothing", "--ports", ports())
     assert "V3 firmware" in refused("auto_turn", "--ports", ports(firmware_profile="v3"))
-    assert "allowed: can, console, firmware_profile" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
+    assert "allowed: can, car, console, firmware_profile" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
     assert "schema, string_form" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
     assert "allowed with direct_can" in refused("auto_turn", "--ports", ports(), "--traffic", "a.blf")
 

@@ -1,5 +1,6 @@
 """What goes out on the operator's radio: nothing but what a page sent, and a stop until the car reports it."""
 
+import dataclasses
 import math
 import os
 import pty
@@ -41,8 +42,8 @@ class FakeLink:
         inbox, self.inbox = self.inbox, []
         return inbox
 
-    def report(self, report, now):
-        self.inbox.append((now, make_received(ReceivedPacket(CAR, make_report(report)))))
+    def report(self, report, now, sender=CAR):
+        self.inbox.append((now, make_received(ReceivedPacket(sender, make_report(report)))))
 
 
 @pytest.fixture
@@ -53,6 +54,36 @@ def link():
 @pytest.fixture
 def radio(link):
     return OperatorRadio(link, CAR)
+
+
+STOPPED = CarReport(False, True, RadioMode.IDLE)
+
+
+@pytest.mark.parametrize(
+    ("sender", "number"), [(CAR + 1, 0), (CAR, 3), (CAR + 1, 3)], ids=["other module", "other car", "both"]
+)
+def test_a_stop_is_confirmed_by_the_car_and_by_no_other(radio, link, sender, number):
+    radio.stop("button", 1.0)
+    for tick in range(20):
+        link.report(dataclasses.replace(STOPPED, car=number), 1.0 + 0.05 * tick, sender)
+        radio.turn(1.0 + 0.05 * tick)
+    assert not radio.confirmed
+    assert radio.report is None
+    assert radio.foreign == 20
+    assert sum(EmergencyStop() in sent for sent in link.sent) >= 15, "it goes on being sent"
+    link.report(STOPPED, 2.0)
+    radio.turn(2.0)
+    assert radio.confirmed
+
+
+def test_a_console_that_sends_to_all_believes_the_first_module_that_is_its_car(link):
+    radio = OperatorRadio(link, car=4)
+    link.report(REPORT, 1.0, sender=9)
+    link.report(dataclasses.replace(REPORT, car=4), 1.0, sender=8)
+    link.report(dataclasses.replace(STOPPED, car=4), 1.1, sender=9)
+    radio.turn(1.1)
+    assert radio.report == dataclasses.replace(REPORT, car=4)
+    assert radio.foreign == 2
 
 
 def test_a_radio_without_pages_is_silent(radio, link):
@@ -226,7 +257,7 @@ def test_report_survives_the_frame_and_wrong_ones_are_refused():
         assert decode_report(make_report(tailless)) == tailless
     data = make_report(CarReport(True, False, RadioMode.IDLE, text="long " * 40))
     assert len(data) == 100
-    for wrong in (data[:41], data + b"x", b"\x05" + data[1:], data[:3] + b"\x09" + data[4:], data[:10] + b"\xff" * 32):
+    for wrong in (data[:41], data + b"x", b"\x05" + data[1:], data[:4] + b"\x09" + data[5:], data[:11] + b"\xff" * 32):
         with pytest.raises(FrameError):
             decode_report(wrong)
 

@@ -8,7 +8,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-import uvicorn
 from typer.testing import CliRunner
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -17,7 +16,7 @@ from hardware.console.access import Access
 from hardware.console.console import Console, Limits
 from hardware.console.operator_radio import OperatorRadio
 from hardware.console.record import ConsoleRecord
-from hardware.console.server import make_app, open_socket, run_server
+from hardware.console.server import make_app, make_server, open_socket, run_server
 from hardware.protocol.car_report import CarReport
 from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from tests.hardware.console.test_operator_radio import CAR, FakeLink
@@ -37,13 +36,7 @@ class Served:
         self.port = self.listener.getsockname()[1]
         self.access = Access(self.port)
         self.console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car)
-        config = uvicorn.Config(
-            make_app(self.console, self.access, self.said.append, self.end),
-            log_level="error",
-            ws="websockets-sansio",
-            timeout_graceful_shutdown=1,
-        )
-        self.server = uvicorn.Server(config)
+        self.server = make_server(make_app(self.console, self.access, self.said.append, self.end))
         self.thread = threading.Thread(target=lambda: self.server.run(sockets=[self.listener]))
         self.thread.start()
 

@@ -31,6 +31,7 @@ class FakeWiring:
         self.name = "direct_can"
         self.roll, self.roll_rate = roll, 0.0
         self.yaw_rate = yaw_rate
+        self.attitude, self.speed = (0.0, 0.0), 3.0
         self.armed = False
         self.faults, self.ages = {}, {}
         self.fault_text = ""
@@ -80,6 +81,7 @@ class FakeWiring:
         if self.raises is not None:
             raise self.raises
         imu = np.zeros(9)
+        imu[:2] = self.attitude
         imu[2], imu[5] = math.remainder(3.0 + 0.05 * len(self.commands), 2 * math.pi), self.yaw_rate(len(self.commands))
         status = {f"{source}_age": self.ages.get(source, 0.004) for source in STATUS_SOURCES}
         status |= {name.replace("_age", "_fault"): 0.0 for name in status}
@@ -87,7 +89,7 @@ class FakeWiring:
         return CarReading(
             tail_state=np.array([0.0, self.roll, 0.1, 0.0, self.roll_rate, 0.0]),
             imu=imu,
-            speed=np.array([3.0]),
+            speed=np.array([self.speed]),
             status=STATUS.write(**status, armed=float(self.armed)),
             operator=IDLE if self.asks is Asks.REST and not self.stubborn else self.operator,
             fault_text=self.fault_text

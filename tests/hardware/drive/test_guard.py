@@ -15,7 +15,7 @@ from tests.hardware.drive.fake_wiring import PERIOD, FakeWiring
 from workbench.errors import HardwareError
 
 SAFETY = load_drive_safety()
-FORWARD = CarCommand(0.1, 0.3, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0]))
+FORWARD = CarCommand(0.1, 0.05, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0]))
 STOP = CarCommand()
 
 
@@ -172,7 +172,7 @@ def test_a_hard_reason_exits_at_once(car, cause):
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
     car.driving()
-    values = {"steering_angle": 0.1, "throttle": 0.3, "tail_pitch": np.ones(5), "tail_roll": np.ones(5)}
+    values = {"steering_angle": 0.1, "throttle": 0.05, "tail_pitch": np.ones(5), "tail_roll": np.ones(5)}
     values[place] = value if place in ("steering_angle", "throttle") else np.array([0.0, value, 1.0, 1.0, 0.0])
     car.turn(CarCommand(**values))
     assert same(car.last, STOP)

@@ -1,6 +1,9 @@
 """The plain loop and the diagram are one drive: same commands, same log; both write what a simulation writes."""
 
 import math
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -18,11 +21,13 @@ from hardware.wiring.drive_safety import load_drive_safety
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 from workbench.controllers.swing_law import SwingState
 from workbench.errors import LogError
+from workbench.logs.journal import read_journal
 from workbench.logs.schema import read_run_log
 from workbench.ports import STATION_INPUTS, STATION_OUTPUTS
 from workbench.station import make_car_station
 
-SAFETY = load_drive_safety().model_copy(update={"overrun": 100.0})
+# The diagram of these tests runs faster than its clock.
+SAFETY = load_drive_safety().model_copy(update={"overrun": 100.0, "throttle_start": 1.0})
 """Simulated time: nothing is ever late."""
 SCENARIO = quick_turn()
 
@@ -195,6 +200,7 @@ def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
     good = open_run_journal(tmp_path / "good.parquet", SCENARIO, "direct_can")
     journal = FullDisk(tmp_path / "run.parquet", drive_columns(), good._metadata)
     journal._buffer = np.empty((30, len(drive_columns())))
+    journal._flush_due = journal._flush_interval = math.inf  # by full batches alone
     good.discard()
     assert not list(tmp_path.glob("good*"))
 
@@ -211,3 +217,32 @@ def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
     from workbench.logs.journal import recover
 
     assert recover(tmp_path / "run.parquet.journal").rows == 60
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from hardware.drive.run_journal import open_run_journal
+from workbench.scenario import load_scenario
+journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "direct_can")
+print("ready", flush=True)
+while True:
+    row = np.zeros(len(journal.columns))
+    row[0] = time.monotonic()
+    journal.append(row)
+    time.sleep(0.01)
+"""
+
+
+@pytest.mark.realtime
+def test_a_killed_drive_loses_a_tenth_of_a_second_of_its_log_at_most(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path / "run.parquet")], stdout=subprocess.PIPE)
+    assert process.stdout.readline() == b"ready\n"
+    time.sleep(1.23)
+    killed = time.monotonic()
+    process.kill()
+    process.wait()
+    table, ended = read_journal(tmp_path / "run.parquet.journal")
+    assert not ended
+    assert killed - table.column(0)[-1].as_py() <= 0.1

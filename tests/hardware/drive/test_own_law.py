@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from hardware.drive.session import DriveOptions, run_drive
 from hardware.wiring.car_ports import ports_from_dict
-from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench
+from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 from workbench.cli import build_app
 from workbench.logs.schema import read_run_log
 
@@ -39,6 +39,7 @@ class Upright:
 @pytest.mark.parametrize("with_drake", [True, False])
 def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: bool) -> None:
     bench, path = CarOnTheBench(*QUICK), tmp_path / "run.parquet"
+    bench.devices.imu = ImuAtRest()
     options = DriveOptions(path, with_drake=with_drake, tail_law="Upright")
     result = run_drive(bench.car, bench.scenario, Upright(), ports_from_dict(PORTS), options, lambda line: None)
     assert result.orderly
@@ -51,7 +52,7 @@ def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: 
     ("words", "said"),
     [
         (("--law", "nowhere.py:Law"), "nowhere.py: no such Python file"),
-        (("--law", "nowhere.py:Law", "--swing", "roll_4_5"), "allowed without --swing"),
+        (("--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"), "allowed without --swing"),
     ],
 )
 def test_drive_refuses_what_is_no_law(tmp_path: Path, words: tuple[str, ...], said: str) -> None:

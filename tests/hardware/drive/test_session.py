@@ -11,7 +11,7 @@ import pytest
 from hardware.drive.session import RUN_OVER, DriveOptions, run_drive
 from hardware.protocol.radio import OperatorCommand, RadioMode
 from hardware.wiring.car_ports import ports_from_dict
-from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench
+from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 from workbench.controllers.law_of_scenario import law_of_scenario
 from workbench.errors import HardwareError
 from workbench.logs.schema import read_run_log
@@ -45,6 +45,7 @@ class LawThatBreaks:
 class Drive:
     def __init__(self, folder, with_drake):
         self.bench = CarOnTheBench(*QUICK)
+        self.bench.devices.imu = ImuAtRest()
         self.log = folder / "run.parquet"
         self.with_drake = with_drake
         self.said = []

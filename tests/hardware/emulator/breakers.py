@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import multiprocessing
 import os
 import resource
+import signal
+import tempfile
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hardware.drive.guard import CarGuard
+from hardware.drive.limits import DriveLimits
 from hardware.drive.run_journal import RunJournal, open_run_journal
+from hardware.emulator.folder import PORTS_FILE
+from hardware.watchdog.trial import run_watchdog_test
+from hardware.wiring.car_ports import CarPorts, read_ports
+from hardware.wiring.direct_can import direct_can
+from hardware.wiring.drive_safety import load_drive_safety
+from hardware.wiring.teensy_bridge import teensy_bridge
 from hardware.wiring.wired_car import WiredCar
-from workbench.errors import LogError
+from workbench.errors import HardwareError, LogError
 from workbench.logs.journal import read_journal
+from workbench.ports import IMU
 from workbench.scenario import Scenario
 
 
@@ -86,7 +100,104 @@ class DiskFull(Breaker):
         with contextlib.suppress(LogError):
             self.journal.close()
         table, _ = read_journal(self.journal.journal)
-        assert table.num_rows > 0, "the log can be read up to the last time that it was written, once a second"
+        assert table.num_rows > 0, "the log can be read up to the last time that it was written"
+
+
+class SecondProgram(Breaker):
+    """Another program reaches for the devices of the car that drives; it must be refused, and say who has them."""
+
+    def __init__(self, program: Callable[[Scenario, CarPorts, str], None]) -> None:
+        super().__init__()
+        self.program = program
+
+    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+        super().begin(car, scenario, folder)
+        ports = read_ports(folder / "emulated" / PORTS_FILE)
+        self.answer, theirs = multiprocessing.get_context("forkserver").Pipe(duplex=False)
+        arguments = (self.program, scenario, ports, car.name, theirs)
+        self.process = multiprocessing.get_context("forkserver").Process(target=_try, args=arguments, daemon=True)
+
+    def strike(self) -> None:
+        super().strike()
+        self.process.start()
+
+    def end(self) -> None:
+        assert self.answer.poll(10.0), "the second program says nothing"
+        said = self.answer.recv()
+        assert "is in use by a drive (process" in said, said
+        self.process.join(10.0)
+
+
+def second_drive(scenario: Scenario, ports: CarPorts, wiring: str) -> None:
+    """What `aerodima drive` does first, with and without `--dry-run`."""
+    wire = teensy_bridge if wiring == "teensy_bridge" else direct_can
+    extra = {} if wiring == "teensy_bridge" else {"start_watchdog": lambda *_: None}
+    car = wire(scenario, ports, lambda: None, **extra)  # type: ignore[operator]
+    try:
+        car.start()
+    finally:
+        car.stop("over")
+
+
+def watchdog_test(scenario: Scenario, ports: CarPorts, wiring: str) -> None:
+    """What `aerodima drive --watchdog-test` does."""
+    run_watchdog_test(scenario, ports, wiring, lambda _: True, "emulator", Path(tempfile.mkdtemp()))  # type: ignore[arg-type]
+
+
+def _try(program: Callable[..., None], scenario: Scenario, ports: CarPorts, wiring: str, answer: Any) -> None:
+    try:
+        program(scenario, ports, wiring)
+        answer.send("it was let in")
+    except HardwareError as error:
+        answer.send(str(error))
+
+
+class Blind(Breaker):
+    """A drive that does not look at the attitude: what the Teensy does by itself."""
+
+    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+        super().begin(car, scenario, folder)
+        self.before = DriveLimits.tilt
+        DriveLimits.tilt = lambda *_: ""  # type: ignore[method-assign]
+
+    def end(self) -> None:
+        DriveLimits.tilt = self.before  # type: ignore[method-assign]
+
+
+class WatchdogHangs(Breaker):
+    """SIGSTOP of the watchdog process, or of the Teensy's end where that is the watchdog on the bus."""
+
+    def strike(self) -> None:
+        super().strike()
+        assert self.car.devices is not None
+        watchdog = self.car.devices.watchdog
+        self.pid = getattr(watchdog, "_all", [watchdog])[0].pid
+        os.kill(self.pid, signal.SIGSTOP)
+
+    def end(self) -> None:
+        with contextlib.suppress(ProcessLookupError):  # the drive has killed it
+            os.kill(self.pid, signal.SIGKILL)
+
+
+class ThrottleSteps(Breaker):
+    """Full throttle from one cycle to the next: the pulse comes on slowly, and the wheels stay on the ground."""
+
+    def begin(self, car: WiredCar, scenario: Scenario, folder: Path) -> None:
+        super().begin(car, scenario, folder)
+        self.most_pitch, self.pulses = 0.0, []
+
+    def turn(self, guard: CarGuard) -> None:
+        self.most_pitch = max(self.most_pitch, abs(float(guard.reading.imu[IMU.index("pitch")])))
+        devices = self.car.devices
+        if devices is not None and self.struck is not None:
+            self.pulses.append((time.monotonic() - self.struck, devices.teensy._throttle))
+
+    def end(self) -> None:
+        assert math.degrees(self.most_pitch) < 10.0, f"pitched by {math.degrees(self.most_pitch):.1f} degrees"
+        late = [pulse for since, pulse in self.pulses if 0.4 < since < 0.6]
+        assert late, "the drive did not go on"
+        most = 1500 + 400 * (0.3 + 0.6 * load_drive_safety().throttle_rate + 0.01)
+        assert max(late) <= most, (max(late), most)
 
 
 class _DeadEnd(deque):

@@ -10,7 +10,19 @@ import numpy as np
 
 from hardware.wiring.base import CarCommand
 from hardware.wiring.drive_safety import load_drive_safety
-from tests.hardware.emulator.breakers import Breaker, ClockJumps, ControllerRaises, DiskFull, ReceiverDies
+from tests.hardware.emulator.breakers import (
+    Blind,
+    Breaker,
+    ClockJumps,
+    ControllerRaises,
+    DiskFull,
+    ReceiverDies,
+    SecondProgram,
+    ThrottleSteps,
+    WatchdogHangs,
+    second_drive,
+    watchdog_test,
+)
 
 PITCH = np.array([0.0, 0.0, 17.0, 5.0, 0.0])
 ROLL = np.array([-math.pi / 2, 0.0, 17.0, 5.0, 0.0])
@@ -32,6 +44,7 @@ class Case:
         throttle_within: s to the neutral pulse, where that takes longer; 0: as `within`.
         reason: part of the reason that the drive gives. acts: who switches the car off, for the table.
         breaker: what breaks in the computer itself. broken_command: what the controller commands from then on.
+        run_time: s, of a drive that nothing stops.
     """
 
     name: str
@@ -45,11 +58,12 @@ class Case:
     operator: tuple[dict, ...] = (ASKED,)
     breaker: Callable[[], Breaker] = Breaker
     broken_command: CarCommand | None = None
+    run_time: float = AT + 2.5
 
     @property
     def of_the_computer(self) -> bool:
         """Whether nothing of the emulated car breaks."""
-        return self.broken_command is not None or self.breaker is not Breaker
+        return self.fault is None and (self.broken_command is not None or self.breaker is not Breaker)
 
 
 def _motor(name: str, fault: str, reason: str, on_the_bridge: str | None = None, **keys) -> tuple[Case, ...]:
@@ -69,6 +83,12 @@ def _on_both(name: str, **keys) -> tuple[Case, ...]:
     return tuple(Case(name, wiring, **keys) for wiring in _BOTH)
 
 
+def _on_all(name: str, **keys) -> tuple[Case, ...]:
+    return tuple(Case(name, wiring, **keys) for wiring in (*_BOTH, "watched_can"))
+
+
+_MOVING = CarCommand(0.1, 0.3, PITCH, np.array([-0.6, 0.0, 17.0, 5.0, 0.0]))
+_PRESSING = CarCommand(0.1, 0.3, PITCH, np.array([-math.pi / 2 + 0.4, 0.0, 55.0, 1.0, 0.0]))
 _SILENT = "no reply"
 _STOP = (ASKED, {"time": AT, "stop": True})
 _BROKEN = CarCommand(0.1, math.nan, PITCH, math.nan * ROLL)
@@ -172,8 +192,74 @@ CASES: tuple[Case, ...] = (
         "log disk full",
         breaker=DiskFull,
         reason="cannot be written",
-        within=1.5 + _SOFT,
-        acts="drive, soft, when the next rows are written (once a second)",
+        within=0.6 + _SOFT,
+        acts="drive, soft, when the next rows are written (every 0.08 s)",
     ),
     *_on_both("receive thread dies", breaker=ReceiverDies),
+    *_motor(
+        "motor off by itself, then told to move",
+        "motor_off",
+        "does not follow",
+        broken_command=_MOVING,
+        acts="drive: reported torque",
+    ),
+    *_on_both(
+        "I2t: tail presses against what blocks it",
+        fault={"fault": "blocked", "part": "tail_roll"},
+        broken_command=_PRESSING,
+        reason="overloaded",
+        within=6.0,
+        run_time=AT + 7.0,
+        acts="drive, after 2 to 4 s: torque taken back, then off",
+    ),
+    *_on_all("car tips over", fault={"fault": "tipped_over"}, reason="tipped over", acts="drive"),
+    *_on_all(
+        "car tips over, the drive goes on commanding",
+        fault={"fault": "tipped_over"},
+        breaker=Blind,
+        reason="lies on its side",
+        acts="firmware",
+    ),
+    *_on_both(
+        "over-speed",
+        fault={"fault": "over_speed"},
+        reason="allowed is 6.7",
+        within=0.6 + _SOFT,
+        throttle_within=0.6,
+        acts="drive, soft",
+    ),
+    *_on_both(
+        "full throttle at once",
+        broken_command=CarCommand(0.0, 1.0, PITCH, ROLL),
+        breaker=ThrottleSteps,
+        stops=False,
+        run_time=AT + 1.0,
+        acts="nothing stops: the throttle comes on at its rate",
+    ),
+    *(
+        Case("watchdog process hangs", wiring, breaker=WatchdogHangs, reason="does not answer", acts="drive")
+        for wiring in ("direct_can", "watched_can")
+    ),
+    Case(
+        "Teensy off the bus",
+        "watched_can",
+        {"fault": "teensy_off_bus"},
+        reason="bus",
+        acts="drive",
+    ),
+    Case("Teensy hangs", "watched_can", {"fault": "teensy_hung"}, throttle_within=0.9, acts="drive"),
+    Case("Teensy unplugged", "watched_can", {"fault": "unplugged", "part": "teensy"}, acts="drive, firmware"),
+    *_on_both(
+        "second drive on the same devices",
+        breaker=lambda: SecondProgram(second_drive),
+        stops=False,
+        acts="nothing: the second one is refused",
+    ),
+    *_on_both(
+        "watchdog test beside a drive",
+        breaker=lambda: SecondProgram(watchdog_test),
+        stops=False,
+        run_time=AT + 6.0,
+        acts="nothing: the test is refused",
+    ),
 )

@@ -32,6 +32,19 @@ from hardware.wiring.teensy_bridge import teensy_bridge
 from tests.hardware.emulator.breakers import Breaker
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL, Case
+from tests.hardware.emulator.process_runs import CASES as PROCESS_CASES
+from tests.hardware.emulator.process_runs import (
+    REFUSED,
+    Found,
+    ProcessCase,
+    RefusedCase,
+    process_row,
+    refused_row,
+    run_process_case,
+    run_refused_case,
+)
+from tests.hardware.emulator.process_runs import check as check_process
+from workbench.errors import HardwareError
 from workbench.ports import STATUS
 from workbench.scenario import Scenario, load_scenario
 
@@ -69,7 +82,11 @@ def open_car(scenario: Scenario, ports: CarPorts, wiring: str):
     """The wiring of a scenario, allowed to arm."""
     if wiring == "teensy_bridge":
         return teensy_bridge(scenario, ports, lambda: None)
-    return direct_can(scenario, ports, lambda: None, lambda can: WatchdogProcess(can, ports.motor_ids))
+
+    def start_watchdog(can, lock):
+        return WatchdogProcess(can, ports.motor_ids, lock=lock)
+
+    return direct_can(scenario, ports, lambda: None, start_watchdog, name=wiring)
 
 
 def drive_until_stopped(
@@ -95,7 +112,7 @@ def drive_until_stopped(
     def chosen() -> bool:
         return guard.asks is Asks.CHOICE and guard.reading.operator.mode is RadioMode.AUTO
 
-    if not turn(lambda: _heard(guard), 10.0, idle):
+    if not turn(lambda: _heard(guard) and not guard.wiring.unwatched, 10.0, idle):
         raise EndedEarlyError(guard.reading.fault_text)
     guard.arm(time.monotonic())
     if not turn(lambda: chosen() or guard.finished, 5.0, idle) or guard.finished:
@@ -114,7 +131,7 @@ def _heard(guard: CarGuard) -> bool:
     return status.operator_age > 0.0 and not any(faults)
 
 
-def run_case(case: Case, folder: Path, run_time: float = AT + 2.5) -> Outcome:
+def run_case(case: Case, folder: Path) -> Outcome:
     """Drives on the emulator with the fault of a case."""
     faults = [] if case.fault is None else [{"time": AT, **case.fault}]
     scenario = load_scenario(SCENARIO, list(SETTINGS))
@@ -135,7 +152,7 @@ def run_case(case: Case, folder: Path, run_time: float = AT + 2.5) -> Outcome:
             breaker.begin(car, scenario, folder)
             gc.collect()
             gc.freeze()  # as the drive does: no pause of the collector within the run
-            drive_until_stopped(guard, run_time, command_at, breaker)
+            drive_until_stopped(guard, case.run_time, command_at, breaker)
         except ArithmeticError as error:  # as a drive does it
             guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
         finally:
@@ -186,9 +203,42 @@ def _outcome(reason: str, began: float, events: list[dict], traffic: list[can.Me
     return Outcome(reason, off, when("throttle_neutral"), exits, enters, events)
 
 
+def check(case: Case, found: Outcome) -> Outcome:
+    """What the row promises; what was found."""
+    if not case.stops:
+        assert found.reason == RUN_OVER, found.reason
+        return found
+    assert case.reason in found.reason, found.reason
+    assert found.reason != RUN_OVER
+    assert found.motors_off <= case.within, found
+    assert found.throttle_neutral <= (case.throttle_within or case.within), found
+    assert found.exits >= 6, "several frames to each motor"
+    assert found.entered_again == 0, "nothing is armed again by itself"
+    return found
+
+
 def _measured(case: Case) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
-        return undisturbed(lambda place: run_case(case, place), Path(folder))
+        return undisturbed(lambda place: check(case, run_case(case, place)), Path(folder))
+
+
+def _measured_process(case: ProcessCase) -> Found:
+    with tempfile.TemporaryDirectory() as folder:
+        return undisturbed(lambda place: check_process(case, run_process_case(case, place)), Path(folder))
+
+
+def _measured_refusal(case: RefusedCase) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        undisturbed(lambda place: run_refused_case(case, place), Path(folder))
+    return refused_row(case)
+
+
+def _tried(case: Case | ProcessCase | RefusedCase, make: Callable[[], str]) -> str:
+    """A row, or why there is none: a computer that stands still shows nothing."""
+    try:
+        return make()
+    except (AssertionError, HardwareError) as error:
+        return f"| {case.name} | {case.wiring} | not measured: {str(error)[:200]} |"
 
 
 def row(case: Case, found: Outcome) -> str:
@@ -205,7 +255,14 @@ def main() -> None:
     print("|---|---|---|---|---|---|", flush=True)
     for case in CASES:
         if not sys.argv[1:] or case.name in sys.argv[1:]:
-            print(row(case, _measured(case)), flush=True)
+            print(_tried(case, lambda case=case: row(case, _measured(case))), flush=True)
+    for process_case in PROCESS_CASES:
+        if not sys.argv[1:] or process_case.name in sys.argv[1:]:
+            made = lambda case=process_case: process_row(case, _measured_process(case))  # noqa: E731
+            print(_tried(process_case, made), flush=True)
+    for refused in REFUSED:
+        if not sys.argv[1:] or refused.name in sys.argv[1:]:
+            print(_tried(refused, lambda case=refused: _measured_refusal(case)), flush=True)
 
 
 if __name__ == "__main__":

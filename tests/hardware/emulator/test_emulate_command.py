@@ -20,9 +20,9 @@ from workbench.resources import model_path
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"wiring": "usb"}, "--wiring usb: allowed: direct_can, teensy_bridge"),
+        ({"wiring": "usb"}, "--wiring usb: allowed: direct_can, teensy_bridge, watched_can"),
         ({"profile": "ak70_v3"}, "V3 firmware speaks another protocol"),
-        ({"motor_ids": (1, 1)}, "both motors have the id 1"),
+        ({"motor_ids": (1, 1)}, "both have the motor id 1"),
         ({"motor_ids": (1, 64)}, "motor id 64: allowed is 1 to 63"),
         ({"duration": 0.0}, "--duration 0 s: allowed is more than 0"),
         ({"faults": Path("nowhere.yaml")}, "nowhere.yaml: no such file"),

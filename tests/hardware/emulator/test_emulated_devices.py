@@ -28,7 +28,7 @@ from hardware.protocol.ak70 import (
 from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
 from hardware.protocol.can_frame import CanFrame, FrameError
 from hardware.protocol.car_report import Asks, CarReport, make_report
-from hardware.protocol.teensy import MotorOrder, MotorRequest, StringForm, TeensyCommand
+from hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, StringForm, TeensyCommand
 from hardware.protocol.teensy import make_command as make_string
 from hardware.protocol.xbee import ApiStream, make_transmit
 from hardware.sensors.bno055 import make_sample_request
@@ -196,9 +196,9 @@ def test_lines_carry_standard_and_extended_frames():
         assert read_frame(write_frame(frame)[:-1]) == frame
 
 
-def _strings(request, throttle=1600):
+def _strings(request, throttle=1520):
     orders = tuple(MotorOrder(motor_id, request, PUSH) for motor_id in (1, 2))
-    return make_string(TeensyCommand(orders, 1500, throttle), StringForm.CHECKED)
+    return make_string(TeensyCommand(orders, 1500, throttle, Attitude(0.0, 0.0, 5)), StringForm.CHECKED)
 
 
 def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
@@ -210,10 +210,10 @@ def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
         now += 0.005
         bench.board.look(now)
         request = MotorRequest.EXIT if now < 0.02 else MotorRequest.ENTER if now < 0.04 else MotorRequest.COMMAND
-        teensy.feed((b"|" if now < 0.006 else b"") + _strings(request, 1500 if now < 0.02 else 1600), now)
+        teensy.feed((b"|" if now < 0.006 else b"") + _strings(request, 1500 if now < 0.02 else 1520), now)
         teensy.turn(now)
         seen[round(now, 3)] = (teensy.state.throttle, bench.motors[1].entered)
-    assert seen[0.95] == seen[1.3] == (1600, True), "nothing stops a motor whose master hangs"
+    assert seen[0.95] == seen[1.3] == (1520, True), "nothing stops a motor whose master hangs"
     assert seen[1.6] == seen[2.5] == (1500, False), "the restarted firmware exits it and waits for a neutral string"
     assert "teensy_restarted" in bench.names()
 

@@ -20,6 +20,7 @@ from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
 from hardware.protocol.can_frame import CanFrame
 from hardware.protocol.sail_encoder import AEAT_6010
 from hardware.protocol.teensy import (
+    Attitude,
     MotorOrder,
     MotorRequest,
     StringForm,
@@ -33,6 +34,7 @@ from workbench.errors import HardwareError
 TIMING = load_teensy_timing()
 PUSH = MitCommand(1.0, 0.0, 17.0, 5.0, 0.0)
 MS = 0.001
+LEVEL = Attitude(0.0, 0.0, 8)
 
 
 class Bench:
@@ -53,7 +55,7 @@ class Bench:
     def _collect(self):
         for frame in self.core.frames():
             self.sent.append((self.now, frame))
-            if not self.deaf:
+            if not self.deaf and frame.arbitration_id in (1, 2):
                 answer = make_reply(MitReply(frame.arbitration_id, 0.5, -1.0, 2.0, 31.0, 0), PROFILE)
                 self.core.receive(answer)
         reply = self.core.reply()
@@ -66,9 +68,9 @@ class Bench:
             self.core.step(self.now)
             self._collect()
 
-    def write(self, request, command=NEUTRAL, throttle=1500, servo=1500, ids=(1, 2)):
+    def write(self, request, command=NEUTRAL, throttle=1500, servo=1500, ids=(1, 2), attitude=LEVEL):
         first, second = (MotorOrder(motor_id, request, command) for motor_id in ids)
-        self.core.feed(make_string(TeensyCommand((first, second), servo, throttle), self.form), self.now)
+        self.core.feed(make_string(TeensyCommand((first, second), servo, throttle, attitude), self.form), self.now)
         self._collect()
 
     def drive(self, cycles=20):
@@ -78,7 +80,7 @@ class Bench:
         self.write(MotorRequest.ENTER)
         self.wait(0.01)
         for _ in range(cycles):
-            self.write(MotorRequest.COMMAND, PUSH, throttle=1620, servo=1700)
+            self.write(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700)
             self.wait(0.01)
         return self
 
@@ -108,10 +110,10 @@ def test_it_bridges_enter_command_and_exit():
     sent = [frame for _, frame in bench.sent]
     assert sent == [neutral[0], make_enter(1), neutral[0], neutral[1], make_enter(2), neutral[1]]
     del bench.sent[:]
-    bench.write(MotorRequest.COMMAND, PUSH, throttle=1620, servo=1700)
+    bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700)
     bench.wait(MS)
     assert [frame for _, frame in bench.sent] == [make_command(motor_id, PUSH, PROFILE) for motor_id in (1, 2)]
-    assert (bench.core.state.servo, bench.core.state.throttle) == (1700, 1620)
+    assert (bench.core.state.servo, bench.core.state.throttle) == (1700, 1520)
     reply = bench.last_reply()
     assert reply.motors[0].position == pytest.approx(0.5, abs=4e-4)
     assert reply.motors[1].torque == pytest.approx(2.0, abs=0.01)
@@ -123,7 +125,7 @@ def test_it_acts_when_the_strings_stop_and_not_before():
     bench = Bench().drive()
     last = bench.now - 0.01  # time of the last string
     bench.wait(TIMING.watchdog_timeout - 0.01)
-    assert bench.core.state.throttle == 1620
+    assert bench.core.state.throttle == 1520
     assert not bench.exits(1, since=last)
     bench.wait(0.002)
     assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
@@ -150,7 +152,7 @@ def test_strings_that_are_not_neutral_do_not_end_it():
     bench.wait(0.3)
     begin = bench.now
     for _ in range(50):
-        bench.write(MotorRequest.COMMAND, PUSH, throttle=1620, servo=1700)
+        bench.write(MotorRequest.COMMAND, PUSH, throttle=1520, servo=1700)
         bench.wait(0.01)
     assert bench.core.state.throttle == 1500
     commands = [frame for when, frame in bench.sent if when > begin and frame == make_command(1, PUSH, PROFILE)]
@@ -175,13 +177,13 @@ def test_a_neutral_string_ends_it():
     bench.write(MotorRequest.EXIT)
     assert bench.core.state.status is TeensyStatus.RUNNING
     bench.drive()
-    assert bench.core.state.throttle == 1620
+    assert bench.core.state.throttle == 1520
 
 
 def test_damaged_strings_do_not_feed_it():
     bench = Bench().drive()
     for _ in range(40):
-        bench.core.feed(b"1;2;0;0;0;0;0|;2;2;0;0;0;0;0|;1500;1620;*00|", bench.now)
+        bench.core.feed(b"1;2;0;0;0;0;0|;2;2;0;0;0;0;0|;1500;1520;*00|", bench.now)
         bench.wait(0.01)
     assert bench.core.state.status is TeensyStatus.WATCHDOG_ACTED
     assert bench.core.state.rejected >= 40
@@ -230,7 +232,7 @@ def test_silent_motors_do_not_make_the_reply_late_and_do_not_count_as_answers():
 
 def test_in_the_direct_wiring_it_leaves_the_bus_alone_and_centres_the_pulses():
     bench = Bench("direct_can").drive()
-    assert bench.core.state.throttle == 1620
+    assert bench.core.state.throttle == 1520
     bench.wait(0.3)
     assert bench.sent == []
     assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
@@ -272,5 +274,5 @@ def test_words_of_the_sail_encoder_become_degrees(encoder, word, degrees):
 def test_settings_refuse_one_id_for_two_motors_and_other_wirings():
     with pytest.raises(HardwareError, match="both motors have the id 3"):
         FirmwareSettings("teensy_bridge", PROFILE, TIMING, (3, 3))
-    with pytest.raises(HardwareError, match="allowed: direct_can, teensy_bridge"):
+    with pytest.raises(HardwareError, match="allowed: direct_can, teensy_bridge, watched_can"):
         FirmwareSettings("usb", PROFILE, TIMING)

@@ -11,6 +11,7 @@ import pytest
 
 from hardware.protocol.ak70 import make_exit
 from hardware.transport.can_settings import CanSettings
+from hardware.transport.device_lock import lock_devices
 from hardware.watchdog.process import WatchdogProcess
 from hardware.watchdog.settings import load_watchdog_timing
 from tests.hardware.fake_can import SlcanAdapter, wait_until
@@ -161,6 +162,32 @@ def test_a_watchdog_that_died_is_noticed(adapter):
     assert wait_until(lambda: not watchdog.healthy)
     assert watchdog.reason == "the watchdog process has ended"
     watchdog.beat()
+    watchdog.close()
+
+
+def test_a_watchdog_that_hangs_is_noticed_and_does_not_keep_its_lock(adapter):
+    lock = lock_devices([adapter.path], "a drive")
+    watchdog = WatchdogProcess(settings(adapter), (1, 2), lock=lock)
+    watchdog.arm()
+    for _ in range(20):
+        watchdog.beat()
+        time.sleep(0.01)
+    assert watchdog.healthy
+    os.kill(watchdog.pid, signal.SIGSTOP)
+    stopped = time.monotonic()
+    while watchdog.healthy and time.monotonic() - stopped < 2.0:
+        watchdog.beat()
+        time.sleep(0.01)
+    assert time.monotonic() - stopped < TIMING.answer_timeout + 0.2
+    assert watchdog.reason.startswith("the watchdog process does not answer")
+    watchdog.close()
+    lock.close()
+    lock_devices([adapter.path], "a drive").close()
+
+
+def test_it_has_a_session_of_its_own(adapter):
+    watchdog = WatchdogProcess(settings(adapter), (1, 2))
+    assert os.getsid(watchdog.pid) == watchdog.pid != os.getsid(0)
     watchdog.close()
 
 

@@ -1,6 +1,7 @@
 """Devices in memory for `WiredCar`: a bus with two motors in simulated time, a Teensy, sensors and a radio."""
 
 import math
+import time
 
 from hardware.protocol.car_report import Asks
 from hardware.protocol.radio import OperatorCommand, RadioMode
@@ -37,6 +38,9 @@ class FakeTeensyLink:
     def set_pulses(self, servo, throttle):
         self.noted = (servo, throttle)
 
+    def set_attitude(self, roll, pitch, taken):
+        self.attitude = roll, pitch, taken
+
     def commit(self):
         self.pulses.append(self.noted)
 
@@ -55,6 +59,25 @@ class FakeSensor:
 
     def fault(self, now):
         return self.code, self.text
+
+
+class ImuAtRest(FakeSensor):
+    """A chip on a car that stands: a new sample every 10 ms, with the noise of one."""
+
+    def __init__(self):
+        super().__init__(None)
+
+    @property
+    def newest(self):
+        tick = int(time.monotonic() / 0.01)
+        return 0.01 * tick, Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.001 * (tick % 3), 0.0, 0.0), (0.01, 0.0, 0.0))
+
+    @newest.setter
+    def newest(self, value):
+        pass
+
+    def age(self, now):
+        return 0.004
 
 
 class FakeRadio:

@@ -1,19 +1,30 @@
 """An engine whose cars follow a formula, so that the truth of a calibration is known and a run costs nothing."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
+
+from optimisation.calibration.plan import prior_ranges
 
 TAILLESS_GROUP = 1.05
 """Friction x height / half track at which the made-up car flips at 3.47 m/s."""
 
+YAW_LOSS = 0.55
+"""Share of the yaw rate that the widest sail of the prior takes away."""
+SAIL_WIDTHS = prior_ranges(("tail.sail_width",))[0]
+
+
+def half_track(value: Mapping[str, float]) -> float:
+    """To the outer edge of a cylindrical tyre, m."""
+    return 0.5 * (value["car.track"] + value["car.tyre_width"])
+
 
 class MadeUpEngine:
-    """Rows by formula: flips beyond a group that falls with the speed, and rises with the area of a swinging tail."""
+    """Rows by formula: flips beyond a group that falls with the speed, and rises with the width of a swinging sail."""
 
     workers, startup = 1, 0.0
 
-    def __init__(self, stop_after: int | None = None, tail_limit: float = 0.6) -> None:
+    def __init__(self, stop_after: int | None = None, tail_limit: float = 0.1) -> None:
         self.runs = 0
         self.stop_after = stop_after
         self.tail_limit = tail_limit
@@ -34,15 +45,18 @@ class MadeUpEngine:
 
     def row(self, task: Any) -> dict:
         value = {key: float(text) for key, text in (setting.split("=") for setting in task.settings)}
-        friction, track, speed = value["car.tyre_friction"], value["car.track"], value["manoeuvre.speed"]
-        group = 2 * friction * value["car.com_height"] / track
+        friction, speed = value["car.tyre_friction"], value["manoeuvre.speed"]
+        group = friction * value["car.com_height"] / half_track(value)
         limit = TAILLESS_GROUP - 0.1 * (speed - 3.47)
         if task.scenario == "turn_swing":
-            area = value["tail.sail_length"] * value["tail.sail_width"]
-            limit = TAILLESS_GROUP + self.tail_limit * (area - 0.05) - 0.3 * (speed - 4.58)
+            low, high = SAIL_WIDTHS
+            share = (value["tail.sail_width"] - low) / (high - low)
+            limit = TAILLESS_GROUP + self.tail_limit * (share - 0.5) - 0.3 * (speed - 4.58)
         flipped = group > limit
         margin = abs(group - limit)
         yaw, acceleration = 1.5 + 1.8 * (friction - 0.6), 9.81 * friction
+        if task.scenario == "turn_swing":
+            yaw, acceleration = yaw * (1.0 - YAW_LOSS * share), acceleration * value["tail.mass"] ** 0.1
         metrics = {
             "speed_m_per_s": speed,
             "max_yaw_rate_rad_per_s": 1.6 * yaw,
@@ -52,6 +66,8 @@ class MadeUpEngine:
             "max_kohut_deg_m_per_s2": 57.3 * speed * 1.6 * yaw,
             "average_kohut_deg_m_per_s2": 57.3 * speed * yaw,
             "roll_integral_rad": 0.1 + value["car.mass"] * 0.02,
+            "speed_in_turn_m_per_s": speed * (1.0 - 0.1 * friction),
+            "lift_yaw_rate_rad_per_s": 1.0 + 0.2 * (friction - 0.6),
         }
         peak_roll = max(0.02, 0.6 - 5.5 * margin**0.5)
         flip_time = 2.5 - (3.0 + math.log(max(margin, 1e-4))) / 3.5

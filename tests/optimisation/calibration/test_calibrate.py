@@ -1,22 +1,28 @@
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from optimisation.calibration.calibrate import BASE_SCENARIO, ENOUGH, Calibration, calibrate
+from optimisation.calibration import runs
+from optimisation.calibration.calibrate import SHIPPED_DIGITS, Calibration, calibrate
+from optimisation.calibration.data import Datum, fitted, log_likelihood, plan_data
 from optimisation.calibration.design import Design, Runner, critical_groups, run_through
+from optimisation.calibration.draw import Draw
 from optimisation.calibration.edge import Edge
 from optimisation.calibration.output import ensemble_text, write_calibration
-from optimisation.calibration.plan import CalibrationPlan, load_plan
+from optimisation.calibration.plan import CalibrationPlan, fitted_names, load_plan, prior_ranges
 from optimisation.calibration.runs import RunStore, car_values
 from optimisation.calibration.shipped import shipped_car
-from optimisation.calibration.tails import TailResult, add_tails
-from optimisation.calibration.weights import log_likelihood, normalised
+from optimisation.calibration.validation import validate
+from optimisation.calibration.weights import normalised
 from optimisation.sweep.task import RunTask
-from tests.optimisation.calibration.made_up_car import TAILLESS_GROUP, MadeUpEngine
+from tests.optimisation.calibration.made_up_car import TAILLESS_GROUP, MadeUpEngine, half_track
 from workbench.ensemble import load_ensemble
-from workbench.errors import UserError
-from workbench.scenario import load_scenario
+from workbench.errors import ScenarioError, UserError
+from workbench.scenario import load_parameter_entries, load_scenario
 
 LOW, HIGH = TAILLESS_GROUP - 0.1 * (3.61 - 3.47), TAILLESS_GROUP - 0.1 * (3.33 - 3.47)
 
@@ -26,23 +32,32 @@ def quiet(line: str) -> None:
 
 
 def small_plan(**changes: object) -> CalibrationPlan:
-    rounds = [{"cars": 16, "pilots": [4, 2]}, {"cars": 72, "pilots": [3, 2]}]
-    size = {"points": 12, "pilots": [6, 3], "step": 0.004, "rounds": rounds}
-    plan = load_plan("car").model_dump(by_alias=True) | {"car_stage": size, "tail_stage": {"tails": 4}} | changes
+    rounds = [{"cars": cars, "pilots": [3, 2]} for cars in (16, 48, 80)]
+    size = {"points": 12, "pilots": [6, 3], "step": 0.004, "rounds": rounds, "tails": 4, "enough": 32}
+    plan = load_plan("car").model_dump(by_alias=True) | {"size": size} | changes
     return CalibrationPlan.model_validate(plan)
 
 
 def store_in(folder: Path) -> RunStore:
     plan = small_plan()
-    return RunStore(folder, load_scenario(BASE_SCENARIO), (*plan.car, *plan.tail))
+    return RunStore(folder, (*plan.car, *plan.tail))
 
 
-def carried_out(folder: Path, engine: MadeUpEngine, plan: CalibrationPlan | None = None) -> Calibration:
-    return calibrate(plan or small_plan(), store_in(folder), engine, quiet)
+def carried_out(
+    folder: Path,
+    engine: MadeUpEngine,
+    plan: CalibrationPlan | None = None,
+    data: Sequence[Datum] | None = None,
+) -> Calibration:
+    store = store_in(folder)
+    try:
+        return calibrate(plan or small_plan(), store, engine, quiet, data)
+    finally:
+        store.close()
 
 
 def groups(values: list[dict]) -> np.ndarray:
-    return np.array([2 * v["car.tyre_friction"] * v["car.com_height"] / v["car.track"] for v in values])
+    return np.array([v["car.tyre_friction"] * v["car.com_height"] / half_track(v) for v in values])
 
 
 @pytest.fixture(scope="module")
@@ -58,48 +73,85 @@ def result(folder: Path) -> Calibration:
 def test_every_member_lies_where_the_made_up_car_flips_between_the_two_speeds(result: Calibration) -> None:
     found = groups([result.values[place] for place in result.kept])
     assert np.all((found > LOW) & (found <= HIGH))
-    assert result.car.effective_size >= ENOUGH
-    assert result.check.tailless_share == pytest.approx(1.0)
-    assert result.check.tailed_share == pytest.approx(1.0)
+    assert result.draw.effective_size >= result.plan.size.enough
+    assert result.check.share == pytest.approx(1.0)
+
+
+def exact_likelihood(draw: Draw, data: Sequence[Datum], cars: Sequence[dict]) -> np.ndarray:
+    """Log likelihood of cars by the formula of the made-up car."""
+    engine, rows = MadeUpEngine(), {}
+    for turn in dict.fromkeys(datum.turn for datum in data):
+        tasks = [turn.wanted(car).task() for car in cars]
+        rows[turn] = [engine.row(task) for task in tasks]
+    values = {d.name: np.array([row[d.column] for row in rows[d.turn]]) for d in data}
+    return log_likelihood(data, values, len(cars))
 
 
 def test_the_weights_are_those_of_the_posterior_that_a_million_runs_would_find(result: Calibration) -> None:
-    prior, target = result.car.prior, result.car.target
-    scale = prior.plausible.highest_group.value - prior.plausible.lowest_group.value
-    ends = [(group - prior.plausible.lowest_group.value) / scale for group in (LOW, HIGH)]
-    points, density = prior.draw(2**13, 9, window=lambda p: (np.full(len(p), ends[0]), np.full(len(p), ends[1])))
-    values = prior.values(points)
-    engine = MadeUpEngine()
-    rows = [
-        engine.row(RunTask("", "turn_none", (*(f"{k}={v}" for k, v in car.items()), "manoeuvre.speed=3.33")))
-        for car in car_values(prior.keys, values)
-    ]
-    metrics = {name: np.array([row[name] for row in rows]) for name in target.discrepancy}
-    exact = normalised(density + log_likelihood(metrics, target.published, target.discrepancy))
-    for key in ("car.tyre_friction", "car.com_height", "car.mass"):
-        column = prior.keys.index(key)
+    draw = result.draw
+    limits = draw.prior.plausible
+    scale = limits.highest_group.value - limits.lowest_group.value
+    ends = [(group - limits.lowest_group.value) / scale for group in (LOW, HIGH)]
+    points, density = draw.prior.draw(2**13, 9, window=lambda p: (np.full(len(p), ends[0]), np.full(len(p), ends[1])))
+    values = draw.prior.values(points)
+    data = fitted(plan_data(result.plan))
+    assert {datum.turn.tail_mode for datum in data} == {"none", "swing"}
+    exact = normalised(density + exact_likelihood(draw, data, car_values(draw.prior.keys, values)))
+    ours = draw.prior.values(draw.coordinates)
+    for key in ("car.tyre_friction", "car.com_height", "car.mass", "tail.sail_width", "tail.mass"):
+        column = draw.prior.keys.index(key)
         mean = exact @ values[:, column]
-        error = np.sqrt(exact @ (values[:, column] - mean) ** 2 / result.car.effective_size)
-        ours = result.car.weights @ prior.values(result.car.members.coordinates)[:, column]
-        assert abs(ours - mean) < 3.0 * error, key
+        error = np.sqrt(exact @ (values[:, column] - mean) ** 2 / draw.effective_size)
+        assert abs(draw.weights @ ours[:, column] - mean) < 3.0 * error, key
+
+
+def test_the_tailed_figures_tell_the_size_of_the_made_up_sail(result: Calibration) -> None:
+    """Less yaw rate is published with the tail than the made-up car has with a small sail."""
+    column = result.draw.prior.keys.index("tail.sail_width")
+    low, high = result.draw.prior.ranges[column]
+    widths = result.draw.prior.values(result.draw.coordinates)[:, column]
+    assert result.draw.weights @ widths > 0.5 * (low + high) + 0.1 * (high - low)
+
+
+def changed(data: Sequence[Datum], use: str) -> list[Datum]:
+    """The figures with all those of one use doubled."""
+    return [replace(datum, figure=2.0 * datum.figure) if datum.use == use else datum for datum in data]
+
+
+def test_a_figure_that_is_held_out_enters_no_weight(result: Calibration, tmp_path: Path) -> None:
+    data = plan_data(result.plan)
+    held = [datum.source for datum in data if datum.use == "held out"]
+    assert held.count("Table 7.3") == 7
+    assert held.count("Table 7.4") == 4
+    other = carried_out(tmp_path / "held", MadeUpEngine(), data=changed(data, "held out"))
+    assert ensemble_text(other) == ensemble_text(result)
+
+
+def test_each_fitted_figure_enters_the_weights(result: Calibration) -> None:
+    draw, data = result.draw, plan_data(result.plan)
+    cars = [result.values[place] for place in result.kept[:6]]
+    plain = exact_likelihood(draw, fitted(data), cars)
+    for datum in fitted(data):
+        moved = [replace(d, figure=2.0 * d.figure) if d is datum else d for d in fitted(data)]
+        assert not np.allclose(exact_likelihood(draw, moved, cars) - plain, 0.0, atol=1e-3), datum.name
 
 
 def searched(result: Calibration, folder: Path, engine: MadeUpEngine, pilots: tuple[int, int]) -> Design:
-    prior = result.car.prior
+    prior = result.draw.cars
     edge = (HIGH + 0.03 - prior.plausible.lowest_group.value) / prior.group_scale
-    beyond = np.full(len(result.car.members.coordinates), edge)
-    plausible = np.isfinite(prior.log_density_at(result.car.members.coordinates, beyond))
-    cars = result.car.members.coordinates[plausible][:4]
+    beyond = np.full(len(result.draw.members.coordinates), edge)
+    plausible = np.isfinite(prior.log_density_at(result.draw.members.coordinates, beyond))
+    cars = result.draw.members.coordinates[plausible][:4]
     assert len(cars) == 4
     guess = Edge.around(prior.coordinates(prior.values(cars))[:, prior.leading] + 0.05, np.full(4, 0.1))
     runner = Runner(store_in(folder), engine, quiet)
-    return critical_groups(result.car.target, prior, cars, (guess, np.full(4, 0.02)), pilots, None, runner)
+    return critical_groups(result.draw.target, prior, cars, (guess, np.full(4, 0.02)), pilots, None, runner)
 
 
 def test_windows_hold_the_bracket_of_the_made_up_car_and_little_more(result: Calibration, tmp_path: Path) -> None:
     engine = MadeUpEngine()
     design = searched(result, tmp_path, engine, (5, 3))
-    low, high = result.car.prior.group(design.windows).T
+    low, high = result.draw.cars.group(design.windows).T
     assert np.all((low < LOW) & (low > LOW - 0.015))
     assert np.all((high > HIGH) & (high < HIGH + 0.015))
     assert engine.runs <= 4 * 8
@@ -110,20 +162,20 @@ def test_what_pilots_say_of_the_critical_group_is_right_within_what_they_claim(
 ) -> None:
     rough = searched(result, tmp_path / "rough", MadeUpEngine(), (1, 1))
     sharp = searched(result, tmp_path / "sharp", MadeUpEngine(), (5, 3))
-    truth = (np.array([HIGH, LOW]) - result.car.prior.group(np.zeros(1))) / result.car.prior.group_scale
+    truth = (np.array([HIGH, LOW]) - result.draw.cars.group(np.zeros(1))) / result.draw.cars.group_scale
     for design in (rough, sharp):
         assert np.all(np.abs(design.edges - truth) < 3.5 * design.deviations)
     assert np.all(sharp.deviations < rough.deviations)
 
 
 def test_a_car_that_cannot_be_plausible_where_it_flips_takes_no_run(result: Calibration, tmp_path: Path) -> None:
-    prior = result.car.prior
-    cars = result.car.members.coordinates[:3]
+    prior = result.draw.cars
+    cars = result.draw.members.coordinates[:3]
     nowhere = Edge.around(np.full(3, 1.25), np.full(3, 1e-3))
     engine = MadeUpEngine()
     guess = (nowhere, np.full(3, 0.02))
     runner = Runner(store_in(tmp_path), engine, quiet)
-    design = critical_groups(result.car.target, prior, cars, guess, (3, 2), None, runner)
+    design = critical_groups(result.draw.target, prior, cars, guess, (3, 2), None, runner)
     assert engine.runs == 0
     assert len(design.rows) == 0
 
@@ -135,53 +187,50 @@ def test_a_car_that_flips_only_when_slow_is_no_member(result: Calibration, tmp_p
             return row | {"outcome": "survived"} if row["commanded_speed_m_per_s"] > 3.5 else row
 
     runner = Runner(store_in(tmp_path), FlipsOnlyWhenSlow(), quiet)
-    upright, found = run_through(result.car.members.coordinates[:2], result.car.prior, result.car.target, runner)
-    assert np.all(upright)
-    assert not np.any(found.meet)
+    meet, found = run_through(result.draw.members.coordinates[:2], result.draw.cars, result.draw.target, runner)
+    assert not np.any(meet)
+    assert len(found.coordinates) == 0
 
 
-def test_a_larger_sail_saves_the_made_up_car_so_the_members_have_the_right_one(result: Calibration) -> None:
-    assert result.tail.is_met
-    values = [result.values[place] for place in result.kept]
-    area = np.array([v["tail.sail_length"] * v["tail.sail_width"] for v in values])
-    above = groups(values) - TAILLESS_GROUP - 0.6 * (area - 0.05)
-    assert np.all((above > -0.3 * (4.72 - 4.58)) & (above <= -0.3 * (4.44 - 4.58)))
+def test_every_member_has_a_tail_that_exists_and_its_own_runs(result: Calibration) -> None:
+    draw = result.draw
+    values = draw.prior.values(draw.coordinates)
+    length, sail = (values[:, draw.prior.keys.index(f"tail.{name}")] for name in ("length", "sail_length"))
+    assert np.all(sail <= length)
+    np.testing.assert_array_equal(draw.coordinates[:, : len(draw.cars.keys)], draw.members.coordinates)
+    assert draw.tails.log_weights.shape == (len(draw.weights), 4)
 
 
-def with_tails(result: Calibration, folder: Path, engine: MadeUpEngine) -> TailResult:
-    tail, car = result.tail, result.car
-    runner = Runner(store_in(folder), engine, quiet)
-    return add_tails(tail.target, tail.prior, car.members.coordinates, car.weights, 2, ENOUGH, 7, runner)
-
-
-def test_a_tailed_bracket_that_is_missed_leaves_the_tails_as_the_prior_has_them(
-    result: Calibration, tmp_path: Path
-) -> None:
+def test_the_tailed_bracket_is_reported_and_decides_nothing(result: Calibration, tmp_path: Path) -> None:
     class NeverFlipsWithTail(MadeUpEngine):
         def row(self, task: RunTask) -> dict:
             row = super().row(task)
             return row | {"outcome": "survived"} if task.scenario == "turn_swing" else row
 
-    tail = with_tails(result, tmp_path, NeverFlipsWithTail())
-    assert not tail.is_met
-    assert (tail.survive, tail.flip, tail.meet) == (pytest.approx(1.0), 0.0, 0.0)
-    by_car = np.bincount(tail.cars, tail.weights, len(result.car.weights))
-    np.testing.assert_allclose(by_car, result.car.weights)
-    values = tail.prior.values(tail.members.coordinates)
-    length, sail = (values[:, tail.prior.keys.index(f"tail.{name}")] for name in ("length", "sail_length"))
-    assert np.all(sail <= length)
+    other = carried_out(tmp_path, NeverFlipsWithTail())
+    assert ensemble_text(other) == ensemble_text(result)
 
 
-def test_tipping_over_before_the_turn_is_no_flip_in_the_turn(result: Calibration, tmp_path: Path) -> None:
+def test_tipping_over_before_the_turn_is_no_flip_in_the_turn(tmp_path: Path) -> None:
     class TipsOverBackwards(MadeUpEngine):
         def row(self, task: RunTask) -> dict:
             row = super().row(task)
             tipped = task.scenario == "turn_swing" and row["commanded_speed_m_per_s"] > 4.6
             return row | {"outcome": "flipped", "speed_m_per_s": 0.5} if tipped else row
 
-    tail = with_tails(result, tmp_path, TipsOverBackwards())
-    assert tail.flip == 0.0
-    assert not tail.is_met
+    members = load_ensemble("car").drawn(3)
+    store = RunStore(tmp_path, {key for member in members for key in member.values})
+    _, outcomes = validate(members, small_plan(), store, TipsOverBackwards())
+    found = {outcome.claim: outcome for outcome in outcomes}
+    assert (found["tail: flips 4.72 m/s"].share, found["tail: flips 4.72 m/s"].tipped) == (0.0, pytest.approx(1.0))
+    assert found["tail: survives 6.1 m/s"].tipped == pytest.approx(1.0)
+    assert {claim: outcome.use for claim, outcome in found.items()} == {
+        "no tail: survives 3.33 m/s": "fitted",
+        "no tail: flips 3.61 m/s": "fitted",
+        "tail: survives 4.44 m/s": "held out",
+        "tail: flips 4.72 m/s": "held out",
+        "tail: survives 6.1 m/s": "held out",
+    }
 
 
 def test_another_seed_gives_other_cars(result: Calibration, tmp_path: Path) -> None:
@@ -205,48 +254,107 @@ def test_an_interrupted_calibration_goes_on_runs_nothing_twice_and_ends_alike(
 
 def test_no_more_rounds_are_run_than_are_needed(result: Calibration, tmp_path: Path) -> None:
     plan = small_plan().model_dump(by_alias=True)
-    plan["car_stage"]["rounds"] = [*plan["car_stage"]["rounds"], {"cars": 500, "pilots": [4, 2]}]
+    plan["size"]["rounds"] = [*plan["size"]["rounds"], {"cars": 500, "pilots": [4, 2]}]
     again = carried_out(tmp_path, MadeUpEngine(), CalibrationPlan.model_validate(plan))
-    assert (again.runs, again.car.drawn) == (result.runs, result.car.drawn)
+    assert (again.runs, again.draw.drawn) == (result.runs, result.draw.drawn)
 
 
 def test_too_few_cars_are_refused_with_what_to_do(tmp_path: Path) -> None:
     few = small_plan().model_dump(by_alias=True)
-    few["car_stage"]["rounds"] = [{"cars": 8, "pilots": [4, 2]}]
+    few["size"]["rounds"] = [{"cars": 8, "pilots": [4, 2]}]
     with pytest.raises(UserError, match=r"needed are 32: more cars in the rounds of the plan"):
         carried_out(tmp_path, MadeUpEngine(), CalibrationPlan.model_validate(few))
 
 
-def test_runs_of_other_parameters_are_refused_unless_forced(tmp_path: Path) -> None:
-    base = load_scenario(BASE_SCENARIO)
-    RunStore(tmp_path, base, ["car.mass"])
-    RunStore(tmp_path, load_scenario(BASE_SCENARIO, ["car.mass=7.0"]), ["car.mass"])
-    other = load_scenario(BASE_SCENARIO, ["environment.gravity=3.7"])
+@pytest.mark.parametrize("scenario", ["turn_none", "turn_swing", "turn_held"])
+def test_runs_of_other_parameters_are_refused_unless_forced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, scenario: str
+) -> None:
+    def other(name: str) -> object:
+        return load_scenario(name, ["tail.normal_force_coefficient=1.5"] if name == scenario else ["car.mass=7.0"])
+
+    RunStore(tmp_path, ["car.mass"]).close()
+    RunStore(tmp_path, ["car.mass"]).close()
+    monkeypatch.setattr(runs, "load_scenario", other)
     with pytest.raises(UserError, match="holds runs of other parameters"):
-        RunStore(tmp_path, other, ["car.mass"])
-    assert len(RunStore(tmp_path, other, ["car.mass"], force=True)) == 0
+        RunStore(tmp_path, ["car.mass"])
+    RunStore(tmp_path, ["car.mass"], force=True).close()
+    assert len(RunStore(tmp_path, ["car.mass"])) == 0
+
+
+def test_a_folder_in_which_another_calibration_works_is_refused(tmp_path: Path) -> None:
+    first = store_in(tmp_path)
+    with pytest.raises(UserError, match="another process works in it"):
+        store_in(tmp_path)
+    first.close()
+    store_in(tmp_path).close()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"figures": {}}, r"figures: \[\]; allowed: Table 7\.1"),
+        ({"outcomes": {"tailless_bracket": "held out"}}, r"tailless_bracket"),
+        ({"schema": "aerodima/calibration-plan/1"}, r"schema"),
+    ],
+)
+def test_a_plan_that_leaves_open_what_a_figure_is_for_is_refused(tmp_path: Path, change: dict, message: str) -> None:
+    path = tmp_path / "plan.yaml"
+    path.write_text(yaml.safe_dump(load_plan("car").model_dump(by_alias=True, mode="json") | change))
+    with pytest.raises(ScenarioError, match=message):
+        load_plan(path)
 
 
 def test_the_shipped_car_stands_beside_the_ensemble(result: Calibration, folder: Path) -> None:
     shipped = shipped_car(result, Runner(store_in(folder), MadeUpEngine(), quiet))
-    keys, base = result.tail.prior.keys, result.tail.prior.base
+    keys, base = result.draw.prior.keys, result.draw.prior.base
     assert shipped.values[keys.index("car.com_height")] == base.car.com_height
-    members = result.tail.prior.values(result.tail.members.coordinates)[:, keys.index("car.track")]
-    mean = result.tail.weights @ members
+    members = result.draw.prior.values(result.draw.coordinates)[:, keys.index("car.track")]
+    mean = result.draw.weights @ members
     assert np.sign(shipped.z[keys.index("car.track")]) == np.sign(base.car.track - mean)
-    group = 2 * base.car.tyre_friction * base.car.com_height / base.car.track
+    group = base.car.tyre_friction * base.car.com_height / base.car.outer_half_track
     assert (shipped.relative_density > 0.0) == bool(LOW < group <= HIGH)
 
 
 def test_everything_is_written_and_the_ensemble_reads_back(result: Calibration, folder: Path, tmp_path: Path) -> None:
-    page = write_calibration(result, tmp_path, store_in(folder), MadeUpEngine(), quiet)
+    store = store_in(folder)
+    page = write_calibration(result, tmp_path, store, MadeUpEngine(), quiet)
+    store.close()
     ensemble = load_ensemble(tmp_path / "car.yaml")
     assert len(ensemble.members) == len(result.kept)
     assert ensemble.best.values == result.values[result.best]
-    np.testing.assert_allclose(ensemble.weights, result.tail.weights[result.kept], atol=1e-5)
+    assert ensemble.provenance["fitted"] == fitted_names(result.plan)
+    np.testing.assert_allclose(ensemble.weights, result.draw.weights[result.kept], atol=1e-5)
     text = page.read_text()
-    for said in ("Table 7.4", "not identifiable", "log car.tyre_friction", "effective", "survives 3.33 m/s"):
+    for said in (
+        "Table 7.4",
+        "not identifiable",
+        "log car.tyre_friction",
+        "effective",
+        "survives 3.33 m/s",
+        "held out",
+    ):
         assert said.lower() in text.lower()
-    names = {"validation.csv", "sensitivities.csv", "parameters.csv", "directions.csv", "members.parquet"}
-    assert names <= {path.name for path in tmp_path.iterdir()}
-    assert len((tmp_path / "validation.csv").read_text().splitlines()) == 33
+    names = {"validation.csv", "outcomes.csv", "sensitivities.csv", "parameters.csv", "directions.csv"}
+    assert names | {"members.parquet"} <= {path.name for path in tmp_path.iterdir()}
+    assert len((tmp_path / "validation.csv").read_text().splitlines()) == 1 + 4 * 8 + 2
+    assert len((tmp_path / "outcomes.csv").read_text().splitlines()) == 6
+
+
+def test_the_shipped_ensemble_holds_what_the_shipped_plan_fits() -> None:
+    ensemble, plan = load_ensemble("car"), load_plan("car")
+    assert ensemble.provenance["fitted"] == fitted_names(plan)
+    keys = (*plan.car, *plan.tail)
+    ranges = prior_ranges(keys)
+    for member in ensemble.members:
+        values = np.array([member.values[key] for key in keys])
+        assert np.all((values >= ranges[:, 0] - 1e-6) & (values <= ranges[:, 1] + 1e-6)), member.name
+
+
+def test_the_parameter_files_hold_the_best_member_of_the_shipped_ensemble() -> None:
+    ensemble = load_ensemble("car")
+    for key, value in ensemble.best.values.items():
+        section, _, name = key.partition(".")
+        entry = load_parameter_entries(section)[name]
+        assert entry.value == float(f"{value:.{SHIPPED_DIGITS}g}"), key
+        assert entry.source == f"calibrated: calibration/car.yaml, member {ensemble.best.name}", key

@@ -77,6 +77,12 @@ def test_weights_sum_to_one_and_go_with_one_over_the_resnorm() -> None:
         weights(np.array([1.0, 0.0]))
 
 
+@pytest.mark.parametrize("apart", [1e-3, 1e-9, 3e-16])
+def test_huber_location_of_values_that_hardly_differ_lies_among_them(apart: float) -> None:
+    values = 1.0 + apart * np.array([0.0, 1.0, 1.0, 2.0, 40.0])
+    assert values.min() <= aggregate(values, np.ones(5)).huber <= values[3]
+
+
 def test_huber_location_lies_between_mean_and_median_of_lopsided_values() -> None:
     found = aggregate(np.array([1.0, 1.1, 0.96, 1.05, 3.0]), np.ones(5))
     assert found.median < found.huber < found.mean

@@ -12,8 +12,8 @@ from optimisation.errors import FitError
 from optimisation.identify.added_mass import SEEDS, added_mass_model, added_mass_parameter, fit_added_mass, seed_value
 from optimisation.identify.comparison import by_wind_speed, compare, section_coefficients
 from optimisation.identify.friction import fit_friction
+from optimisation.identify.options import FitOptions
 from optimisation.identify.static_log import COLUMNS
-from optimisation.identify.swing_fit import FitOptions
 from optimisation.identify.swing_log import swing_data
 from optimisation.identify.swing_model import Pendulum
 from optimisation.least_squares import Attempt, Problem, solve
@@ -34,7 +34,7 @@ def test_all_seeds_are_reported_and_those_beyond_the_bounds_with_the_reason(shor
     result = fit_added_mass(short, seeds=seeds)
     assert result["added_mass"].value == pytest.approx(0.02, abs=0.001)
     by_name = {attempt["seed"]: attempt for attempt in result.attempts}
-    assert set(by_name) == set(seeds)
+    assert set(by_name) == {*seeds, "scan"}
     assert by_name["table-4.12-20"]["start"]["added_mass"] == pytest.approx(0.1)  # Table 4.12
     assert by_name["0.03"]["found"]["added_mass"] == pytest.approx(0.02, abs=0.001)
     assert not by_name["table-4.12-10"]["success"]

@@ -19,6 +19,7 @@ class Stopping(SerialEngine):
     """Is interrupted after so many runs, as by Ctrl-C."""
 
     def __init__(self, after):
+        super().__init__()
         self.left = after
         self.names = []
 

@@ -26,7 +26,7 @@ from workbench.scenario import load_scenario
 
 GOALS = published_goals()
 STUDIES = {
-    "turn": (turn.turn_study, turn.read_turn, 47),
+    "turn": (turn.turn_study, turn.read_turn, 68),
     "tail": (tail.tail_study, tail.read_tail, 13 * 10),
     "mount": (mount.mount_study, mount.read_mount, 10 * 3),
     "shapes": (partial(shapes.shapes_study, GOALS), partial(shapes.read_shapes, GOALS), 10 * 10),

@@ -23,12 +23,14 @@ from optimisation.swing.options import Options
 from optimisation.swing.polish import _comparable, polish, polished
 from optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
 from workbench.errors import SwingFileError
-from workbench.resources import model_path
 from workbench.scenario import load_scenario
 from workbench.swing_curve import swing_at
 from workbench.swing_file import SwingFile, read_swing, swing_from_dict
 
 REFERENCE = Reference(0.675, 0.767)
+
+EARLIER = Path(__file__).parent / "data" / "roll_4_5.yaml"
+"""A polished swing of version 0.1.0, for a car of its own."""
 
 
 def car(reference: Reference = REFERENCE) -> Car:
@@ -36,7 +38,7 @@ def car(reference: Reference = REFERENCE) -> Car:
 
 
 def swing(direction: str = "left") -> SwingFile:
-    left = read_swing(model_path("swings/roll_4_5.yaml"))
+    left = read_swing(EARLIER)
     if direction == "left":
         return left
     data = left.model_dump(mode="json", by_alias=True, exclude_none=True) | {"direction": "right"}
@@ -183,13 +185,15 @@ def test_a_car_that_spins_is_left_out_and_said_so_but_never_the_own_one() -> Non
 
 
 def test_the_margin_of_the_roll_is_that_of_the_tail_on_the_ground_or_of_the_car_on_its_wheels() -> None:
-    """A tail on the right at height h over wheels half a track to the right: tan(roll) = h / (length - half track)."""
+    """A sail's edge at height h, on the side of the wheels: tan(roll) = h / (length - half track)."""
     scenario = load_scenario("turn_swing")
     tail, car = scenario.tail, scenario.car
-    touching = math.atan(tail.mount_height / (tail.length - car.track / 2))
-    assert most_roll(scenario) == pytest.approx(min(touching, math.atan(0.5 * car.track / car.com_height)), abs=0.005)
+    touching = math.atan((tail.mount_height - tail.sail_reach) / (tail.length - car.outer_half_track))
+    assert most_roll(scenario) == pytest.approx(
+        min(touching, math.atan(car.outer_half_track / car.com_height)), abs=0.005
+    )
     stub = load_scenario("turn_swing", ["tail.length=0.3", "tail.sail_length=0.2"])
-    assert most_roll(stub) == pytest.approx(math.atan(0.5 * car.track / car.com_height))
+    assert most_roll(stub) == pytest.approx(math.atan(car.outer_half_track / car.com_height))
 
 
 def test_frictions_between_leave_no_gap() -> None:

@@ -31,5 +31,6 @@ def test_feedback_keeps_the_turn_clean_where_the_joints_alone_do_not(
     rolls = [float(roll) for _, roll in said if roll]
     told = " ".join(section.split())
     assert all(f"`outcome: {outcome}`" in told for outcome in outcomes)
-    assert outcomes[1] == "survived, clean"
+    assert all(outcome.startswith("survived, clean") for outcome in outcomes)
+    assert rolls[1] < 0.85 * rolls[0]
     assert all(f"{roll:.0f} degrees" in told for roll in rolls), rolls

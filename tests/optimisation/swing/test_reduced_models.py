@@ -18,6 +18,7 @@ from workbench.car_air import sail_law
 from workbench.scenario import load_scenario
 
 STRAIGHT = np.array([0.0, 0.0, 4.5, 0.0, 0.0, 0.0])
+STANDING = np.zeros(6)
 UPRIGHT = np.zeros(())
 
 
@@ -29,9 +30,15 @@ def roll_acceleration(
 
 
 def test_a_tail_on_the_left_rolls_the_car_to_the_left_and_mirrored() -> None:
-    left, right = roll_acceleration(-np.pi / 2), roll_acceleration(np.pi / 2)
+    left, right = (roll_acceleration(angle, inputs=STANDING) for angle in (-np.pi / 2, np.pi / 2))
     assert left < -1.0
     assert right > 1.0
+
+
+def test_drag_beside_the_car_yaws_it_and_the_rear_tyres_hold_that_and_roll_it_outwards() -> None:
+    # A tail on the left that faces the wind brakes the left side; the rear tyres push to the left to keep the course.
+    assert roll_acceleration(-np.pi / 2) > roll_acceleration(-np.pi / 2, inputs=STANDING) + 5.0
+    assert roll_acceleration(np.pi / 2) < roll_acceleration(np.pi / 2, inputs=STANDING) - 5.0
 
 
 def test_a_tail_that_is_thrown_to_the_right_pushes_the_car_to_the_left() -> None:
@@ -49,7 +56,8 @@ def test_a_left_turn_rolls_the_car_to_the_right() -> None:
 def test_a_lifted_car_falls_back_below_its_tipping_angle_and_over_beyond_it() -> None:
     c = car()
     tipping = np.arctan2(c.half_track, c.com_height)
-    assert roll_acceleration(0.0, roll=0.5 * tipping) < 0.0 < roll_acceleration(0.0, roll=1.4 * tipping)
+    below, beyond = (roll_acceleration(0.0, roll=share * tipping, inputs=STANDING) for share in (0.5, 1.4))
+    assert below < 0.0 < beyond
 
 
 def test_a_held_tail_asks_for_its_weight() -> None:
@@ -128,7 +136,7 @@ def test_planar_model_explains_the_full_car_and_rolls_like_it() -> None:
     """Between turn-in and turn-out, on two wheels: what the model lacks is small, and with it the roll is the same."""
     friction = 0.70
     scenario = varied(
-        load_scenario("turn_swing"),
+        load_scenario("turn_designed"),
         manoeuvre={"speed": 4.5},
         car={"tyre_friction": friction},
         controller={"swing_speed": 5.0, "trigger_yaw_rate": 0.5},
@@ -159,7 +167,7 @@ def test_planar_model_explains_the_full_car_and_rolls_like_it() -> None:
 @pytest.mark.parametrize("rate", [-6.0, 6.0])
 def test_hollow_and_round_side_of_the_sail_push_as_the_law_of_the_full_car_says(rate: float) -> None:
     """What the motor must add when the air is there: an upright tail on a car too heavy to give way."""
-    scenario = load_scenario("turn_swing", ["tail.coefficients=half_cylinder"])
+    scenario = load_scenario("turn_swing", ["tail.coefficients=half_cylinder", "tail.sail=locked"])
     law, _ = sail_law(scenario.tail)
     c = replace(ReducedCar.of(scenario), mass=1e9, inertia=1e9)
     assert c.force_along != c.force_against

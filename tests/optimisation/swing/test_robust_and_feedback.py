@@ -20,7 +20,7 @@ SETTINGS = ("manoeuvre.speed=4.5", "manoeuvre.turn_start=1.6", "manoeuvre.durati
 
 
 def turn(*settings: str) -> Scenario:
-    return load_scenario("turn_swing", [*SETTINGS, "simulation.log_rate=250", *settings])
+    return load_scenario("turn_designed", [*SETTINGS, "simulation.log_rate=250", *settings])
 
 
 def test_every_car_has_as_many_times_its_own_friction() -> None:

@@ -13,7 +13,6 @@ from optimisation.swing.full_car import LEAST_HEADING, drive, outcome, varied
 from optimisation.swing.optimise import Options, optimise_swing
 from optimisation.swing.shape import changed
 from workbench.controllers.law_of_scenario import find_swing
-from workbench.demo import OPTIMISED_SWING
 from workbench.resources import models_dir
 from workbench.scenario import Scenario, load_scenario
 from workbench.swing_file import SwingFile, car_mismatches, read_swing
@@ -25,11 +24,6 @@ SWINGS = [
 ]
 NAMES = [swing.name for swing in SWINGS]
 POLISHED = [swing for swing in SWINGS if "polish_changes" in swing.provenance.found]
-
-
-def test_one_ships() -> None:
-    assert SWINGS
-    assert POLISHED
 
 
 @pytest.mark.parametrize("swing", SWINGS, ids=NAMES)
@@ -95,8 +89,8 @@ def test_a_polished_swing_turns_as_far_as_the_published_one(swing: SwingFile) ->
 
 
 @pytest.mark.slow
-def test_the_swing_of_the_demo_survives_at_the_fine_step_what_it_says() -> None:
-    (swing,) = (swing for swing in POLISHED if swing.name == OPTIMISED_SWING)
+@pytest.mark.parametrize("swing", POLISHED, ids=[swing.name for swing in POLISHED])
+def test_it_survives_at_the_fine_step_what_it_says(swing: SwingFile) -> None:
     found = swing.provenance.found
     fine = turn_of(swing, simulation={"step": float(found["fine_step_s"]), "log_rate": 500.0})
     highest = outcome(drive(fine, swing, float(found["survived_friction"])))

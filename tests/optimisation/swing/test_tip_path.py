@@ -26,9 +26,10 @@ def test_roll_is_to_the_right_and_pitch_forwards(roll: float, pitch: float, dire
 def test_a_swing_over_the_top_is_drawn_from_left_to_right_and_mirrored_for_a_right_turn() -> None:
     swing = find_swing("thesis_8_rad_per_s")
     for direction, sign in (("left", 1.0), ("right", -1.0)):
-        image = plot_tip_path(swing, load_scenario("turn_swing", [f"manoeuvre.direction={direction}"]))
+        scenario = load_scenario("turn_swing", [f"manoeuvre.direction={direction}"])
+        image, length = plot_tip_path(swing, scenario), scenario.tail.length
         behind = image.axes[0]
         path = behind.get_lines()[2].get_xdata()
-        assert sign * path[0] == pytest.approx(-0.9, abs=0.01)
-        assert sign * path[-1] == pytest.approx(0.9, abs=0.01)
-        assert behind.get_ylim()[1] > 1.0
+        assert sign * path[0] == pytest.approx(-length, abs=0.01)
+        assert sign * path[-1] == pytest.approx(length, abs=0.01)
+        assert behind.get_ylim()[1] > length + scenario.tail.mount_height

@@ -18,6 +18,7 @@ from optimisation.sweep.task import RunTask
 from optimisation.swing.verify import StateErrors, _complaints, heading_ratio
 from workbench.cli import build_app
 from workbench.resources import model_path
+from workbench.scenario import load_scenario
 from workbench.swing_file import SwingFile, read_swing, write_swing
 
 FINE = StateErrors(0.1, 0.0, 0.05, None, 1.57, 0.0, 10.0, 0.03, 0.1, False)
@@ -117,7 +118,8 @@ def test_bad_swings_are_refused_before_anything_runs(tmp_path: Path) -> None:
         assert result.stderr.count("\n") == 1
     heavy = thesis().model_copy(update={"car": {"car.mass": 7.5}})
     result = call(write_swing(heavy, tmp_path / "heavy.yaml"), "--out", tmp_path / "out")
-    assert "car.mass: made for 7.5, the scenario has 7.51" in result.stderr
+    mass = load_scenario("turn_swing").car.mass
+    assert f"car.mass: made for 7.5, the scenario has {mass:g};" in result.stderr
     result = call("thesis_8_rad_per_s", "--tracking", "feedback", "--out", tmp_path / "out")
     assert "gains.feedback: missing" in result.stderr
     assert not (tmp_path / "out").exists()

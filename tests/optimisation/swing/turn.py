@@ -15,7 +15,7 @@ from workbench.scenario import load_scenario
 
 @cache
 def car() -> ReducedCar:
-    return ReducedCar.of(load_scenario("turn_swing"))
+    return ReducedCar.of(load_scenario("turn_designed"))
 
 
 def smooth_turn(friction: float = 0.75, speed: float = 4.5) -> TurnProfile:

@@ -22,8 +22,8 @@ def torque(throttle, shaft_speed, gain=1.0):
 
 
 def test_throttle_line_meets_the_two_published_points():
-    # Sections 7.2.1 and 7.2.2: 3.37 m/s at 30 %, 6.10 m/s at 50 %.
-    assert steady_speed(0.30, DRIVE) == pytest.approx(3.37, abs=0.005)
+    # Section 7.2.2: 3.61 m/s, its first run at 35 %, and 6.10 m/s at 50 %.
+    assert steady_speed(0.35, DRIVE) == pytest.approx(3.61, abs=0.005)
     assert steady_speed(0.50, DRIVE) == pytest.approx(6.10, abs=0.005)
 
 
@@ -62,3 +62,11 @@ def test_without_governor_the_car_answers_with_its_time_constant():
     assert (CAR.mass * CAR.tyre_radius**2 + DRIVE.rotor_inertia) / gain == pytest.approx(DRIVE.time_constant)
     assert shaft_gain(DRIVE, CAR) == DRIVE.governor_gain > 10 * gain
     assert np.isclose(torque(0.3, 0.0, gain), gain * steady_speed(0.3, DRIVE) / RADIUS)
+
+
+def test_open_loop_motor_does_not_overcome_its_load_at_little_throttle():
+    open_loop = DRIVE.model_copy(update={"governor": False})
+    least = DRIVE.breakaway_throttle
+    assert steady_speed(0.99 * least, open_loop) == steady_speed(-0.99 * least, open_loop) == 0.0
+    assert steady_speed(1.01 * least, open_loop) == steady_speed(1.01 * least, DRIVE) > 1.0
+    assert steady_speed(0.99 * least, DRIVE) > 1.0

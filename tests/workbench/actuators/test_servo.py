@@ -10,7 +10,8 @@ from workbench.actuators.servo import SteeringServo, ackermann
 from workbench.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})
-CAR, SERVO, STEP = SCENARIO.car, SCENARIO.servo, 0.002
+CAR, STEP = SCENARIO.car, 0.002
+SERVO = SCENARIO.servo.model_copy(update={"linkage": "ackermann"})
 LIMIT = math.radians(30.0)
 
 
@@ -21,14 +22,13 @@ def bicycle_angle(knuckles):
 
 
 class ServoRun:
-    def __init__(self):
-        self.servo = SteeringServo(SERVO, CAR)
+    def __init__(self, servo=SERVO):
+        self.servo = SteeringServo(servo, CAR)
         self.simulator = Simulator(self.servo)
         self.context = self.simulator.get_mutable_context()
 
     def command(self, angle, until):
         self.servo.get_input_port().FixValue(self.context, [angle])
-        self.simulator.AdvancePendingEvents()  # the frame of this instant reads the new command
         self.simulator.AdvanceTo(until)
         return self.servo.get_output_port().Eval(self.context)
 
@@ -41,7 +41,7 @@ def test_thirty_degrees_take_0_14_seconds():
     assert bicycle_angle(before) == pytest.approx(LIMIT - SERVO.rate * STEP, rel=1e-9)
     there = run.command(LIMIT, 0.14)
     assert bicycle_angle(there) == pytest.approx(LIMIT, rel=1e-9)
-    back = run.command(0.0, 0.28)
+    back = run.command(0.0, 0.29)  # read by the frame at 0.15 s: that of this instant has passed
     np.testing.assert_allclose(back[:2], 0.0, atol=1e-12)
 
 
@@ -75,6 +75,13 @@ def test_left_steering_turns_both_wheels_left_and_the_inner_one_more():
     assert left > 0.3 > right > 0.0
     np.testing.assert_allclose(ackermann(-0.3, CAR.wheelbase, CAR.track), (-right, -left))
     assert ackermann(0.0, CAR.wheelbase, CAR.track) == (0.0, 0.0)
+
+
+def test_parallel_linkage_turns_both_wheels_alike():
+    run = ServoRun(SCENARIO.servo)
+    assert SCENARIO.servo.linkage == "parallel"
+    np.testing.assert_allclose(run.command(LIMIT, 0.07), [LIMIT / 2, LIMIT / 2, SERVO.rate, SERVO.rate], rtol=1e-9)
+    np.testing.assert_allclose(run.command(LIMIT, 0.2), [LIMIT, LIMIT, 0.0, 0.0], atol=1e-12)
 
 
 def test_both_wheels_roll_about_one_centre_on_the_rear_axle():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def test_shipped_scenario_goes_from_run_to_replay_and_strip(call: Callable, tmp_
 
 def test_turn_says_when_a_table_was_left(call: Callable) -> None:
     left = call("turn", "--speed", 1.0, *SHORT, "--set", "tail.coefficients=robot_tail_line")
-    assert "outside the measured range of its coefficients 9" in left.stdout
+    assert re.search(r"outside the measured range of its coefficients \d\d%", left.stdout)
     assert "% of the time (edge value held)" in left.stdout
     constant = call("turn", "--speed", 1.0, *SHORT)
     assert "measured range" not in constant.stdout

@@ -9,6 +9,7 @@ import numpy as np
 
 from workbench.logs.schema import read_run_log
 from workbench.resources import model_path
+from workbench.scenario import load_scenario
 from workbench.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
 
 SHORT = ("--set", "manoeuvre.duration=2.7", "--speed", "3.33")
@@ -37,7 +38,8 @@ def test_a_swing_for_another_car_needs_to_be_asked_for(call: Callable, refused: 
     thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
     path = write_swing(SwingFile.model_validate(thesis.model_dump() | {"car": {"car.mass": 7.0}}), tmp_path / "a.yaml")
     message = refused("turn", "--swing", path, *SHORT)
-    assert "car.mass: made for 7, the scenario has 7.51; allowed: the same car, or --other-car" in message
+    mass = load_scenario("turn_swing").car.mass
+    assert f"car.mass: made for 7, the scenario has {mass:g}; allowed: the same car, or --other-car" in message
     assert call("turn", "--swing", path, "--other-car", *SHORT).exit_code == 0
 
 

@@ -31,7 +31,9 @@ def scenario(governor=True, **changes):
         "wait_after_turn": 1.0,
         "log_end": 20.0,
     } | changes
-    drive = SimpleNamespace(throttle_gain=10.0, throttle_offset=-1.0, time_constant=0.5, governor=governor)
+    drive = SimpleNamespace(
+        throttle_gain=10.0, throttle_offset=-1.0, time_constant=0.5, governor=governor, breakaway_throttle=0.25
+    )
     return SimpleNamespace(manoeuvre=SimpleNamespace(**manoeuvre), drive=drive)
 
 
@@ -88,6 +90,18 @@ def test_frozen_throttle_reaches_the_speed_and_is_constant_through_the_turn():
         if tick >= 120:
             assert throttle == pytest.approx(0.5)
     assert speed == pytest.approx(4.0, abs=0.001)
+
+
+def test_auto_sequence_of_an_open_loop_car_is_one_throttle_from_the_first_tick():
+    schedule = make_schedule(scenario(governor=False, kind="auto_turn"))
+    assert [schedule.at(time).throttle for time in (0.0, 0.5, 5.0, 15.2, 16.4)] == pytest.approx([0.5] * 5)
+    assert schedule.at(16.5).throttle == 0.0
+
+
+def test_open_loop_car_is_not_asked_for_less_than_it_breaks_away_with():
+    with pytest.raises(UserError, match=r"manoeuvre.speed: 1.4 m/s; allowed without governor: 0, or from 1.5 m/s on"):
+        make_schedule(scenario(governor=False, speed=1.4))
+    assert make_schedule(scenario(governor=True, speed=1.4)).at(3.0).throttle == pytest.approx(0.24)
 
 
 def test_feed_forward_is_clipped_to_full_throttle():
@@ -156,6 +170,12 @@ def test_slalom_announces_each_half_wave_with_the_side_it_steers_to():
     for time in np.linspace(2.01, 8.0, 200):
         driver = schedule.at(time)
         assert driver.steering_angle * driver.planned_turn >= -1e-9
+
+
+def test_slalom_may_steer_while_it_gathers_speed():
+    schedule = SlalomSchedule(SpeedRamp(4.0, 2.0, ThrottleLine(10.0, 0.0)), 1.0, STEER, 0.0, 2.0)
+    assert steering(schedule, [0.5]) == pytest.approx([STEER])
+    assert [schedule.at(time).throttle for time in (0.5, 1.0, 2.0)] == pytest.approx([0.1, 0.2, 0.4])
 
 
 def test_slalom_period_must_be_positive():

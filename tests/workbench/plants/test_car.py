@@ -12,7 +12,7 @@ from tests.workbench.stands import CarStand, edited
 from workbench.errors import ModelError
 from workbench.logs.columns import WHEELS
 from workbench.plants.car import parse_model
-from workbench.plants.car_model import car_sdf
+from workbench.plants.car_model import car_sdf, wheel_rates
 from workbench.scenario import load_scenario, scenario_from_dict
 from workbench.trial import run_trial
 
@@ -125,7 +125,7 @@ def test_springs_and_tyres_give_way_by_their_rates():
         front = wheel.startswith("front")
         more = after[wheel] - before[wheel]
         assert more > 1.0
-        spring = numbers.suspension_stiffness_front if front else numbers.suspension_stiffness_rear
+        spring, _ = wheel_rates(numbers, "front" if front else "rear")
         # The springs stand off the vertical by a pitch of milliradians: its cosine is 1 to 1e-5.
         assert resting.suspension(wheel) == pytest.approx(more / spring, rel=1e-3)
         tyre = numbers.tyre_stiffness_front if front else numbers.tyre_stiffness_rear
@@ -145,7 +145,8 @@ def test_tail_at_rest_loads_the_side_it_lies_on(direction, heavy, light):
     # Moments about the world's x axis: the wheels carry the weight where the centre of mass is.
     side = 1.0 if direction == "left" else -1.0
     moment = sum(forces[wheel] * point[1] for wheel, point in resting.wheel_contacts().items())
-    assert moment == pytest.approx(total * resting.com()[1], rel=1e-4)
+    # The edges of a tyre push against each other sideways, a fraction of a millimetre apart in height.
+    assert moment == pytest.approx(total * resting.com()[1], rel=1e-3)
     # The arm, 0.2 kg, has its centre of mass about 0.4 m beside the car's middle.
     assert side * resting.com()[1] > 0.075 / (total / G)
     roll = RollPitchYaw(resting.chassis.EvalPoseInWorld(resting.plant_context).rotation()).roll_angle()
@@ -164,9 +165,9 @@ def test_sliding_tyres_give_the_friction_of_the_scenario():
     sliding = stand(car={"tyre_friction": 0.3, "com_height": 0.15})
     sliding.place(RigidTransform(), (0.0, 1.5, 0.0))
     sliding.advance(0.2)
-    assert len(sliding.contacts()) == 4
+    assert len(sliding.contacts()) == 8  # two edges per tyre
     for contact in sliding.contacts():
-        assert sliding.shape_of(contact) == "tyre"
+        assert sliding.shape_of(contact).startswith("tyre_")
     for wheel, force in sliding.wheel_forces().items():
         # Sideways sliding to the left: friction to the right. The solver is exact to about 1e-4 of the normal force.
         assert force[1] == pytest.approx(-0.3 * force[2], rel=1e-3), wheel
@@ -192,7 +193,7 @@ def test_cage_slides_with_its_own_friction(tail):
 def test_nothing_but_the_ground_touches_the_car():
     resting = stand("held")
     resting.advance(0.1)
-    assert len(resting.contacts()) == 4
+    assert len(resting.contacts()) == 8  # two edges per tyre
 
 
 def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
@@ -202,8 +203,10 @@ def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
             for name in ("rear_left_spin", "rear_right_spin", "drive_shaft_spin")
         }
         mean = (spins["rear_left_spin"] + spins["rear_right_spin"]) / 2
-        # A hard constraint, solved to 0.01 rad/s of 50 in the worst steps (full torque from rest, a wheel that lands).
-        np.testing.assert_allclose(spins["drive_shaft_spin"], mean, atol=0.03)
+        # A hard constraint, solved to 0.01 rad/s of 50 in the worst steps (a wheel that lands), once the tyres hold:
+        # the error of the start halves with every step of 2 ms.
+        moving = run.time > 0.03
+        np.testing.assert_allclose(spins["drive_shaft_spin"][moving], mean[moving], atol=0.03)
 
 
 def test_outer_rear_wheel_turns_faster_through_a_turn():
@@ -211,9 +214,10 @@ def test_outer_rear_wheel_turns_faster_through_a_turn():
     run = run_trial(scenario, signals="all").run_log
     left, right = (run.signal(f"plant_velocity_car_rear_{side}_spin_w") for side in ("left", "right"))
     turning = (run.time > 2.2) & (run.time < 2.4)
-    # All wheels stay on the ground. Left turn: r track / radius faster on the right.
+    # All wheels stay on the ground. Left turn: r track / radius faster on the right, and up to 1 rad/s more, because
+    # the outer tyre is pressed flatter: 10 N more on one edge of it are 1.4 mm of its radius.
     expected = run.signal("gyro_z_truth_rad_per_s") * scenario.car.track / scenario.car.tyre_radius
-    np.testing.assert_allclose((right - left)[turning], expected[turning], rtol=0.15)
+    np.testing.assert_allclose((right - left)[turning], expected[turning], rtol=0.25)
     assert np.all(expected[turning] > 3.0)
 
 

@@ -68,19 +68,20 @@ def second_order(time, start, target, inertia, kp, kd):
 
 
 def roll_inertia(tail, motor):
-    """About the roll axis, from the geometry: uniform rod, plate at its end, reflected rotor."""
+    """About the roll axis, from the geometry: uniform rod, box as deep as shell and board, reflected rotor."""
     sail = tail.mass * tail.sail_mass_fraction
     rod = tail.mass - sail
     middle = tail.length - tail.sail_length / 2
+    depth = (0.5 + tail.sail_board_share) * tail.sail_width
     return (
         rod * tail.length**2 / 3
-        + sail * (middle**2 + tail.sail_length**2 / 12)
+        + sail * (middle**2 + (tail.sail_length**2 + depth**2) / 12)
         + motor.rotor_inertia * motor.gear_ratio**2
     )
 
 
 def test_positive_roll_swings_to_the_right_and_positive_pitch_forward():
-    length = 0.9
+    length = ArmOnTheBench().scenario.tail.length
     np.testing.assert_allclose(ArmOnTheBench().tip(), [0.0, 0.0, length], atol=1e-12)
     np.testing.assert_allclose(ArmOnTheBench(angles=(0.0, math.pi / 2)).tip(), [0.0, -length, 0.0], atol=1e-12)
     np.testing.assert_allclose(ArmOnTheBench(angles=(math.pi / 2, 0.0)).tip(), [length, 0.0, 0.0], atol=1e-12)

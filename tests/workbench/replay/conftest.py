@@ -1,4 +1,4 @@
-"""Short simulated runs to replay: a turn that begins after 0.2 s, half a second long."""
+"""Short simulated runs to replay: a turn that begins after 0.6 s, 0.9 s long."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from workbench.logs.schema import RunLog
 from workbench.run import run_scenario
 from workbench.scenario import load_scenario
 
-SHORT = {"speed": 1.0, "turn_start": 0.2, "speed_ramp": 0.1, "turn_hold": 0.1, "duration": 0.5}
+SHORT = {"speed": 1.0, "turn_start": 0.6, "speed_ramp": 0.4, "turn_hold": 0.1, "duration": 0.9}
+"""At 2.5 m/s2: harder, up to the tyres' friction, the short car lifts its front wheels."""
 
 
 @pytest.fixture(scope="session")

@@ -13,8 +13,9 @@ import pytest
 
 from workbench.errors import LogError, UserError
 from workbench.logs.schema import RunLog
+from workbench.metrics import Outcome
 from workbench.replay import replay_page, write_replay_html
-from workbench.replay.caption import caption_of
+from workbench.replay.caption import caption_of, outcome_in_words
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +62,24 @@ def test_title_tells_scenario_speed_tail_and_outcome(page: str) -> None:
     assert "path of the tail tip" in page
 
 
+@pytest.mark.parametrize(
+    ("clean", "touched", "before", "words"),
+    [
+        (True, (), 0.0, "survived, clean"),
+        (True, (), 0.358, "survived, clean, board down 0.36 s before the turn"),
+        (False, ("board", "tail"), 0.0, "survived, board and tail touched the ground"),
+        (None, (), None, "survived"),
+    ],
+)
+def test_outcome_says_what_the_anti_ramp_board_did(
+    clean: bool | None, touched: tuple[str, ...], before: float | None, words: str
+) -> None:
+    assert outcome_in_words(Outcome("survived", clean, 0.1, 0.0, 4, touched, before)) == words
+
+
 def test_title_tells_a_swing_from_a_file_from_the_published_one(tailless: RunLog) -> None:
     named = []
-    for tail, swing in (("swing", "none"), ("swing", "roll_4_5"), ("held", "roll_4_5")):
+    for tail, swing in (("swing", "none"), ("swing", "thesis_8_rad_per_s"), ("held", "thesis_8_rad_per_s")):
         scenario = tailless.scenario | {"tail": {"mode": tail}, "controller": {"swing_file": swing}}
         named.append(caption_of(replace(tailless, scenario=scenario)).facts.split(", ")[-1])
     assert named == ["tail swings", "optimised swing", "tail held"]

@@ -56,7 +56,7 @@ def test_the_plant_takes_the_reckoned_pose_and_joints() -> None:
     X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("chassis"))
     R_WB = X_WB.rotation().matrix()
     assert R_WB[2, 1] == pytest.approx(np.sin(0.3)), "left side up"
-    half_track = 0.5 * logged.scenario.car.track
+    half_track = logged.scenario.car.outer_half_track
     assert X_WB.translation()[2] == pytest.approx(half_track * np.sin(0.3))
     assert plant.GetJointByName("tail_roll").get_angle(context) == pytest.approx(1.0)
     assert plant.GetJointByName("tail_pitch").get_angle(context) == pytest.approx(0.1)

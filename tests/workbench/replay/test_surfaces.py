@@ -60,5 +60,5 @@ def test_wheels_turn_about_y_and_the_resting_tail_points_inside(tailed: RunLog) 
 
 def test_colours_are_those_of_the_model(tailed: RunLog) -> None:
     logged = add_logged_car(DiagramBuilder(), tailed)
-    (sail,) = [surface for surface in visible_surfaces(logged.car) if surface.body.name() == "tail_sail"]
+    sail, _board = [surface for surface in visible_surfaces(logged.car) if surface.body.name() == "tail_sail"]
     assert sail.colour == pytest.approx((0.93, 0.74, 0.18))

@@ -21,6 +21,19 @@ Profile to_profile(const ad_profile& p) {
   return profile;
 }
 
+MotorLimits to_limits(const ad_limits& l) {
+  MotorLimits limits;
+  limits.low = l.low;
+  limits.high = l.high;
+  limits.speed = l.speed;
+  limits.torque = l.torque;
+  limits.kp = l.kp;
+  limits.kd = l.kd;
+  limits.rated_torque = l.rated_torque;
+  limits.budget = l.budget;
+  return limits;
+}
+
 CanFrame to_frame(const ad_frame& f) {
   CanFrame frame;
   frame.id = f.id;
@@ -43,6 +56,9 @@ void copy(const Command& command, ad_command* out) {
     const MitCommand& c = order.command;
     out->orders[i] = {{c.position, c.velocity, c.kp, c.kd, c.torque}, order.motor_id, static_cast<int32_t>(order.request)};
   }
+  out->roll = command.attitude.roll;
+  out->pitch = command.attitude.pitch;
+  out->age = command.attitude.age;
   out->servo = command.servo;
   out->throttle = command.throttle;
 }
@@ -55,7 +71,16 @@ void* ad_core_new(const ad_config* c, uint32_t now) {
   Config config;
   config.profile = to_profile(c->profile);
   config.owns_can = c->owns_can != 0;
+  config.watches_bus = c->watches_bus != 0;
   config.checked = c->checked != 0;
+  config.attitude_limit = c->attitude_limit;
+  config.attitude_ms = c->attitude_ms;
+  config.attitude_age_ms = c->attitude_age_ms;
+  config.throttle_start = c->throttle_start;
+  config.throttle_rate = c->throttle_rate;
+  config.throttle_least = c->throttle_least;
+  config.throttle_most = c->throttle_most;
+  for (int i = 0; i < 2; ++i) config.limits[i] = to_limits(c->limits[i]);
   config.watchdog_ms = c->watchdog_ms;
   config.exit_burst = c->exit_burst;
   config.exit_cycles = c->exit_cycles;
@@ -89,7 +114,7 @@ size_t ad_core_take_reply(void* core, char* text, size_t size) { return core_of(
 
 void ad_core_state(void* core, ad_state* state) {
   const TeensyCore& c = *core_of(core);
-  *state = {c.servo(), c.throttle(), static_cast<int32_t>(c.status()), c.rejected()};
+  *state = {c.servo(), c.throttle(), static_cast<int32_t>(c.status()), c.rejected(), {c.load(0), c.load(1)}};
 }
 
 uint8_t ad_crc8(const char* data, size_t size) { return crc8(data, size); }
@@ -131,6 +156,27 @@ int ad_decode_reply(const ad_frame* frame, const ad_profile* profile, ad_report*
   MitReply reply;
   if (!decode_reply(to_frame(*frame), to_profile(*profile), &reply)) return 0;
   *report = {reply.position, reply.velocity, reply.torque, reply.motor_id, reply.has_health, reply.temperature, reply.fault};
+  return 1;
+}
+
+int ad_limit(const ad_limits* limits, const double* replies, size_t count, const double* v, double* out) {
+  MotorGuard guard(to_limits(*limits));
+  for (size_t i = 0; i < count; ++i) {
+    MitReply reply;
+    reply.position = replies[4 * i];
+    reply.velocity = replies[4 * i + 1];
+    reply.torque = replies[4 * i + 2];
+    guard.take(reply, static_cast<uint32_t>(replies[4 * i + 3]));
+  }
+  MitCommand command;
+  command.position = v[0];
+  command.velocity = v[1];
+  command.kp = v[2];
+  command.kd = v[3];
+  command.torque = v[4];
+  const MitCommand limited = guard.limit(command);
+  const double values[] = {limited.position, limited.velocity, limited.kp, limited.kd, limited.torque};
+  std::memcpy(out, values, sizeof values);
   return 1;
 }
 

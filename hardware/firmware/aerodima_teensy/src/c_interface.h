@@ -16,11 +16,17 @@ struct ad_profile {
   int32_t temperature_offset, short_replies, long_replies;
 };
 
+struct ad_limits {
+  double low, high, speed, torque, kp, kd, rated_torque, budget;
+};
+
 struct ad_config {
   ad_profile profile;
-  int32_t owns_can, checked;
-  uint32_t watchdog_ms, exit_burst, exit_cycles, exit_cycle_ms, reminder_ms, reply_wait_ms;
-  int32_t sail_bits, motor_ids[2];
+  ad_limits limits[2];
+  double attitude_limit, throttle_start, throttle_rate;
+  int32_t owns_can, watches_bus, checked;
+  uint32_t watchdog_ms, exit_burst, exit_cycles, exit_cycle_ms, reminder_ms, reply_wait_ms, attitude_ms, attitude_age_ms;
+  int32_t sail_bits, motor_ids[2], throttle_least, throttle_most;
 };
 
 struct ad_order {
@@ -30,7 +36,8 @@ struct ad_order {
 
 struct ad_command {
   ad_order orders[2];
-  int32_t servo, throttle;
+  double roll, pitch;
+  int32_t servo, throttle, age;
 };
 
 struct ad_report {
@@ -48,6 +55,7 @@ struct ad_reply {
 struct ad_state {
   int32_t servo, throttle, status;
   uint32_t rejected;
+  double load[2];
 };
 
 void* ad_core_new(const ad_config* config, uint32_t now);
@@ -66,6 +74,9 @@ int ad_decode_command(const char* text, size_t size, int checked, ad_command* co
 size_t ad_make_reply(const ad_reply* reply, int checked, char* text, size_t size);
 int ad_make_command(int motor_id, const double* values, const ad_profile* profile, ad_frame* frame);
 int ad_decode_reply(const ad_frame* frame, const ad_profile* profile, ad_report* report);
+
+// A motor's last limits with the replies (position, velocity, torque, ms) that came before.
+int ad_limit(const ad_limits* limits, const double* replies, size_t count, const double* values, double* limited);
 
 // A stream of its own: what `ad_reader_feed` finds in the bytes, newest command only, with the number of commands.
 void* ad_reader_new(int checked);

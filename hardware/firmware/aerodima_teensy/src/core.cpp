@@ -1,9 +1,13 @@
 #include "core.h"
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 
 namespace aerodima {
 namespace {
+
+constexpr uint32_t kMostSpanMs = 20;  // a loop that stood still does not catch up with a step of the throttle
 
 bool is_neutral(const Command& command) {
   return command.orders[0].request == Request::kExit && command.orders[1].request == Request::kExit &&
@@ -12,15 +16,22 @@ bool is_neutral(const Command& command) {
 
 }  // namespace
 
-TeensyCore::TeensyCore(const Config& config, uint32_t now) : config_(config), reader_(config.checked), fresh_(now) {
+TeensyCore::TeensyCore(const Config& config, uint32_t now)
+    : config_(config),
+      reader_(config.checked),
+      clock_(now),
+      throttle_time_(now),
+      guards_{MotorGuard(config.limits[0]), MotorGuard(config.limits[1])},
+      fresh_(now) {
   if (valid_id(config.motor_ids[0]) && valid_id(config.motor_ids[1])) {
     reports_[0].motor_id = config.motor_ids[0];
     reports_[1].motor_id = config.motor_ids[1];
   }
-  make_safe(now);
+  make_safe(now, Status::kWatchdogActed);
 }
 
 void TeensyCore::feed(const char* data, size_t size, uint32_t now) {
+  clock_ = now;
   Command command;
   for (size_t i = 0; i < size; ++i) {
     if (!reader_.feed(data[i], &command)) continue;
@@ -53,23 +64,57 @@ void TeensyCore::obey(const Command& command, uint32_t now) {
     reports_[i] = Report();
     reports_[i].motor_id = command.orders[i].motor_id;
     unanswered_[i] = 0;
+    guards_[i] = MotorGuard(config_.limits[i]);
   }
-  if (is_neutral(command)) latched_ = false;
+  if (is_neutral(command) && may_be_released()) latched_ = false;
   // The published reply cannot tell of the watchdog: only silence can.
   if (!reply_pending_ && (config_.checked || !latched_)) {
     reply_pending_ = true;
     reply_since_ = now;
   }
   if (latched_) return;
+  if (!may_drive(command, now)) {
+    make_safe(now, Status::kAttitude);
+    return;
+  }
   servo_ = command.servo;
-  throttle_ = command.throttle;
-  for (const Order& order : command.orders) bridge(order);
+  throttle_target_ = std::min(std::max(command.throttle, config_.throttle_least), config_.throttle_most);
+  move_throttle(now);
+  for (int i = 0; i < 2; ++i) bridge(command.orders[i], guards_[i]);
 }
 
-void TeensyCore::bridge(const Order& order) {
+// The last attitude counts however old it is; to drive, it must be young as well. Without one the motors may be moved
+// on a bench. The published strings carry none.
+bool TeensyCore::may_drive(const Command& command, uint32_t now) {
+  if (!config_.checked) return true;
+  const Attitude& a = command.attitude;
+  const bool young = a.known() && static_cast<uint32_t>(a.age) <= config_.attitude_age_ms;
+  if (!young && command.throttle != kThrottle.idle) return false;
+  const bool tilted = a.known() && std::max(std::fabs(a.roll), std::fabs(a.pitch)) > config_.attitude_limit;
+  if (tilted && !tilted_) tilted_since_ = now;
+  tilted_ = tilted;
+  return !tilted || is_neutral(command) || now - tilted_since_ < config_.attitude_ms;
+}
+
+// After the heartbeat has stopped all exit frames go out first, and a computer that says armed is not at rest.
+bool TeensyCore::may_be_released() const {
+  return !beats_armed_ && (cause_ != Status::kBeatsStopped || exits_left_ == 0);
+}
+
+void TeensyCore::move_throttle(uint32_t now) {
+  const double most = config_.throttle_rate * static_cast<double>(std::min(now - throttle_time_, kMostSpanMs));
+  throttle_time_ = now;
+  const double target = throttle_target_ - kThrottle.idle, side = target < 0 ? -1 : 1;
+  const double begun = std::max(0.0, side * throttle_offset_);
+  const double reached = std::max(begun + most, config_.throttle_start);
+  throttle_offset_ = side * std::min(side * target, reached);
+  throttle_ = kThrottle.idle + static_cast<int>(std::lround(throttle_offset_));
+}
+
+void TeensyCore::bridge(const Order& order, const MotorGuard& guard) {
   if (!config_.owns_can) return;
   CanFrame frame;
-  MitCommand command = order.command;
+  const MitCommand command = guard.limit(order.command);
   switch (order.request) {
     case Request::kExit:
       push(make_special(order.motor_id, Special::kExit));
@@ -87,6 +132,7 @@ void TeensyCore::bridge(const Order& order) {
 }
 
 void TeensyCore::receive(const CanFrame& frame) {
+  if (config_.watches_bus) hear_beat(frame);
   MitReply reply;
   if (!config_.owns_can || !decode_reply(frame, config_.profile, &reply)) return;
   for (int i = 0; i < 2; ++i) {
@@ -99,12 +145,35 @@ void TeensyCore::receive(const CanFrame& frame) {
     report.fault = reply.fault;
     report.replies = (report.replies + 1) & 0xFF;
     if (unanswered_[i]) --unanswered_[i];
+    guards_[i].take(reply, clock_);
   }
 }
 
+void TeensyCore::hear_beat(const CanFrame& frame) {
+  Beat beat;
+  if (!decode_beat(frame, &beat)) return;
+  push(make_answer(static_cast<uint8_t>(status()), beat.counter));
+  if (beat_heard_ && beat.counter == beat_counter_) return;  // one that repeats for ever is no life
+  beat_heard_ = true;
+  beat_counter_ = beat.counter;
+  beat_ = clock_;
+  beats_armed_ = beat.state == BeatState::kArmed;
+  if (beat.state == BeatState::kTrip) make_safe(clock_, Status::kBeatsStopped);
+}
+
+void TeensyCore::look_at_beats(uint32_t now) {
+  if (!beats_armed_ || now - beat_ <= config_.watchdog_ms) return;
+  beats_armed_ = false;
+  make_safe(now, Status::kBeatsStopped);
+  if (config_.checked) write_reply(now);
+}
+
 void TeensyCore::step(uint32_t now) {
+  clock_ = now;
+  look_at_beats(now);
+  move_throttle(now);
   if (!latched_ && now - fresh_ > config_.watchdog_ms) {
-    make_safe(now);
+    make_safe(now, Status::kWatchdogActed);
     if (config_.checked) write_reply(now);
   }
   if (latched_ && knows_motors()) {
@@ -122,15 +191,17 @@ void TeensyCore::step(uint32_t now) {
   if (reply_pending_ && (motors_answered() || now - reply_since_ >= config_.reply_wait_ms)) write_reply(now);
 }
 
-void TeensyCore::make_safe(uint32_t now) {
+void TeensyCore::make_safe(uint32_t now, Status cause) {
   latched_ = true;
+  cause_ = cause;
   servo_ = kServo.idle;
-  throttle_ = kThrottle.idle;
+  throttle_ = throttle_target_ = kThrottle.idle;
+  throttle_offset_ = 0;
   exit_time_ = now;
   exits_left_ = config_.exit_cycles;
   queue_size_ = 0;  // no command leaves after this
   unanswered_[0] = unanswered_[1] = 0;
-  if (!config_.owns_can || !knows_motors()) return;
+  if (!on_bus() || !knows_motors()) return;
   for (const Report& report : reports_) {  // a motor may jump to its last command when it is entered again
     CanFrame frame;
     if (make_command(report.motor_id, MitCommand(), config_.profile, &frame)) push(frame);
@@ -139,7 +210,7 @@ void TeensyCore::make_safe(uint32_t now) {
 }
 
 void TeensyCore::exit_motors(uint32_t repeats) {
-  if (!config_.owns_can) return;
+  if (!on_bus()) return;
   for (uint32_t i = 0; i < repeats; ++i) {
     for (const Report& report : reports_) push(make_special(report.motor_id, Special::kExit));
   }

@@ -5,14 +5,22 @@
 // state ends only with a neutral string: both motors ordered to exit and the throttle idle. A string counts as valid
 // when all of it can be obeyed; what cannot is counted and does not feed the watchdog.
 //
+// The same state follows when the car lies on its side or is to drive with an attitude that is not known (checked form),
+// and, where the Teensy watches the bus of the computer's adapter, when the heartbeat on it stops while the motors are
+// armed. The throttle is clipped and comes on at a limited rate; it goes back at once. The frames of the motors pass
+// their last limits here (motor_guard.h).
+//
 // The caller passes the time, a millisecond counter that may wrap, and calls `step` about every millisecond.
 #pragma once
+#include "heartbeat.h"
+#include "motor_guard.h"
 #include "strings.h"
 
 namespace aerodima {
 
 struct Config {
-  bool owns_can = true;  // wiring teensy_bridge; false: direct_can
+  bool owns_can = true;      // wiring teensy_bridge; false: direct_can and watched_can
+  bool watches_bus = false;  // wiring watched_can
   bool checked = true;   // form of the strings
   Profile profile;
   uint32_t watchdog_ms = 0;
@@ -23,6 +31,13 @@ struct Config {
   uint32_t reply_wait_ms = 0;   // how long a reply waits for the motors
   int sail_bits = 0;
   int motor_ids[2] = {0, 0};    // switched off at the start; 0: unknown until the first string
+  double attitude_limit = 0;    // rad, of roll and pitch
+  uint32_t attitude_ms = 0;     // for how long beyond it
+  uint32_t attitude_age_ms = 0; // oldest attitude with which the car drives
+  int throttle_least = kThrottle.least, throttle_most = kThrottle.most;  // us
+  double throttle_start = 0;    // us from idle that come on at once
+  double throttle_rate = 0;     // us per ms away from idle
+  MotorLimits limits[2];
 };
 
 class TeensyCore {
@@ -39,16 +54,23 @@ class TeensyCore {
 
   int servo() const { return servo_; }                        // us
   int throttle() const { return throttle_; }
-  Status status() const { return latched_ ? Status::kWatchdogActed : Status::kRunning; }
+  Status status() const { return latched_ ? cause_ : Status::kRunning; }
+  double load(int motor) const { return guards_[motor].load(); }
   uint32_t rejected() const { return reader_.rejected() + refused_; }
 
  private:
   void obey(const Command& command, uint32_t now);
+  bool may_drive(const Command& command, uint32_t now);
+  bool may_be_released() const;
+  void look_at_beats(uint32_t now);
+  void hear_beat(const CanFrame& frame);
+  void move_throttle(uint32_t now);
   bool can_be_obeyed(const Command& command) const;
-  void bridge(const Order& order);
-  void make_safe(uint32_t now);
+  void bridge(const Order& order, const MotorGuard& guard);
+  void make_safe(uint32_t now, Status cause);
   void exit_motors(uint32_t repeats);
   void push(const CanFrame& frame);
+  bool on_bus() const { return config_.owns_can || config_.watches_bus; }
   bool knows_motors() const { return reports_[0].motor_id != 0; }
   bool motors_answered() const;
   void write_reply(uint32_t now);
@@ -60,6 +82,17 @@ class TeensyCore {
   uint32_t sail_word_ = 0, refused_ = 0;
   int servo_ = kServo.idle, throttle_ = kThrottle.idle;
   bool latched_ = true;
+  Status cause_ = Status::kWatchdogActed;
+  uint32_t clock_ = 0;                     // of the last call that had a time
+  bool tilted_ = false;
+  uint32_t tilted_since_ = 0;
+  bool beats_armed_ = false, beat_heard_ = false;
+  uint8_t beat_counter_ = 0;
+  uint32_t beat_ = 0;                      // time of the last new heartbeat
+  int throttle_target_ = kThrottle.idle;   // us
+  double throttle_offset_ = 0;             // us from idle, as it is now
+  uint32_t throttle_time_ = 0;
+  MotorGuard guards_[2];
   uint32_t fresh_ = 0;                     // time of the last valid string
   uint32_t exit_time_ = 0, exits_left_ = 0;
   bool reply_pending_ = false;

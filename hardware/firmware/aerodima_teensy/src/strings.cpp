@@ -10,6 +10,7 @@ namespace aerodima {
 namespace {
 
 constexpr size_t kMostDigits = 12;
+constexpr double kMostAngle = 3.2;  // rad
 
 struct Text {
   const char* begin;
@@ -100,6 +101,14 @@ bool read_pulse(Fields* fields, const Pulses& allowed, int* pulse) {
   return fields->next(&field) && read_integer(field, allowed.least, allowed.most, pulse);
 }
 
+// The checked form carries the attitude behind the pulses.
+bool read_attitude(Fields* fields, Attitude* attitude) {
+  Text field;
+  return fields->next(&field) && read_number(field, -kMostAngle, kMostAngle, &attitude->roll) && fields->next(&field) &&
+         read_number(field, -kMostAngle, kMostAngle, &attitude->pitch) && fields->next(&field) &&
+         read_integer(field, 0, Attitude::kUnknownAge, &attitude->age);
+}
+
 // The second and third part begin with the ';' that follows the '|' before them.
 bool begins_empty(Fields* fields) {
   Text field;
@@ -140,7 +149,8 @@ bool decode_command(const char* text, size_t size, bool checked, Command* comman
   Command read;
   if (!read_order(parts[0], &read.orders[0]) || !begins_empty(&parts[1]) || !read_order(parts[1], &read.orders[1]) ||
       !begins_empty(&parts[2]) || !read_pulse(&parts[2], kServo, &read.servo) ||
-      !read_pulse(&parts[2], kThrottle, &read.throttle) || !parts[2].done) {
+      !read_pulse(&parts[2], kThrottle, &read.throttle) || (checked && !read_attitude(&parts[2], &read.attitude)) ||
+      !parts[2].done) {
     return false;
   }
   const int one = read.orders[0].motor_id, other = read.orders[1].motor_id;

@@ -12,7 +12,7 @@ struct Pulses {
 constexpr Pulses kServo{950, 1500, 2050}, kThrottle{1100, 1500, 1900};  // thesis 5.4.5
 
 enum class Request { kExit = 0, kEnter = 1, kCommand = 2 };
-enum class Status { kRunning = 0, kWatchdogActed = 1 };
+enum class Status { kRunning = 0, kWatchdogActed = 1, kAttitude = 2, kBeatsStopped = 3 };
 
 struct Order {
   int motor_id = 0;
@@ -20,9 +20,18 @@ struct Order {
   MitCommand command;
 };
 
+// How the car stands, as the computer's IMU has it.
+struct Attitude {
+  double roll = 0, pitch = 0;  // rad
+  int age = 0;                 // ms
+  bool known() const { return age != kUnknownAge; }
+  static constexpr int kUnknownAge = 65535;
+};
+
 struct Command {
   Order orders[2];
   int servo = kServo.idle, throttle = kThrottle.idle;  // us
+  Attitude attitude{0, 0, Attitude::kUnknownAge};      // checked form only
 };
 
 struct Report {

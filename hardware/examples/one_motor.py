@@ -1,0 +1,20 @@
+"""Swings the tail's roll joint for three seconds: `python -m hardware.examples.one_motor PORTS WIRING`."""
+
+import math
+import sys
+
+import numpy as np
+
+from hardware.held_car import held_car, turn
+from hardware.wiring.base import CarCommand
+
+if __name__ == "__main__":
+    with held_car("auto_turn", *sys.argv[1:]) as car:
+        start = car.reading.tail_state[1]
+        for cycle in range(300):
+            angle = start + 0.1 * math.sin(0.02 * math.pi * cycle)
+            command = CarCommand(tail_roll=np.array([angle, 0.0, 60.0, 5.0, 0.0]))  # position, speed, kp, kd, torque
+            turn(car, command)
+            print(
+                f"{car.reading.tail_state[1]:+.3f} rad {car.reading.tail_torque[1]:+.2f} N m {car.reading.fault_text}"
+            )

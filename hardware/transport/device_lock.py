@@ -1,0 +1,189 @@
+"""One lock per device of the car: two programs never have their hands on it at the same time.
+
+An advisory `flock` on a file beside the system's own lock files. The kernel frees it when the last process that has it
+open has died, whatever killed it; the watchdog inherits it, so a device stays locked while exit frames are still sent.
+A device of this computer is locked by the name that was given and by what that name stands for, anything else by its
+address. Taken before the device is opened: opening a port can stop a car that drives.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from hardware.transport.can_settings import CanSettings
+from workbench.errors import HardwareError
+
+_FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
+_LONGEST_WAIT = 65.0
+"""s; longer than a watchdog looks for an adapter that was unplugged (`give_up` of watchdog.yaml)."""
+_UNKNOWN_WAIT = 1.0
+"""s; for a holder that has not said yet who it is."""
+_LOOK = 0.02
+Say = Callable[[str], None]
+
+
+def tell_on_stderr(text: str) -> None:
+    """Where a wait is announced when nobody says otherwise."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def can_address(settings: CanSettings) -> str:
+    """What the adapter of these settings is locked by: its device, or interface and address."""
+    if settings.interface == "slcan":
+        return settings.channel.partition("@")[0]
+    host = settings.options.get("host")
+    if host is not None:
+        with contextlib.suppress(OSError):
+            host = socket.gethostbyname(str(host))
+    place = f"{host}:{settings.options.get('port', '')}:" if host is not None else ""
+    return f"{settings.interface or 'configuration'}:{place}{settings.channel}"
+
+
+class DeviceLock:
+    """Locks of some devices, held by this process until `close` or its death; `lock_devices` takes them.
+
+    Attributes:
+        files: their open files, for a process that is to inherit them.
+    """
+
+    def __init__(self, files: list[int], note: dict[str, Any]) -> None:
+        self.files = files
+        self._note = note
+
+    def entrust(self, process_id: int) -> None:
+        """Notes the watchdog that has inherited the files."""
+        self._note["watchdog"] = process_id
+        self._write()
+
+    def close(self) -> None:
+        """Gives the devices back; a watchdog that lives keeps them until it ends. May be called twice, never raises."""
+        self._note.pop("pid", None)
+        with contextlib.suppress(OSError):
+            self._write()
+        for file in self.files:
+            with contextlib.suppress(OSError):
+                os.close(file)
+        self.files = []
+
+    def _write(self) -> None:
+        data = json.dumps(self._note).encode()
+        for file in self.files:
+            os.ftruncate(file, 0)
+            os.pwrite(file, data, 0)
+
+
+def lock_devices(devices: Iterable[str], holder: str, say: Say = tell_on_stderr) -> DeviceLock:
+    """Takes the locks of devices, all or none.
+
+    Args:
+        devices: paths and addresses, as the ports file names them.
+        holder: what this program is, for whoever is refused.
+        say: is told once when the watchdog of an earlier drive is waited for.
+
+    Raises:
+        HardwareError: another program has one of them; names device, program and process.
+    """
+    note = {"holder": holder, "pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+    named = {name: device for device in devices for name in _names(device)}
+    files: list[int] = []
+    try:
+        for name in sorted(named):
+            files.append(_take(_lock_file(name), named[name], say))
+        lock = DeviceLock(files, note)
+        lock._write()
+    except (OSError, HardwareError) as error:
+        for file in files:
+            os.close(file)
+        if isinstance(error, HardwareError):
+            raise
+        raise HardwareError(f"the locks of {', '.join(named.values())} cannot be taken: {error.strerror}") from None
+    return lock
+
+
+def _names(device: str) -> set[str]:
+    """What a device is known by. A pseudo-terminal's number is soon given to another one: only its name counts."""
+    if not device.startswith(("/", ".")) and not os.path.exists(device):
+        return {device}
+    named = os.path.join(os.path.realpath(os.path.dirname(device)), os.path.basename(device))
+    real = os.path.realpath(device)
+    return {named} if real.startswith("/dev/pts/") else {named, real}
+
+
+def _lock_file(name: str) -> Path:
+    above = next(Path(place) for place in _FOLDERS if os.access(place, os.W_OK | os.X_OK))
+    folder = above / "aerodima"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir()
+        folder.chmod(0o1777)  # for every user of this computer
+    return folder / f"{os.path.basename(name)[-40:]}.{hashlib.sha256(name.encode()).hexdigest()[:12]}"
+
+
+def _open(path: Path) -> int:
+    """Without O_CREAT first: the kernel refuses it for files of others in a folder that all may write to."""
+    while True:
+        try:
+            return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except FileNotFoundError:
+            with contextlib.suppress(FileExistsError):
+                file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+                os.fchmod(file, 0o666)
+                return file
+
+
+def _take(path: Path, device: str, say: Say) -> int:
+    file, begin, said = _open(path), time.monotonic(), False
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return file
+        except BlockingIOError:
+            note = _read(path)
+        waited = time.monotonic() - begin
+        watched = _lives(note.get("watchdog"))
+        if _lives(note.get("pid")) or waited > (_LONGEST_WAIT if watched else _UNKNOWN_WAIT):
+            os.close(file)
+            raise HardwareError(f"{device}: is in use by {_in_words(note)}; nothing was opened")
+        if watched and not said:
+            said = True
+            say(f"{device}: the watchdog of an earlier drive still sends exit frames; waiting for it to end")
+        time.sleep(_LOOK)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        note = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # not written yet
+        return {}
+    return note if isinstance(note, dict) else {}
+
+
+def _in_words(note: dict[str, Any]) -> str:
+    if _lives(note.get("pid")):
+        return f"{note.get('holder')} (process {note['pid']}, since {note.get('since')})"
+    if _lives(note.get("watchdog")):
+        return f"the watchdog of an earlier drive (process {note['watchdog']})"
+    return "another program"
+
+
+def _lives(process_id: object) -> bool:
+    """Whether there is such a process that is more than a remainder."""
+    if not isinstance(process_id, int):
+        return False
+    try:
+        with open(f"/proc/{process_id}/stat", encoding="utf-8", errors="replace") as file:
+            return file.read().rsplit(")", 1)[-1].split()[0] not in "ZX"
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True

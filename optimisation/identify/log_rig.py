@@ -1,0 +1,151 @@
+"""The rig that a log was made on, and what its samples mean.
+
+A log of this workbench carries its scenario; one of another laboratory has the rig of `models/`, of the scenario that
+its mapping names, or of the one that the user names for the fit. The log's own facts (kind, tail, axis, wind) go last.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from optimisation.errors import FitError
+from optimisation.identify.options import FREE, FitOptions
+from workbench.logs.schema import RunLog
+from workbench.parameter_files import apply_setting, read_yaml
+from workbench.resources import model_path
+from workbench.rig_scenario import RIG_SECTIONS, RigScenario, default_rig_values, rig_scenario_from_dict
+
+CURRENT_SAMPLING = "current_sampling"
+"""Key in a log's `extra`: whether a sample of the current is its value then or its mean since the sample before."""
+CurrentSampling = Literal["mean", "instantaneous"]
+LARGEST_SPEED = 60.0
+"""m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of the unit."""
+_TRUTH = ("aero", "seed", "name", "schema", "simulation")
+_FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
+
+
+def is_ours(log: RunLog) -> bool:
+    """Whether a rig of this workbench made the log: it has the experiment of its scenario."""
+    return "experiment" in log.scenario
+
+
+def is_simulated(log: RunLog) -> bool:
+    """Whether the log's scenario is the rig that it was simulated with, so that its constants are the true ones.
+
+    Of this workbench's rigs only that of the robot's tail exists outside of simulation.
+    """
+    return is_ours(log) and ("truth" in log.extra or log.kind != "robot_swing")
+
+
+def rig_of(log: RunLog, kind: str, options: FitOptions = FREE) -> RigScenario:
+    """The rig that a log was made on; what a fit is to find is that of `models/`, not of the log.
+
+    Raises:
+        FitError: the log does not say which tail was on the rig, or how fast the wind was.
+        ScenarioError: the scenario or an override is wrong.
+    """
+    content = {key: value for key, value in log.scenario.items() if key not in (_TRUTH if is_ours(log) else ())}
+    if kind == "static":
+        content.pop("experiment", None)
+        content["tunnel"] = {key: value for key, value in content.get("tunnel", {}).items() if key != "psi3"}
+    named = named_rig(options.rig, options.settings)
+    merged = {**content, **{key: _over(content.get(key), value) for key, value in named.items()}}
+    merged["experiment"] = {**merged.get("experiment", {}), **_experiment(log, kind)}
+    return _scenario(json.dumps(merged, sort_keys=True))
+
+
+def _over(below: Any, value: Any) -> Any:
+    return {**below, **value} if isinstance(value, dict) and isinstance(below, dict) else value
+
+
+@lru_cache(maxsize=16)
+def named_rig(rig: str, settings: tuple[str, ...]) -> dict[str, Any]:
+    """What the user says of the rig: section -> key -> value; do not change it in place."""
+    data: dict[str, Any] = {}
+    if rig:
+        path = Path(rig) if Path(rig).suffix else model_path(f"scenarios/rig/{rig}.yaml")
+        data = {key: value for key, value in read_yaml(path).items() if key not in ("schema", "name", "seed")}
+    for setting in settings:
+        apply_setting(data, setting, RIG_SECTIONS, "maxon.torque_constant=0.35")
+    return data
+
+
+@lru_cache(maxsize=64)
+def _scenario(key: str) -> RigScenario:
+    return rig_scenario_from_dict(json.loads(key))
+
+
+def _experiment(log: RunLog, kind: str) -> dict[str, Any]:
+    """What the log's metadata say of its experiment."""
+    found: dict[str, Any] = {"kind": kind}
+    if kind in ("static", "swing"):
+        for key, allowed in _FACTS:
+            if str(log.extra.get(key)) not in allowed:
+                raise FitError(f"metadata {key!r} is {log.extra.get(key)!r}; allowed: {', '.join(allowed)}")
+        found |= {"tail": int(log.extra["tail"]), "axis": str(log.extra["axis"])}
+    if kind == "bar_swing":
+        return {**found, "wind_speed": 0.0}
+    return found if kind == "static" else {**found, "wind_speed": wind_speed(log, 0.0, 40.0)}
+
+
+def wind_speed(log: RunLog, least: float, most: float) -> float:
+    """Of the log's metadata, m/s; FitError when it is missing or out of range."""
+    value = log.extra.get("wind_speed_m_per_s")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= float(value) <= most:
+        allowed = f"{least:g} to {most:g}" if least else f"above 0 to {most:g}"
+        raise FitError(f"metadata 'wind_speed_m_per_s' is {value!r}; allowed: {allowed} m/s")
+    return float(value)
+
+
+def differences(scenario: RigScenario) -> dict[str, Any]:
+    """What of a rig differs from `models/`, as `section.key`; the experiment is left out."""
+    return {
+        f"{section}.{key}": value
+        for section, known in _known().items()
+        for key, value in getattr(scenario, section).model_dump(mode="json").items()
+        if section != "experiment" and value != known[key]
+    }
+
+
+@cache
+def _known() -> dict[str, dict[str, Any]]:
+    return default_rig_values()
+
+
+def current_sampling(log: RunLog) -> CurrentSampling:
+    """What a sample of the current is: as the log says, else the mean in logs of this workbench, else its value then.
+
+    Raises:
+        FitError: the log says something else.
+    """
+    told = log.extra.get(CURRENT_SAMPLING, "mean" if is_ours(log) else "instantaneous")
+    if told not in ("mean", "instantaneous"):
+        raise FitError(f"metadata {CURRENT_SAMPLING!r} is {told!r}; allowed: mean, instantaneous")
+    return "mean" if told == "mean" else "instantaneous"
+
+
+def mean_currents(time: np.ndarray, current: np.ndarray, sampling: CurrentSampling, ends: np.ndarray) -> np.ndarray:
+    """Mean current between each two of some times, A.
+
+    Args:
+        time, current: of the log (n).
+        sampling: `mean`: a sample holds back to the one before; `instantaneous`: smooth through the samples (Akima).
+        ends: times (m); outside the log the first and last sample hold.
+
+    Returns:
+        (m - 1).
+    """
+    from scipy.interpolate import Akima1DInterpolator
+
+    if sampling == "mean":
+        integral = np.concatenate([[0.0], np.cumsum(current[1:] * np.diff(time))])
+        inside = np.interp(ends, time, integral)
+    else:
+        inside = Akima1DInterpolator(time, current).antiderivative()(np.clip(ends, time[0], time[-1]))
+    inside = inside + np.minimum(ends - time[0], 0.0) * current[0] + np.maximum(ends - time[-1], 0.0) * current[-1]
+    return np.diff(inside) / np.diff(ends)

@@ -1,0 +1,37 @@
+"""What a run leaves behind in the memory of its process."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+from collections.abc import Iterator
+
+import psutil
+
+from tests.benchmarks.rows import BenchRow
+
+RUNS, SETTLED = 100, 10
+"""Runs, and those at the start that are not counted: caches fill."""
+SCENARIOS = ("turn_none", "turn_swing")
+
+
+def bench_memory_per_run() -> Iterator[BenchRow]:
+    """Growth of a fresh process over 100 runs, garbage collected after each; no goal where Drake itself leaks."""
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        for name, growth, freed in pool.imap(_growth, SCENARIOS):
+            yield BenchRow(f"{name}: memory left per run, {RUNS} runs", growth, "MB", "<= 0.1" if freed else "")
+
+
+def _growth(name: str) -> tuple[str, float, bool]:
+    from tests.workbench.test_lifetimes import python_systems_die
+    from workbench.scenario import load_scenario
+    from workbench.trial import run_trial
+
+    scenario, process = load_scenario(name), psutil.Process()
+    start = 0.0
+    for number in range(RUNS):
+        run_trial(scenario)
+        gc.collect()
+        if number + 1 == SETTLED:
+            start = process.memory_info().rss
+    return name, (process.memory_info().rss - start) / 1e6 / (RUNS - SETTLED), python_systems_die()

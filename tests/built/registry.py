@@ -1,0 +1,28 @@
+"""Registries of what the rows of `models/published/statements.yaml` name: checks, runs, and which of these are slow."""
+
+from collections.abc import Callable
+
+from workbench.statements import Value
+
+Find = Callable[[], Value]
+CHECKS: dict[str, Find] = {}
+RUNS: dict[str, Find] = {}
+SLOW: set[str] = set()
+
+
+def check(function: Find) -> Find:
+    """Registers what is found without a simulation under its own name."""
+    CHECKS[function.__name__] = function
+    return function
+
+
+def run(function: Find) -> Find:
+    """Registers what a few runs show under its own name."""
+    RUNS[function.__name__] = function
+    return function
+
+
+def slow(function: Find) -> Find:
+    """Registers what many runs show."""
+    SLOW.add(function.__name__)
+    return run(function)

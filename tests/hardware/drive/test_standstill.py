@@ -1,0 +1,70 @@
+"""A car that is moved, tilted, not calibrated, or whose IMU has frozen is not armed."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from hardware.drive.standstill import standstill_checks
+from hardware.sensors.bno055 import Bno055Sample, decode_sample, encode_sample
+from hardware.wiring.drive_safety import load_drive_safety
+
+SAFETY = load_drive_safety()
+LEVEL = np.zeros(9)
+
+
+def samples(count=50, gyro=0.005, acceleration=0.05, calibration=(0, 3, 1, 0), seed=3):
+    """As a chip at rest sends them, through its own registers."""
+    random = np.random.default_rng(seed)
+    return [
+        decode_sample(
+            encode_sample(
+                Bno055Sample(
+                    (1.0, 0.0, 0.0, 0.0),
+                    tuple(random.normal(0.01, gyro, 3)),
+                    tuple(random.normal(0.0, acceleration, 3)),
+                    calibration=calibration,
+                )
+            )
+        )
+        for _ in range(count)
+    ]
+
+
+def failed(*arguments):
+    return [check.name for check in standstill_checks(*arguments, SAFETY) if check.passed is False]
+
+
+def test_a_car_at_rest_may_be_armed():
+    assert failed(samples(), LEVEL) == []
+
+
+def test_samples_that_do_not_change_by_a_bit_are_frozen():
+    assert failed([samples()[0]] * 50, LEVEL) == ["IMU"]
+    assert failed(samples(count=3), LEVEL) == ["IMU"]
+    assert failed([], LEVEL) == ["IMU"]
+
+
+def test_the_quietest_chip_is_not_frozen():
+    """A tenth of the noise of the data sheet still moves the last digits."""
+    assert failed(samples(gyro=0.0005, acceleration=0.005), LEVEL) == []
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_a_gyro_that_is_not_calibrated_is_named(level):
+    assert failed(samples(calibration=(3, level, 3, 3)), LEVEL) == ["IMU calibration"]
+
+
+def test_a_car_in_a_hand_is_moved():
+    moved = [dataclasses.replace(sample, gyro=(0.0, 0.3, 0.0)) for sample in samples()]
+    pushed = [dataclasses.replace(sample, acceleration=(0.8, 0.0, 0.0)) for sample in samples()]
+    assert failed(moved, LEVEL) == failed(pushed, LEVEL) == ["car stands still"]
+
+
+@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize("angle", [20.0, -90.0, 180.0])
+def test_a_car_that_lies_somehow_is_tilted(place, angle):
+    reading = LEVEL.copy()
+    reading[place] = math.radians(angle)
+    assert failed(samples(), reading) == ["car stands upright"]

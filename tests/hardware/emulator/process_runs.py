@@ -1,0 +1,271 @@
+"""Whole drives as processes of their own, killed, stopped or tipped over: the rows of the fault table that need one."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from hardware.emulator.folder import PORTS_FILE
+from hardware.emulator.script import JOINTS
+from hardware.firmware.settings import load_teensy_timing
+from hardware.watchdog.settings import load_watchdog_timing
+from hardware.watchdog.trial import run_watchdog_test
+from hardware.wiring.base import WIRINGS
+from tests.hardware.emulator.emulator_process import EmulatorProcess
+from tests.hardware.fake_can import wait_until
+from workbench.scenario import Scenario, load_scenario
+
+SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
+MARGIN = 0.1
+"""s; for processes that share a busy computer."""
+_FIRMWARE, _BEATS = load_teensy_timing().watchdog_timeout, load_watchdog_timing().heartbeat_timeout
+
+
+@dataclass
+class Found:
+    """Times in s since the cause; NaN: never. status: exit status of the drive; None while it lives or was killed."""
+
+    motors_off: float
+    throttle_neutral: float
+    status: int | None
+    said: str
+
+
+@dataclass(frozen=True)
+class ProcessCase:
+    """A row. within: s from the cause to motors off and neutral throttle. cause: done to the drive; it returns when."""
+
+    name: str
+    wiring: str
+    cause: Callable[[subprocess.Popen[str], EmulatorProcess], float]
+    within: float
+    acts: str
+    scenario: str = "turn_swing"
+    settings: tuple[str, ...] = SETTINGS
+    operator: tuple[dict, ...] = ({"time": 0.0, "mode": "auto_when_asked"},)
+    reason: str = ""
+    throttle_within: float = 0.0
+    """0: as `within`."""
+
+
+def descendants(pid: int) -> list[int]:
+    """Processes that `pid` has started: its watchdog."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                stat = (entry / "stat").read_text()
+            except OSError:
+                continue
+            if int(stat.rsplit(")", 1)[1].split()[1]) == pid:
+                found.append(int(entry.name))
+    return found
+
+
+def kill(number: int) -> Callable[[subprocess.Popen[str], EmulatorProcess], float]:
+    """A signal to the drive alone."""
+
+    def cause(process: subprocess.Popen[str], _: EmulatorProcess) -> float:
+        os.kill(process.pid, number)
+        return time.monotonic()
+
+    return cause
+
+
+def kill_together(process: subprocess.Popen[str], _: EmulatorProcess) -> float:
+    """Drive and watchdog at once, as a killed control group or a frozen computer does it."""
+    group = [*descendants(process.pid), process.pid]
+    for pid in group:
+        os.kill(pid, signal.SIGSTOP)
+    for pid in group:
+        os.kill(pid, signal.SIGKILL)
+    return time.monotonic()
+
+
+def tips_over(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+    """Waits until the simulated car itself has rolled beyond the limit, as its events say."""
+    del process
+    assert wait_until(lambda: emulator.named("tipped"), 20.0), "the car stays on its wheels"
+    return float(emulator.named("tipped")[0]["time_s"])
+
+
+_FAST_TURN = (*SETTINGS, "manoeuvre.speed=3.9")
+_MANUAL = (
+    {"time": 0.0, "mode": "manual_when_asked", "throttle": 0.34},
+    {"time": 3.5, "mode": "manual_when_asked", "throttle": 0.34, "steering": 0.52},
+)
+
+CASES: tuple[ProcessCase, ...] = (
+    *(
+        ProcessCase(
+            "SIGKILL of the drive process",
+            wiring,
+            kill(signal.SIGKILL),
+            _FIRMWARE + MARGIN,
+            "firmware" if wiring == "teensy_bridge" else "watchdog process; firmware for the throttle",
+        )
+        for wiring in WIRINGS
+    ),
+    *(
+        ProcessCase(
+            "drive process hangs (SIGSTOP)",
+            wiring,
+            kill(signal.SIGSTOP),
+            max(_FIRMWARE, _BEATS) + MARGIN,
+            "firmware" if wiring == "teensy_bridge" else "watchdog process; firmware for the throttle",
+        )
+        for wiring in WIRINGS
+    ),
+    *(
+        ProcessCase("drive and watchdog killed together", wiring, kill_together, 0.3, "firmware")
+        for wiring in ("teensy_bridge", "watched_can")
+    ),
+    *(
+        ProcessCase(
+            f"rollover in {mode}",
+            wiring,
+            tips_over,
+            0.3,
+            "drive",
+            scenario="turn_none",
+            settings=_FAST_TURN,
+            operator=operator,
+            reason="tipped over",
+        )
+        for mode, operator in (("AUTO", ({"time": 0.0, "mode": "auto_when_asked"},)), ("MANUAL", _MANUAL))
+        for wiring in ("direct_can", "teensy_bridge")
+    ),
+)
+
+
+@dataclass(frozen=True)
+class RefusedCase:
+    """A car that must not be armed. fault: entry of the script, on from the start. reason: what the drive says."""
+
+    name: str
+    wiring: str
+    fault: dict
+    reason: str
+
+
+REFUSED: tuple[RefusedCase, ...] = tuple(
+    RefusedCase(name, wiring, fault, reason)
+    for name, fault, reason in (
+        ("frozen IMU before arming", {"fault": "imu_frozen"}, "it has frozen"),
+        ("car on its side before arming", {"fault": "tipped_over"}, "car stands upright: tilted by 90 degrees"),
+    )
+    for wiring in WIRINGS
+)
+
+
+def run_refused_case(case: RefusedCase, folder: Path) -> None:
+    """Tries to drive; neither motors nor throttle may come on."""
+    car = load_scenario("turn_swing", list(SETTINGS))
+    script = {"clock": "start", "faults": [{"time": 0.5, **case.fault}]}
+    with EmulatorProcess(folder, car, case.wiring, script) as emulator:
+        records = folder / "state" / "aerodima" / "watchdog_tests"
+        run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator", records)
+        before = len(emulator.named("entered"))
+        process = _start(emulator, folder, "turn_swing", SETTINGS)
+        said = process.communicate(timeout=60.0)[0]
+        assert process.returncode not in (0, None), said
+        assert case.reason in said, said
+        assert len(emulator.named("entered")) == before
+        assert not emulator.named("throttle_on")
+
+
+def _start(emulator: EmulatorProcess, folder: Path, scenario: str, settings: tuple[str, ...]) -> subprocess.Popen[str]:
+    words = [word for setting in settings for word in ("--set", setting)]
+    ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
+    command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--log", log]
+    return subprocess.Popen(
+        [sys.executable, "-m", "workbench.cli", *command, "--no-drake", "--arm"],
+        env={**os.environ, "XDG_STATE_HOME": str(folder / "state")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def refused_row(case: RefusedCase) -> str:
+    """Of the table in hardware/README.md."""
+    return f"| {case.name} | {case.wiring} | never on | never on | - | drive: arming is refused |"
+
+
+@contextmanager
+def driving(
+    emulator: EmulatorProcess, folder: Path, case: ProcessCase, car: Scenario
+) -> Iterator[subprocess.Popen[str]]:
+    """A drive process that drives, after a watchdog test of its wiring on this emulator."""
+    records = folder / "state" / "aerodima" / "watchdog_tests"
+    if car.tail.mode != "none":
+        run_watchdog_test(car, emulator.ports, emulator.wiring, lambda _: True, "emulator", records)
+    entered = len(emulator.named("entered"))
+    process = _start(emulator, folder, case.scenario, case.settings)
+    try:
+        seen = []
+        for line in process.stdout or ():
+            seen.append(line)
+            if line.startswith("driving"):
+                break
+        if car.tail.mode != "none":
+            assert len(emulator.named("entered")) == entered + 2, "".join(seen)
+        assert wait_until(lambda: emulator.named("throttle_on"), 5.0), "the throttle stays neutral"
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def after(emulator: EmulatorProcess, since: float, joints: tuple[str, ...] = JOINTS) -> tuple[float, float]:
+    """Seconds from `since` to both motors off (0 without motors) and to the neutral throttle; NaN: not yet."""
+    found: dict[str, float] = {}
+    for event in emulator.events:
+        if event["time_s"] >= since:
+            found.setdefault(event["event"] + event.get("joint", ""), event["time_s"] - since)
+    off = max((found.get(f"off{joint}", math.nan) for joint in joints), default=0.0)
+    return off, found.get("throttle_neutral", math.nan)
+
+
+def run_process_case(case: ProcessCase, folder: Path) -> Found:
+    """Drives, lets the cause come, and looks what became of the car."""
+    car = load_scenario(case.scenario, list(case.settings))
+    joints = JOINTS if car.tail.mode != "none" else ()
+    clock = {"clock": "driving", "operator": list(case.operator)}
+    with EmulatorProcess(folder, car, case.wiring, clock) as emulator, driving(emulator, folder, case, car) as process:
+        since = case.cause(process, emulator)
+        wait_until(lambda: not any(math.isnan(value) for value in after(emulator, since, joints)), 2.0)
+        off, neutral = after(emulator, since, joints)
+        entered = len(emulator.named("entered"))
+        status, said = None, ""
+        if case.reason:
+            said = (process.stdout.read() if process.stdout else "") or ""
+            status = process.wait(30.0)
+        else:
+            time.sleep(0.5)
+        assert len(emulator.named("entered")) == entered, "nothing is armed again by itself"
+    return Found(off, neutral, status, said)
+
+
+def check(case: ProcessCase, found: Found) -> Found:
+    """What the row promises; what was found."""
+    assert found.motors_off <= case.within, found
+    assert found.throttle_neutral <= (case.throttle_within or case.within), found
+    if case.reason:
+        assert case.reason in found.said, found.said
+        assert found.status not in (0, None), found
+    return found
+
+
+def process_row(case: ProcessCase, found: Found) -> str:
+    """Of the table in hardware/README.md."""
+    off, neutral = (f"{value * 1000:.0f} ms" for value in (found.motors_off, found.throttle_neutral))
+    return f"| {case.name} | {case.wiring} | {off} | {neutral} | seen | {case.acts} |"

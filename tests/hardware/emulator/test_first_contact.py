@@ -1,0 +1,94 @@
+"""First contact with new motors on the emulated car: one joint by five degrees, and the zero into the ports file."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+
+import pytest
+
+from hardware.emulator.folder import PORTS_FILE
+from hardware.first_contact import joint_angles, read_motor_angles, run_motor_test, write_zeros
+from hardware.watchdog.trial import run_watchdog_test
+from hardware.wiring.base import WIRINGS
+from hardware.wiring.car_ports import read_ports
+from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
+from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS, open_car
+from workbench.errors import HardwareError
+from workbench.scenario import load_scenario
+
+pytestmark = pytest.mark.emulated
+
+CAR = load_scenario(SCENARIO, list(SETTINGS))
+
+
+@pytest.mark.parametrize(("joint", "way"), [("tail_pitch", "forward"), ("tail_roll", "to the right")])
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_one_joint_moves_by_five_degrees_and_the_motors_are_off_after_it(tmp_path, wiring, joint, way):
+    def tried(folder):
+        with EmulatorProcess(folder, CAR, wiring) as emulator:
+            said = []
+            car = open_car(CAR, emulator.ports, wiring)
+            found = run_motor_test(car, joint, said.append, lambda asked: not said.append(asked))
+            assert math.degrees(found.moved) == pytest.approx(5.0, abs=2.0)
+            assert found.torque == pytest.approx(found.wanted, abs=0.5)
+            assert found.temperature is not None
+            assert said == [f"{joint}: now 5 degrees {way}", f"Did the tail go {way}?"]
+            assert len(emulator.named("off")) >= 2
+            assert not emulator.named("throttle_on")
+
+    undisturbed(tried, tmp_path)
+
+
+@pytest.mark.parametrize("wiring", ["direct_can", "teensy_bridge"])
+def test_a_motor_that_is_off_fails_the_test(tmp_path, wiring):
+    def tried(folder):
+        script = {"clock": "entered", "faults": [{"time": 0.8, "fault": "motor_off", "part": "tail_roll"}]}
+        with EmulatorProcess(folder, CAR, wiring, script) as emulator, pytest.raises(HardwareError, match="motor test"):
+            run_motor_test(open_car(CAR, emulator.ports, wiring), "tail_roll", lambda _: None, lambda _: True)
+
+    undisturbed(tried, tmp_path)
+
+
+@pytest.mark.parametrize("wiring", ["direct_can", "teensy_bridge"])
+def test_the_angles_of_now_become_the_zeros_and_nothing_else_of_the_file_changes(tmp_path, wiring):
+    def tried(folder):
+        with EmulatorProcess(folder, CAR, wiring) as emulator:
+            path = emulator.folder / PORTS_FILE
+            before = json.loads(path.read_text())
+            angles = read_motor_angles(emulator.ports, wiring)
+            write_zeros(path, angles)
+            after = json.loads(path.read_text())
+            ports = read_ports(path)
+            again = joint_angles(ports, read_motor_angles(ports, wiring))
+        assert all(abs(angle) < math.radians(2.0) for angle in again.values()), again
+        for joint in ("tail_pitch", "tail_roll"):
+            before[joint]["zero"] = after[joint]["zero"]
+        assert after == before
+
+    undisturbed(tried, tmp_path)
+
+
+@pytest.mark.parametrize("wiring", ["direct_can", "teensy_bridge"])
+def test_the_example_moves_one_motor_and_leaves_it_off(tmp_path, wiring):
+    def tried(folder):
+        with EmulatorProcess(folder, CAR, wiring) as emulator:
+            ports, state = emulator.folder / PORTS_FILE, folder / "state"
+            command = [sys.executable, "-m", "hardware.examples.one_motor", str(ports), wiring]
+            environment = {**os.environ, "XDG_STATE_HOME": str(state)}
+            refused = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+            assert "no watchdog test" in refused.stderr
+            assert not emulator.named("entered")
+            records = state / "aerodima" / "watchdog_tests"
+            run_watchdog_test(CAR, emulator.ports, wiring, lambda _: True, "emulator", records)
+            found = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+            assert found.returncode == 0, found.stderr
+            lines = found.stdout.splitlines()
+            angles = [float(line.split()[0]) for line in lines]
+            assert len(angles) == 300
+            assert 0.06 < max(angles) - min(angles) < 0.25  # it lies at its limit, and rises from there
+            assert all(line.endswith("N m ") for line in lines)  # no fault
+            assert len(emulator.named("entered")) == len(emulator.named("off")) == 4  # the watchdog test, the example
+
+    undisturbed(tried, tmp_path)

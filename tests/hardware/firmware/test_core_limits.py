@@ -1,0 +1,238 @@
+"""What the firmware stops and limits by itself: attitude, throttle, the heartbeat on the bus, torque and range."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hardware.firmware.core import limit_command
+from hardware.firmware.settings import motor_limits
+from hardware.motor_limits import limit_command as limit_on_the_computer
+from hardware.motor_load import MotorLoad
+from hardware.protocol.ak70 import MitCommand, make_exit
+from hardware.protocol.heartbeat import BeatState, decode_answer, make_beat
+from hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
+from hardware.wiring.drive_safety import load_drive_safety
+from tests.hardware.firmware.test_core_watchdog import MS, PUSH, TIMING, Bench
+from tests.hardware.test_motor_limits import settings as joint
+
+SAFETY = load_drive_safety()
+OVER = Attitude(SAFETY.attitude_limit + 0.02, 0.0, 8)
+
+
+def commanding(bench, seconds, **what):
+    """A drive that goes on commanding; when the Teensy switched everything off, s after the beginning."""
+    begin, acted = bench.now, math.inf
+    for _ in range(round(seconds / 0.01)):
+        bench.write(MotorRequest.COMMAND, PUSH, **{"throttle": 1520, **what})
+        for _ in range(10):
+            bench.wait(MS)
+            if bench.core.state.status is not TeensyStatus.RUNNING:
+                acted = min(acted, bench.now - begin)
+    return acted
+
+
+@pytest.mark.parametrize("attitude", [OVER, Attitude(-3.1, 0.0, 8), Attitude(0.0, 1.2, 8), Attitude(0.0, -1.2, 8)])
+def test_a_car_on_its_side_is_stopped_although_the_drive_goes_on_commanding(attitude):
+    bench = Bench().drive()
+    begin = bench.now
+    acted = commanding(bench, 1.0, attitude=attitude)
+    assert TIMING.attitude_time <= acted <= TIMING.attitude_time + 0.011
+    assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
+    assert bench.core.state.status is TeensyStatus.ATTITUDE
+    assert bench.last_reply().status is TeensyStatus.ATTITUDE
+    for motor_id in (1, 2):
+        exits = bench.exits(motor_id, since=begin)
+        assert exits[0] - begin == pytest.approx(acted, abs=2 * MS)
+        assert len(exits) >= TIMING.exit_burst + 1
+
+
+def test_a_car_that_rocks_is_not_stopped():
+    bench = Bench().drive()
+    for _ in range(20):
+        assert math.isinf(commanding(bench, TIMING.attitude_time - 0.02, attitude=OVER))
+        assert math.isinf(commanding(bench, 0.02))
+
+
+@pytest.mark.parametrize("attitude", [None, Attitude(0.0, 0.0, round(1000 * TIMING.attitude_age) + 1)])
+def test_the_car_does_not_drive_with_an_attitude_that_is_old_or_unknown(attitude):
+    bench = Bench().drive()
+    assert commanding(bench, 0.05, attitude=attitude) <= 0.002
+    assert bench.core.state.status is TeensyStatus.ATTITUDE
+
+
+@pytest.mark.parametrize("attitude", [None, Attitude(0.0, 0.0, 60000)])
+def test_motors_alone_may_be_moved_without_an_attitude(attitude):
+    bench = Bench().drive()
+    assert math.isinf(commanding(bench, 0.5, attitude=attitude, throttle=1500))
+
+
+def test_an_old_attitude_on_the_side_still_stops_the_tail():
+    bench = Bench().drive()
+    assert commanding(bench, 0.5, attitude=replace(OVER, age=60000), throttle=1500) < TIMING.attitude_time + 0.011
+
+
+@pytest.mark.parametrize("wiring", ["teensy_bridge", "direct_can"])
+@pytest.mark.parametrize(("asked", "end"), [(1900, 1700), (1100, 1300)])
+def test_a_throttle_step_is_clipped_and_comes_on_slowly(wiring, asked, end):
+    bench = Bench(wiring)
+    bench.write(MotorRequest.EXIT)
+    pulses, begin = [], bench.now
+    for _ in range(300):
+        bench.write(MotorRequest.EXIT, throttle=asked)
+        bench.wait(0.01)
+        pulses.append(abs(bench.core.state.throttle - 1500))
+    assert pulses[0] <= SAFETY.throttle_start * 400 + 2
+    assert max(np.diff(pulses)) <= math.ceil(SAFETY.throttle_rate * 400 * 0.01)
+    reached = begin + 0.01 * (1 + int(np.argmax(np.array(pulses) == abs(end - 1500))))
+    expected = (SAFETY.throttle_limit - SAFETY.throttle_start) / SAFETY.throttle_rate
+    assert reached == pytest.approx(expected, abs=0.05)
+    assert pulses[-1] == abs(end - 1500)
+    bench.write(MotorRequest.EXIT, throttle=1500)
+    assert bench.core.state.throttle == 1500, "back at once"
+    for _ in range(30):
+        bench.write(MotorRequest.EXIT, throttle=asked)
+        bench.wait(0.01)
+    bench.write(MotorRequest.EXIT, throttle=3000 - asked)
+    assert abs(bench.core.state.throttle - 1500) <= SAFETY.throttle_start * 400 + 1, "the other way begins anew"
+
+
+class BusBench(Bench):
+    """A drive on its own adapter with the Teensy on the same bus."""
+
+    def __init__(self):
+        super().__init__("watched_can")
+        self.counter = 0
+
+    def beat(self, state, seconds, strings=True):
+        for _ in range(round(seconds / 0.01)):
+            self.counter += 1
+            self.core.receive(make_beat(state, self.counter))
+            if strings:
+                self.write(MotorRequest.EXIT, throttle=1520 if state is BeatState.ARMED else 1500)
+            self.wait(0.01)
+
+    def answers(self, since):
+        return [decode_answer(frame) for when, frame in self.sent if when >= since and frame.arbitration_id == 0x7A1]
+
+
+def driving_on_the_bus():
+    bench = BusBench()
+    bench.beat(BeatState.OFF, 0.05)
+    bench.beat(BeatState.ARMED, 0.5)
+    return bench
+
+
+def test_on_the_bus_it_answers_every_beat_and_sends_nothing_else_while_all_is_well():
+    bench = driving_on_the_bus()
+    begin = bench.now
+    bench.beat(BeatState.ARMED, 0.2)
+    assert bench.answers(begin) == [(TeensyStatus.RUNNING, (bench.counter - 19 + i) % 256) for i in range(20)]
+    assert {frame.arbitration_id for when, frame in bench.sent if when >= begin} == {0x7A1}
+
+
+@pytest.mark.parametrize("strings", [True, False])
+def test_a_heartbeat_that_stops_while_armed_switches_the_motors_off(strings):
+    bench = driving_on_the_bus()
+    last = bench.now - 0.01
+    for _ in range(30):
+        if strings:
+            bench.write(MotorRequest.EXIT, throttle=1520)
+        bench.wait(0.01)
+    first = bench.exits(1, since=last)[0]
+    assert first - last == pytest.approx(TIMING.watchdog_timeout, abs=0.012)
+    assert len(bench.exits(2, since=last)) >= TIMING.exit_burst + TIMING.exit_cycles
+    assert bench.core.state.throttle == 1500
+    if strings:
+        assert bench.core.state.status is TeensyStatus.BEATS_STOPPED
+
+
+def test_a_beat_that_repeats_itself_is_no_life():
+    bench = driving_on_the_bus()
+    begin = bench.now
+    for _ in range(30):
+        bench.core.receive(make_beat(BeatState.ARMED, bench.counter))
+        bench.write(MotorRequest.EXIT, throttle=1520)
+        bench.wait(0.01)
+    assert bench.exits(1, since=begin)
+
+
+def test_an_orderly_end_of_the_heartbeat_sends_nothing():
+    bench = driving_on_the_bus()
+    bench.beat(BeatState.OFF, 0.1)
+    begin = bench.now
+    for _ in range(50):
+        bench.write(MotorRequest.EXIT)
+        bench.wait(0.01)
+    assert not bench.exits(1, since=begin)
+
+
+def test_a_computer_that_asks_for_help_gets_it_at_once():
+    bench = driving_on_the_bus()
+    begin = bench.now
+    bench.core.receive(make_beat(BeatState.TRIP, bench.counter + 1))
+    bench.wait(MS)
+    assert len(bench.exits(2, since=begin)) == TIMING.exit_burst
+
+
+def test_it_is_not_released_before_its_exit_frames_are_out_nor_while_the_beats_say_armed():
+    bench = driving_on_the_bus()
+    bench.wait(TIMING.watchdog_timeout + 0.01)
+    bench.write(MotorRequest.EXIT)
+    assert bench.core.state.status is not TeensyStatus.RUNNING
+    bench.beat(BeatState.ARMED, 0.3)
+    assert bench.core.state.status is not TeensyStatus.RUNNING
+    bench.beat(BeatState.OFF, 0.3)
+    assert bench.core.state.status is TeensyStatus.RUNNING
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        replace(make_beat(BeatState.ARMED, 7), arbitration_id=0x7A2),
+        replace(make_beat(BeatState.ARMED, 7), data=make_beat(BeatState.ARMED, 7).data + b"\0"),
+        replace(make_beat(BeatState.ARMED, 7), data=b"\xad\x01\x07\x00"),
+        replace(make_beat(BeatState.ARMED, 7), extended=True),
+        make_exit(1),
+    ],
+)
+def test_other_frames_are_no_heartbeat(frame):
+    bench = BusBench()
+    begin = bench.now
+    bench.core.receive(frame)
+    bench.wait(MS)
+    assert bench.answers(begin) == []
+
+
+def test_torque_and_range_are_limited_as_on_the_computer():
+    motor = joint()
+    limits = motor_limits(motor)
+    random = np.random.default_rng(7)
+    for _ in range(400):
+        command = MitCommand(
+            *(random.uniform(low, high) for low, high in ((-6, 6), (-50, 50), (0, 500), (0, 5), (-25, 25)))
+        )
+        position, speed = random.uniform(-1.85, 1.85), random.uniform(-30, 30)
+        load, replies = MotorLoad(motor.safety.rated_torque, motor.safety.overload), []
+        for k in range(int(random.integers(1, 30))):
+            torque, when = float(random.uniform(-25, 25)), 0.1 * k
+            load.add(torque, when)
+            replies.append((position, speed, torque, when))
+        ours = limit_on_the_computer(command, position, speed, motor, load.allowed(motor.torque_limit))
+        theirs = limit_command(command, replies, limits)
+        for name in ("position", "velocity", "kp", "kd", "torque"):
+            assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=1e-9, abs=1e-9), (name, command)
+
+
+@pytest.mark.parametrize("position", [-1.9, 1.9, 6.0])
+def test_a_motor_far_beyond_its_range_gets_no_torque(position):
+    """Its zero is wrong: the way back into the range is not known."""
+    limits = motor_limits(joint())
+    limited = limit_command(MitCommand(0.0, 1.0, 500.0, 5.0, 20.0), [(position, 0.0, 0.0, 0.0)], limits)
+    assert (limited.velocity, limited.kp, limited.kd, limited.torque) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_motor_that_has_not_answered_gets_no_torque():
+    limited = limit_command(MitCommand(9.0, 1.0, 500.0, 5.0, 20.0), [], motor_limits(joint()))
+    assert (limited.velocity, limited.kp, limited.kd, limited.torque) == (0.0, 0.0, 0.0, 0.0)

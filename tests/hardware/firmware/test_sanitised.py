@@ -1,0 +1,60 @@
+"""The core under the sanitisers of addresses and undefined behaviour: its tests and fuzzed inputs once more."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hardware.firmware import build
+
+DEFECTS = {
+    "AddressSanitizer": "volatile size_t place = 4; char* four = new char[place]; four[place] = 1; delete[] four;",
+    "signed integer overflow": "volatile int most = 2147483647; most = most + 1;",
+}
+
+
+def address_sanitiser() -> Path:
+    """The library that must be loaded before Python; skips where this compiler has none."""
+    if shutil.which("g++") is None:
+        pytest.skip("no g++ on the path")
+    name = ["g++", "-print-file-name=libasan.so"]
+    path = Path(subprocess.run(name, capture_output=True, text=True, check=True).stdout.strip())
+    if not path.is_absolute():
+        pytest.skip("g++ has no address sanitiser (libasan)")
+    return path.resolve()
+
+
+def run_sanitised(sketch, *words):
+    environment = {
+        **os.environ,
+        "LD_PRELOAD": str(address_sanitiser()),
+        "ASAN_OPTIONS": "detect_leaks=0",  # Python's own are not ours
+        "UBSAN_OPTIONS": "print_stacktrace=1",
+    }
+    command = [sys.executable, "-m", "tests.hardware.firmware.sanitised", str(sketch), *words]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=550)
+    return result.returncode, result.stdout + result.stderr
+
+
+@pytest.mark.slow
+def test_every_test_of_the_core_passes_under_the_sanitisers():
+    status, output = run_sanitised(build.SKETCH)
+    assert status == 0, output[-3000:]
+
+
+@pytest.mark.parametrize("complaint", DEFECTS)
+def test_the_sanitisers_see_a_defect(tmp_path, monkeypatch, complaint):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    sketch = tmp_path / "sketch"
+    shutil.copytree(build.SKETCH, sketch)
+    core = sketch / "src" / "core.cpp"
+    text = core.read_text()
+    step = "void TeensyCore::step(uint32_t now) {\n"
+    assert step in text
+    core.write_text(text.replace(step, step + DEFECTS[complaint] + "\n"))
+    status, output = run_sanitised(sketch, "-k", "fuzzed or anything")
+    assert status not in (0, 5)
+    assert complaint in output

@@ -1,0 +1,130 @@
+"""What the motor test makes of motors that are not well, on devices in memory and a clock that does not wait."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hardware import held_car
+from hardware.first_contact import run_motor_test
+from hardware.wiring import wired_car
+from hardware.wiring.base import CarCommand
+from tests.hardware.wiring.fake_devices import CarOnTheBench
+from workbench.errors import HardwareError
+
+
+class Bench(CarOnTheBench):
+    """Devices whose time goes on when somebody waits."""
+
+    def __init__(self, monkeypatch):
+        super().__init__()
+        self.pitch, self.roll = self.port.motors
+        self.roll.position, self.begin, self.spoil = 0.05, None, lambda bench: None
+        clock = SimpleNamespace(monotonic=lambda: self.now, sleep=lambda _: None)
+        monkeypatch.setattr(held_car, "time", clock)
+        monkeypatch.setattr(wired_car, "time", clock)
+        monkeypatch.setattr(held_car, "wait_until", self.wait)
+
+    def wait(self, due):
+        self.now = self.port.now = due
+        for motor in self.port.motors:
+            motor.advance(0.01)
+        self.spoil(self)
+
+    def tried(self, joint, answer=True):
+        asked = []
+        found = run_motor_test(self.car, joint, asked.append, lambda text: asked.append(text) or answer)
+        return found, asked
+
+    def assert_off(self):
+        assert not any(motor.entered for motor in self.port.motors)
+        assert self.closed == [1]
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    return Bench(monkeypatch)
+
+
+@pytest.mark.parametrize("joint", ["tail_pitch", "tail_roll"])
+def test_a_motor_that_is_well(bench, joint):
+    moved, kept = (bench.pitch, bench.roll) if joint == "tail_pitch" else (bench.roll, bench.pitch)
+    before = kept.position
+    most = []
+    bench.spoil = lambda bench: most.append(abs(moved.position - 0.05))
+    found, _ = bench.tried(joint)
+    assert math.degrees(found.moved) == pytest.approx(5.0, abs=0.5)
+    assert max(most) == pytest.approx(math.radians(5.0), abs=0.02)
+    assert moved.position == pytest.approx(0.05, abs=0.02)  # back again
+    assert kept.position == pytest.approx(before, abs=0.01)
+    assert found.temperature == 30.0
+    bench.assert_off()
+
+
+def test_at_the_end_of_its_range_a_joint_goes_the_other_way(bench):
+    bench.roll.position = bench.car._settings[1].motor_angle(math.pi / 2)
+    found, asked = bench.tried("tail_roll")
+    assert math.degrees(found.moved) == pytest.approx(-5.0, abs=0.5)
+    assert asked[-1] == "Did the tail go to the left?"
+
+
+def block(motor):
+    motor.blocked, motor.speed = True, 0.0
+
+
+def mislead(motor):
+    """It reports 1.5 N m more than it makes: less than what a drive looks at."""
+    truth = motor.reply
+
+    def reply():
+        motor.torque += 1.5
+        frame = truth()
+        motor.torque -= 1.5
+        return frame
+
+    motor.reply = reply
+
+
+def heat(motor):
+    motor.temperature = 70.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (block, r"moved by \+0.0 degrees; allowed is \+5, give or take 2"),
+        (heat, "70 degC; allowed is 60"),
+        (mislead, r"reports \+1.* N m where its gains ask for [+-]0.*; is the profile right"),
+    ],
+)
+def test_what_is_not_well_is_named_and_the_motors_are_off(bench, spoil, message):
+    spoil(bench.roll)
+    with pytest.raises(HardwareError, match="motor test of tail_roll: " + message):
+        bench.tried("tail_roll")
+    bench.assert_off()
+
+
+def test_the_other_way_is_seen_by_people_only(bench):
+    with pytest.raises(HardwareError, match=r"change the sign of tail_roll.direction \(1, -1\)"):
+        bench.tried("tail_roll", answer=False)
+    bench.assert_off()
+
+
+def test_without_a_watchdog_test_nothing_is_opened(monkeypatch):
+    bench = CarOnTheBench(authorised=False)
+    with pytest.raises(HardwareError, match="no watchdog test"), held_car.holding(bench.car):
+        pass
+    assert bench.car.devices is None
+
+
+def test_an_exception_in_the_block_lets_the_tail_go(bench):
+    def drop():
+        with held_car.holding(bench.car):
+            held_car.turn(bench.car, CarCommand(tail_roll=np.array([0.1, 0.0, 17.0, 1.0, 0.0])))
+            assert bench.roll.entered
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        drop()
+    bench.assert_off()

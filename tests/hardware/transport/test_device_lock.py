@@ -1,0 +1,136 @@
+"""One program at a time: locks by device, freed by every kind of death, kept by a watchdog that still sends."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from hardware.transport.can_settings import CanSettings
+from hardware.transport.device_lock import can_address, lock_devices
+from workbench.errors import HardwareError
+
+HOLD = """
+import subprocess, sys, time
+from hardware.transport.device_lock import lock_devices
+lock = lock_devices(sys.argv[2:], "a drive")
+if sys.argv[1] == "watched":
+    watchdog = subprocess.Popen(["sleep", "60"], pass_fds=lock.files)
+    lock.entrust(watchdog.pid)
+    print(watchdog.pid, flush=True)
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+@contextmanager
+def holder(*devices, how="alone"):
+    """Another program that has the devices, and the id of the process that has inherited them."""
+    process = subprocess.Popen([sys.executable, "-c", HOLD, how, *devices], stdout=subprocess.PIPE, text=True)
+    watchdog = 0
+    try:
+        if how == "watched":
+            watchdog = int(process.stdout.readline())
+        assert process.stdout.readline() == "held\n"
+        yield process, watchdog
+    finally:
+        process.kill()
+        process.wait()
+        if watchdog:
+            with suppress(ProcessLookupError):
+                os.kill(watchdog, signal.SIGKILL)
+
+
+@pytest.fixture
+def device(tmp_path):
+    """A name that no other test has."""
+    path = tmp_path / "ttyTeensy"
+    path.touch()
+    return str(path)
+
+
+def test_a_second_program_is_refused_at_once_and_told_who_has_the_device(device):
+    with holder(device) as (process, _):
+        begin = time.monotonic()
+        with pytest.raises(HardwareError, match=rf"ttyTeensy: is in use by a drive \(process {process.pid}, since"):
+            lock_devices([device], "a console")
+        assert time.monotonic() - begin < 0.5
+
+
+def test_the_same_program_is_refused_a_second_time_and_may_have_it_after_it_was_given_back(device):
+    lock = lock_devices([device], "a drive")
+    with pytest.raises(HardwareError, match="in use by a drive"):
+        lock_devices([device], "a drive")
+    lock.close()
+    lock.close()
+    lock_devices([device], "a drive").close()
+
+
+def test_an_alias_of_a_device_is_the_same_device(device, tmp_path):
+    alias = tmp_path / "aerodima-teensy"
+    alias.symlink_to(device)
+    for first, second in ((device, str(alias)), (str(alias), device)):
+        lock = lock_devices([first], "a drive")
+        with pytest.raises(HardwareError, match="in use"):
+            lock_devices([second], "a drive")
+        lock.close()
+
+
+def test_all_or_none(device, tmp_path):
+    other = str(tmp_path / "ttyImu")
+    with holder(device):
+        with pytest.raises(HardwareError, match="in use"):
+            lock_devices([other, device], "a console")
+        lock_devices([other], "a console").close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV])
+def test_death_frees_the_device(device, number):
+    with holder(device) as (process, _):
+        process.send_signal(number)
+        process.wait()
+        lock_devices([device], "a drive").close()
+
+
+def test_a_watchdog_that_outlives_its_drive_keeps_the_device_and_a_new_drive_waits_and_says_so(device):
+    with holder(device, how="watched") as (process, watchdog):
+        process.kill()
+        process.wait()
+        said = []
+        end = threading.Timer(0.5, lambda: os.kill(watchdog, signal.SIGTERM))
+        end.start()
+        begin = time.monotonic()
+        lock = lock_devices([device], "a drive", said.append)
+        waited = time.monotonic() - begin
+        lock.close()
+        assert 0.3 < waited < 5.0
+        assert said == [f"{device}: the watchdog of an earlier drive still sends exit frames; waiting for it to end"]
+
+
+def test_a_drive_that_gives_the_device_back_while_its_watchdog_lives_is_not_named_any_more(device):
+    lock = lock_devices([device], "a drive")
+    watchdog = subprocess.Popen(["sleep", "0.5"], pass_fds=lock.files)
+    lock.entrust(watchdog.pid)
+    lock.close()
+    said = []
+    lock_devices([device], "a drive", said.append).close()
+    assert len(said) == 1
+    watchdog.wait()
+
+
+def test_an_adapter_that_is_no_device_of_this_computer_is_locked_by_its_address():
+    def address(**options):
+        return can_address(CanSettings("socketcand", "can0", options=options))
+
+    assert address(host="localhost", port=29536) == address(host="127.0.0.1", port=29536)
+    assert address(host="127.0.0.1", port=29536) != address(host="127.0.0.1", port=29537)
+    assert can_address(CanSettings("socketcan", "can0")) == "socketcan:can0"
+    assert can_address(CanSettings("slcan", "/dev/ttyACM0@1000000")) == "/dev/ttyACM0"
+    lock = lock_devices([address(host="127.0.0.1", port=1)], "a drive")
+    with pytest.raises(HardwareError, match=r"socketcand:127\.0\.0\.1:1:can0: is in use by a drive"):
+        lock_devices([address(host="localhost", port=1)], "a drive")
+    lock.close()

@@ -1,0 +1,297 @@
+"""A laboratory that is not ours: logs from formulae of its own, with the truth beside them and no scenario in them.
+
+Nothing of the workbench's rig, force laws or rollouts is used. The held rig is a closed form, the swings are the
+equation of motion given to scipy. Frames and signs are those of docs/design.md, section 4; the force law that of
+section 5; the numbers below are typed off the thesis (Tables 4.2, 4.5, 4.6).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.integrate import solve_ivp
+
+from workbench.logs.schema import RunLog, run_log_from_metadata, write_run_log
+
+GRAVITY = 9.81
+ACCURACY = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])
+COUNT = 2.0 * math.pi / (512 * 4 * 26)
+PUSH = 0.2
+"""A; falls to nothing at the neighbouring samples."""
+READINGS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_n_m", "torque_y_n_m", "torque_z_n_m")
+
+
+@dataclass(frozen=True)
+class Lab:
+    """True numbers of the rig with tail 1 (SI), and what its instruments do wrong.
+
+    Attributes:
+        encoder_zero: is subtracted from the angle in the log, rad.
+        current_delay: by which the logged current comes late, s.
+        force_bias, force_drift, force_noise: N and N m, per s of the latter, per sample.
+        current_noise: A per sample.
+        count: of the encoder, rad.
+        pushed_sample: at which `PUSH` more flows than is logged; -1 for none.
+    """
+
+    pivot: tuple[float, float, float] = (0.09576, -0.00011, 0.17138)
+    mount_mass: float = 1.189
+    mount_com: tuple[float, float, float] = (-0.00569, -0.00011, 0.03149)
+    bar_mass: float = 0.313
+    bar_com: float = 0.100
+    bar_end: float = 0.270
+    bar_inertia: float = 1.9198e-3
+    bar_width: float = 0.02
+    bar_drag: float = 2.0
+    tail_length: float = 0.39
+    tail_width: float = 0.0639
+    tail_mass: float = 0.0982
+    tail_com: float = 0.163
+    gap: float = 0.0
+    rotor_inertia: float = 6.731e-3
+    torque_constant: float = 0.346
+    jet_depth: float = 0.265
+    jet_slope: float = 1.0 / 18.0
+    air_density: float = 1.225
+    coulomb: float = 0.0435
+    viscous: float = 0.0364
+    encoder_zero: float = 0.0
+    current_delay: float = 0.0
+    wind_gain: float = 1.0
+    force_gain: float = 1.0
+    force_bias: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    force_drift: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    force_noise: np.ndarray = field(default_factory=lambda: 0.01 * ACCURACY)
+    current_noise: float = 0.01
+    count: float = COUNT
+    pushed_sample: int = -1
+
+
+LAB = Lab()
+
+
+def _axis(q: float) -> np.ndarray:
+    return np.array([0.0, -math.sin(q), -math.cos(q)])
+
+
+def _exposed(lab: Lab, q: float, psi: float, start: float, length: float) -> tuple[float, float]:
+    """First and last distance from the pivot that the jet meets."""
+    rate = math.cos(q) + lab.jet_slope * math.sin(q) * math.cos(psi)
+    edge = lab.jet_depth / rate if rate > 1e-9 else math.inf
+    return max(start, edge), start + length
+
+
+def _force(v: np.ndarray, a: np.ndarray, cd: float, cl: float, scale: float) -> np.ndarray:
+    """Drag along v and lift across it, to the root; the lift turns over within a degree and fades at the end."""
+    speed = float(np.linalg.norm(v))
+    if speed < 1e-9:
+        return np.zeros(3)
+    along = float(v @ a) / speed
+    across = math.sqrt(max(1.0 - along * along, 0.0))
+    x = max(-1.0, min(1.0, along / math.sin(math.radians(1.0))))
+    y = min(1.0, across / math.sin(math.radians(10.0)))
+    turned = 0.5 * x * (3.0 - x * x) * y * y * (3.0 - 2.0 * y)
+    lift = -(a - along * v / speed) / max(across, 1e-9)
+    return scale * speed * (cd * v + cl * turned * speed * lift)
+
+
+def _loads(lab: Lab, q: float, rate: float, psi: float, wind: float, cd: float, cl: float) -> tuple[np.ndarray, ...]:
+    """Force, moment about W and torque about the motor axis (downstream positive) of the air on tail and bar."""
+    a, w = _axis(q), wind * np.array([math.sin(psi), -math.cos(psi), 0.0])
+    total, moment, torque = np.zeros(3), np.zeros(3), 0.0
+    root = lab.bar_end + lab.gap
+    parts = 5 if rate else 1
+    for start, length, width, drag, lift, number in (
+        (root, lab.tail_length, lab.tail_width, cd, cl, parts),
+        (0.0, lab.bar_end, lab.bar_width, lab.bar_drag, 0.0, 1),
+    ):
+        first, last = _exposed(lab, q, psi, start, length)
+        if first >= last:
+            continue
+        piece = (last - first) / number
+        for i in range(number):
+            s = first + (i + 0.5) * piece
+            # The hand of a positive rate moves the point s a towards (0, -cos q, sin q).
+            velocity = rate * s * np.array([0.0, -math.cos(q), math.sin(q)])
+            force = _force(w - velocity, a, drag, lift, 0.5 * lab.air_density * piece * width)
+            total += force
+            moment += np.cross(np.array(lab.pivot) + s * a, force)
+            torque += s * float(force @ np.array([0.0, -math.cos(q), math.sin(q)]))
+    return total, moment, np.array(torque)
+
+
+def weight(lab: Lab, q: float) -> tuple[np.ndarray, float]:
+    """Wrench of the support (6) and torque about the motor axis of the weight alone."""
+    a, p = _axis(q), np.array(lab.pivot)
+    bodies = [
+        (lab.mount_mass, np.array(lab.mount_com)),
+        (lab.bar_mass, p + lab.bar_com * a),
+        (lab.tail_mass, p + (lab.bar_end + lab.gap + lab.tail_com) * a),
+    ]
+    wrench = np.zeros(6)
+    for mass, place in bodies:
+        load = mass * GRAVITY * np.array([0.0, 0.0, 1.0])
+        wrench[:3] += load
+        wrench[3:] += np.cross(place, load)
+    arm = lab.bar_mass * lab.bar_com + lab.tail_mass * (lab.bar_end + lab.gap + lab.tail_com)
+    return wrench, -GRAVITY * arm * math.sin(q)
+
+
+def hold(
+    lab: Lab = LAB,
+    *,
+    cd: float = 0.9,
+    cl: float = 0.25,
+    psi: float = 0.03,
+    angle: float = math.radians(20.0),
+    wind: float = 20.0,
+    rest: float = 2.0,
+    duration: float = 8.0,
+    rate: float = 500.0,
+    seed: int = 0,
+    wander: Callable[[np.ndarray], np.ndarray] | None = None,
+    **extra: Any,
+) -> RunLog:
+    """A static hold whose first `rest` seconds are without wind; the sensor was zeroed at nothing (offset 0).
+
+    Args:
+        wander: of the times (n) in units of each axis' accuracy (n), added to all six readings.
+        extra: further metadata.
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(duration * rate) + 1) / rate
+    force, moment, torque = _loads(lab, angle, 0.0, psi, lab.wind_gain * wind, cd, cl)
+    hanging, hanging_torque = weight(lab, angle)
+    blown = np.concatenate([-force, -moment])
+    windy = time > rest
+    readings = hanging + np.outer(windy, blown)
+    current = (hanging_torque + windy * float(torque)) / lab.torque_constant
+    readings = lab.force_gain * readings + lab.force_bias + np.outer(time, lab.force_drift)
+    if wander is not None:
+        readings += np.outer(wander(time), ACCURACY)
+    readings += lab.force_noise * rng.normal(size=readings.shape)
+    table = pd.DataFrame({"time_s": time, "angle_rad": np.full(len(time), _count(lab, angle - lab.encoder_zero))})
+    table["current_a"] = current + lab.current_noise * rng.normal(size=len(time))
+    for column, values in zip(READINGS, readings.T, strict=True):
+        table[column] = values
+    truth = {"cd": cd, "cl": cl, "psi3": psi, "current": float(current[-1])}
+    facts = {"tail": "1", "axis": "major", "wind_speed_m_per_s": wind, "offsets_to_add": [0.0] * 6, "truth": truth}
+    if rest > 0.0:
+        facts["rest_s"] = [0.0, float(rest)]
+    return _log(table, "static", {**facts, **extra})
+
+
+def bar_swing(
+    lab: Lab = LAB,
+    *,
+    angle: float = 1.4,
+    start_rate: float = 0.0,
+    duration: float = 5.0,
+    rate: float = 500.0,
+    **extra: Any,
+) -> RunLog:
+    """The bare bar let go at `angle`."""
+    inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
+
+    def motion(t: float, state: np.ndarray) -> list[float]:
+        q, w = state
+        load = -GRAVITY * lab.bar_mass * lab.bar_com * math.sin(q) - _friction(lab, w)
+        return [w, load / inertia]
+
+    truth = {"coulomb": lab.coulomb, "viscous": lab.viscous}
+    table = _swing(lab, motion, (angle, start_rate), duration, rate)
+    table["current_a"] = 0.0
+    return _log(table, "bar_swing", {"truth": truth, "rest_s": [-1.0, 0.0], **extra})
+
+
+def flick(
+    lab: Lab = LAB,
+    *,
+    added_mass: float = 0.02,
+    cd: float = 0.9,
+    cl: float = 0.25,
+    wind: float = 10.0,
+    angle: float = math.radians(60.0),
+    start_rate: float = 0.0,
+    duration: float = 1.5,
+    rate: float = 500.0,
+    convention: str = "instantaneous",
+    seed: int = 0,
+    drive: int | None = None,
+    **extra: Any,
+) -> RunLog:
+    """Tail 1 let go at `angle` and driven by a smooth current; C_D and C_L are constant.
+
+    Args:
+        convention: whether a sample of the current is its value then, or the `mean` since the sample before.
+        seed, drive: of noise and drive; one draw for both without the latter.
+    """
+    rng = np.random.default_rng(seed)
+    draw = rng if drive is None else np.random.default_rng(drive)
+    sine = Sine(1.5, 2.0 * math.pi * (1.0 + draw.uniform()), draw.uniform(0.0, 2.0 * math.pi))
+    arms = lab.bar_end + lab.gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
+    inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
+    inertia += lab.tail_mass * (lab.tail_length**2 / 12.0 + (lab.bar_end + lab.gap + lab.tail_com) ** 2)
+    inertia += added_mass * float(arms @ arms)
+
+    def push(t: float) -> float:
+        return PUSH * max(0.0, 1.0 - abs(t * rate - lab.pushed_sample)) if lab.pushed_sample >= 0 else 0.0
+
+    def motion(t: float, state: np.ndarray) -> list[float]:
+        q, w = state
+        load = weight(lab, q)[1] + float(_loads(lab, q, w or 1e-300, 0.0, lab.wind_gain * wind, cd, cl)[2])
+        return [w, (load - lab.torque_constant * (sine.value(t) + push(t)) - _friction(lab, w)) / inertia]
+
+    table = _swing(lab, motion, (angle, start_rate), duration, rate)
+    late = table.time_s.to_numpy() - lab.current_delay
+    current = sine.value(late) if convention == "instantaneous" else sine.mean(late - 1.0 / rate, late)
+    table["current_a"] = current + lab.current_noise * rng.normal(size=len(late))
+    facts = {"tail": "1", "axis": "major", "wind_speed_m_per_s": wind, "rest_s": [-1.0, 0.0]}
+    return _log(table, "swing", {**facts, "truth": {"added_mass": added_mass}, **extra})
+
+
+@dataclass(frozen=True)
+class Sine:
+    """size sin(frequency t + phase), and its mean between two times."""
+
+    size: float
+    frequency: float
+    phase: float
+
+    def value(self, t: Any) -> Any:
+        return self.size * np.sin(self.frequency * t + self.phase)
+
+    def mean(self, start: Any, end: Any) -> Any:
+        ends = np.cos(self.frequency * start + self.phase) - np.cos(self.frequency * end + self.phase)
+        return self.size * ends / (self.frequency * (end - start))
+
+
+def write(log: RunLog, folder: Path, name: str) -> Path:
+    """The log as a file."""
+    return write_run_log(replace(log, source=name), folder / f"{name}.parquet")
+
+
+def _friction(lab: Lab, w: float) -> float:
+    return lab.coulomb * math.tanh(10.0 * w) + lab.viscous * w
+
+
+def _count(lab: Lab, angle: Any) -> Any:
+    return np.round(angle / lab.count) * lab.count
+
+
+def _swing(lab: Lab, motion: Callable, start: tuple[float, float], duration: float, rate: float) -> pd.DataFrame:
+    time = np.arange(round(duration * rate) + 1) / rate
+    found = solve_ivp(motion, (0.0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-13, max_step=0.004)
+    assert found.success, found.message
+    return pd.DataFrame({"time_s": time, "angle_rad": _count(lab, found.y[0] - lab.encoder_zero)})
+
+
+def _log(table: pd.DataFrame, kind: str, extra: dict[str, Any]) -> RunLog:
+    metadata = {"schema": "aerodima/run-log/1", "scenario": {}, "seed": 0, "versions": {}, "created": "", "kind": kind}
+    return run_log_from_metadata(table, {**metadata, "extra": extra}, f"other laboratory, {kind}")

@@ -1,0 +1,100 @@
+"""What the thesis states about the built car, beside what the model has: what a row says is ours is found again."""
+
+import pytest
+
+from optimisation.calibration.plan import load_plan
+from tests.built.found import CHECKS, RUNS, SLOW
+from workbench.errors import ModelError
+from workbench.published import published_figures
+from workbench.statement_page import statements_page
+from workbench.statements import Statement, load_statements, parameter_entry, published_row
+
+FILE = load_statements()
+FOUND = [
+    pytest.param(s, id=s.id, marks=[pytest.mark.slow] if s.kind == "run" else [])
+    for s in FILE.statements
+    if s.kind in ("check", "run")
+]
+AGAIN = 0.01
+"""A run is found again within this share of its figure: the last digits depend on the versions of Drake and NumPy."""
+
+
+@pytest.mark.parametrize("statement", FOUND)
+def test_what_a_row_says_is_ours_is_found_again(statement: Statement) -> None:
+    found = (CHECKS if statement.kind == "check" else RUNS)[statement.source]()
+    if isinstance(found, bool | str):
+        assert found == statement.measured
+    else:
+        assert found == pytest.approx(statement.measured, rel=AGAIN, abs=1e-3)
+        assert statement.holds(found) == (statement.verdict != "differs"), found
+
+
+def test_there_is_a_row_for_everything_that_is_measured() -> None:
+    assert {s.source for s in FILE.statements if s.kind == "check"} == set(CHECKS)
+    assert {s.source for s in FILE.statements if s.kind == "run"} <= set(RUNS)
+    assert set(RUNS) >= SLOW
+    assert len(FILE.statements) >= 40
+
+
+def test_units_of_both_sides_are_the_same() -> None:
+    for statement in FILE.statements:
+        if statement.kind == "parameter" and not isinstance(statement.our_value, bool | str):
+            assert parameter_entry(statement.source).unit == statement.unit, statement.id
+
+
+def row(**changes: object) -> dict[str, object]:
+    good = {"id": "a", "section": "1", "says": "x", "published": 2.0, "unit": "m", "ours": "check b", "measured": 2.0}
+    return {**good, "verdict": "agrees", **changes}
+
+
+def test_a_verdict_follows_from_the_values() -> None:
+    Statement.model_validate(row())
+    Statement.model_validate(row(measured=3.0, compare="at least"))
+    Statement.model_validate(row(measured=-2.0, verdict="differs", reason="sign"))
+    Statement.model_validate(row(ours=None, measured=None, verdict="not checkable", reason="a picture"))
+    for wrong, said in (
+        ({"measured": -2.0}, "ours is -2.0 and published 2.0"),
+        ({"measured": 2000.0}, "ours is 2000.0"),
+        ({"verdict": "differs", "reason": "none"}, "allowed is the verdict that follows"),
+        ({"measured": 1.0, "compare": "at least"}, "at least"),
+        ({"measured": True}, "ours is True"),
+        ({"measured": 3.0, "verdict": "differs"}, "needs a reason"),
+        ({"ours": None, "measured": None}, "only what is not checkable"),
+        ({"ours": "parameter car.mass"}, "none for a parameter"),
+        ({"measured": None}, "allowed is a value"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Statement.model_validate(row(**wrong))
+
+
+def test_an_unknown_name_is_one_line() -> None:
+    with pytest.raises(ModelError, match=r"parameter 'car\.weight': unknown; car has .*mass"):
+        parameter_entry("car.weight")
+    with pytest.raises(ModelError, match="constants has no row 'holdkp'"):
+        published_row("constants/holdkp")
+
+
+def test_the_page_has_every_row_with_its_verdict() -> None:
+    rows = [line.split(" | ") for line in statements_page().splitlines() if line.startswith("| ")]
+    found = [(cells[1], cells[4]) for cells in rows]
+    for statement in FILE.statements:
+        assert (statement.says.replace("|", "\\|"), f"**{statement.verdict}**") in found, statement.id
+    assert all(line.count(" | ") >= 5 for line in statements_page().splitlines() if line.startswith("| "))
+
+
+def test_what_the_cars_are_calibrated_to_is_no_evidence() -> None:
+    plan = load_plan("car")
+    platforms = {figures.source: f"{figures.platform}_{figures.configuration}_" for figures in published_figures()}
+    fitted = {
+        platforms.get(place, "") + name
+        for place, figures in plan.figures.items()
+        for name, figure in figures.items()
+        if figure.use == "fitted"
+    }
+    ours = {s.source: s for s in FILE.statements if s.kind == "run"}
+    named = {"speed_in_the_turn": "simulated_tailless_speed_in_turn_m_per_s"}
+    named["yaw_rate_when_an_inner_wheel_lifts"] = "lift_yaw_rate_rad_per_s"
+    rows = {source for source in ours if named.get(source, source) in fitted}
+    assert len(rows) >= 10
+    rows |= {"outcome_none_12_km_per_h", "outcome_none_13_km_per_h"}
+    assert [source for source in rows if ours[source].verdict == "agrees"] == []

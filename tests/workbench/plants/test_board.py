@@ -1,0 +1,68 @@
+"""The anti-ramp board: what it stops, where it stands, when it touches the ground."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.workbench.stands import CarStand
+from workbench.replay.surfaces import visible_surfaces
+from workbench.scenario import Scenario, load_scenario
+from workbench.station import simulated_car
+from workbench.trial import Trial, run_trial
+
+FULL_THROTTLE = ("manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=1.2")
+
+
+def started(*settings: str) -> Trial:
+    return run_trial(load_scenario("straight", [*FULL_THROTTLE, *settings]))
+
+
+@pytest.mark.parametrize("tail", ["none", "held"])
+def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(tail: str) -> None:
+    run = started(f"tail.mode={tail}")
+    log, car = run.run_log, load_scenario("straight").car
+    assert run.summary.survived
+    assert log.signal("ground_contact_board_truth_n").max() > 10.0
+    # The pitch at which the lower face of the rear edge meets the ground, with the rear suspension on its stops.
+    lever = math.hypot(car.board_x, car.tyre_radius - car.board_height)
+    touch = math.asin(car.tyre_radius / lever) - math.asin((car.tyre_radius - car.board_height) / lever)
+    assert 0.1 < -log.signal("pitch_truth_rad").min() < touch + 0.05
+
+
+@pytest.mark.parametrize("tail", ["none", "held"])
+def test_without_its_board_the_car_tips_over_backwards(tail: str) -> None:
+    run = started(f"tail.mode={tail}", "car.board=false")
+    assert run.summary.metrics.outcome.result == "flipped"
+    # Backwards and not sideways: the nose went up beyond 60 degrees.
+    assert -run.run_log.signal("pitch_truth_rad").min() > math.radians(60.0)
+
+
+def test_board_clears_the_ground_in_a_level_turn() -> None:
+    """The whole published turn, from rest to standing upright again: the corners never come down."""
+    run = run_trial(load_scenario("turn_none"))
+    assert run.summary.clean
+    assert run.summary.metrics.outcome.board_before_turn_s == 0.0
+    assert np.all(run.run_log.signal("ground_contact_board_truth_n") == 0.0)
+
+
+def test_car_weighs_and_balances_the_same_without_its_board() -> None:
+    with_board, without = (CarStand(load_scenario("turn_none", [f"car.board={word}"])) for word in ("true", "false"))
+    assert without.plant.CalcTotalMass(without.plant_context) == pytest.approx(
+        with_board.plant.CalcTotalMass(with_board.plant_context), rel=1e-9
+    )
+    np.testing.assert_allclose(without.com(), with_board.com(), atol=1e-8)
+    assert not without.plant.HasBodyNamed("board")
+
+
+def test_replay_draws_the_board_behind_the_rear_tyres() -> None:
+    scenario: Scenario = load_scenario("turn_none")
+    stand = CarStand(scenario)
+    (board,) = [s for s in visible_surfaces(simulated_car(stand.station)) if s.body.name() == "board"]
+    X_WBoard = stand.plant.EvalBodyPoseInWorld(stand.plant_context, board.body)
+    corners = board.triangles.reshape(-1, 3) @ X_WBoard.rotation().matrix().T + X_WBoard.translation()
+    car = scenario.car
+    assert corners[:, 0].min() == pytest.approx(car.board_x, abs=1e-6)
+    assert corners[:, 0].max() < -car.tyre_radius
+    assert corners[:, 2].min() == pytest.approx(car.board_height, abs=1e-6)
+    assert np.abs(corners[:, 1]).max() == pytest.approx(car.board_width / 2, abs=1e-6)

@@ -1,0 +1,166 @@
+"""Workers that are lost, paused, stopped, full or idle: said, kept in the record, and no run lost or made twice."""
+
+import json
+import os
+import re
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import dask
+import pytest
+
+from workbench.batch import WORKER_RECORD, Engine, SerialEngine, dask_engine, open_engine, worker, worker_record
+from workbench.errors import UserError
+
+MEGABYTE = 1_000_000
+LIMIT = 400 * MEGABYTE
+_kept: list[bytearray] = []
+
+
+def leak(marks: Path, size: int, pause: float, number: int) -> int:
+    """Leaves a mark with its process, and `size` bytes that are never freed, in the way of an immortal diagram."""
+    with (marks / str(number)).open("a") as stream:
+        stream.write(f"{os.getpid()}\n")
+    if size:
+        _kept.append(bytearray(os.urandom(size)))
+    time.sleep(pause)
+    return number * number
+
+
+def processes(marks: Path) -> dict[int, list[int]]:
+    """Run -> the processes that began it."""
+    return {int(path.name): [int(line) for line in path.read_text().split()] for path in marks.iterdir()}
+
+
+@pytest.fixture
+def marks(tmp_path: Path) -> Path:
+    (tmp_path / "marks").mkdir()
+    return tmp_path / "marks"
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[Callable[..., tuple[Engine, list[str]]]]:
+    """Opens an engine; gives it and the lines that it says."""
+    from contextlib import ExitStack
+
+    with ExitStack() as stack:
+
+        def open_(workers: int = 2, memory: float | None = LIMIT) -> tuple[Engine, list[str]]:
+            said: list[str] = []
+            engine = stack.enter_context(
+                open_engine(workers, memory=memory, say=said.append, record=tmp_path / WORKER_RECORD)
+            )
+            return engine, said
+
+        yield open_
+
+
+def recorded(folder: Path) -> list[dict]:
+    path = folder / WORKER_RECORD
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def once_running(marks: Path, number: int, act: Callable[[int], None]) -> threading.Thread:
+    """Acts on the process of a run as soon as that has begun."""
+
+    def wait() -> None:
+        while not (path := marks / str(number)).exists() or not path.read_text().endswith("\n"):
+            time.sleep(0.01)
+        act(processes(marks)[number][0])
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    return thread
+
+
+def test_quiet_work_says_nothing_and_leaves_no_record(opened, marks, tmp_path):
+    engine, said = opened()
+    work = partial(leak, marks, 0, 0.0)
+    assert engine.map(work, range(20)) == SerialEngine().map(work, range(20))
+    assert (said, engine.events, recorded(tmp_path)) == ([], {}, [])
+
+
+def test_full_workers_are_replaced_between_runs_none_lost_or_repeated(opened, marks, tmp_path):
+    engine, said = opened()
+    told: list[int] = []
+    work = partial(leak, marks, 20 * MEGABYTE, 0.05)
+    assert engine.map(work, range(60), lambda place, result: told.append(place)) == [n * n for n in range(60)]
+    assert sorted(told) == list(range(60))
+    began = processes(marks)
+    assert all(len(pids) == 1 for pids in began.values())
+    lives = Counter(pids[0] for pids in began.values())
+    assert len(lives) >= 5
+    assert max(lives.values()) <= worker.REPLACE_AT * LIMIT / (20 * MEGABYTE)
+    events = recorded(tmp_path)
+    assert {event["event"] for event in events} == {"replaced"} == set(engine.events)
+    assert all(event["memory_bytes"] <= worker.REPLACE_AT * LIMIT for event in events)
+    assert [event["text"] for event in events] == said
+    assert re.match(
+        r"worker [01] \(process \d+\) is replaced after \d+ runs: it holds 0\.2\d of 0\.40 GB, 2\d MB", said[0]
+    )
+
+
+def test_worker_killed_in_the_middle_is_said_and_only_its_run_is_made_again(opened, marks, tmp_path):
+    engine, said = opened()
+    killer = once_running(marks, 4, lambda pid: os.kill(pid, signal.SIGKILL))
+    assert engine.map(partial(leak, marks, 0, 0.3), range(12)) == [n * n for n in range(12)]
+    killer.join()
+    assert {number for number, pids in processes(marks).items() if len(pids) > 1} == {4}
+    (event,) = recorded(tmp_path)
+    assert (event["event"], event["process"]) == ("lost", processes(marks)[4][0])
+    assert re.match(r"worker [01] \(process \d+\) was lost after \d runs .*; its run is made again$", said[0])
+
+
+def test_stopped_worker_is_killed_and_its_run_made_again(opened, marks, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_engine, "STOPPED_LOOKS", 2)
+    engine, said = opened()
+    stopper = once_running(marks, 4, lambda pid: os.kill(pid, signal.SIGSTOP))
+    assert engine.map(partial(leak, marks, 0, 0.3), range(12)) == [n * n for n in range(12)]
+    stopper.join()
+    assert {number for number, pids in processes(marks).items() if len(pids) > 1} == {4}
+    (event,) = recorded(tmp_path)
+    assert (event["event"], event["process"]) == ("stopped", processes(marks)[4][0])
+    assert "has been stopped for 2 s" in said[0]
+
+
+def test_workers_that_dask_pauses_are_said_and_replaced_and_the_study_ends(opened, marks, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_engine, "PAUSED_LOOKS", 2)
+    with dask.config.set({"distributed.worker.memory.pause": 0.45}):  # before our own replacement at 0.7
+        engine, said = opened()
+        work = partial(leak, marks, 20 * MEGABYTE, 0.5)
+        assert engine.map(work, range(24)) == [n * n for n in range(24)]
+    assert all(len(pids) == 1 for pids in processes(marks).values())
+    assert {event["event"] for event in recorded(tmp_path)} == {"paused", "replaced"}
+    assert any(re.search(r"is paused by Dask: it holds 0\.\d\d of 0\.40 GB", line) for line in said)
+
+
+def test_workers_without_room_for_a_single_run_are_an_error(opened):
+    no_room = dask.config.set(
+        {"distributed.worker.memory.pause": 0.01, "distributed.worker.memory.monitor-interval": "10ms"}
+    )
+    with no_room, pytest.raises(UserError, match="is paused before it has ended a single run"):
+        opened()
+
+
+@pytest.mark.parametrize("serial", [True, False])
+def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, serial):
+    monkeypatch.setattr(worker_record, "STILL_LEAST", 1.0)
+    said: list[str] = []
+    if serial:
+        engine = SerialEngine(said.append, tmp_path / WORKER_RECORD)
+    else:
+        engine, said = opened(1)
+    assert engine.map(sleep_long_at_three, range(5)) == list(range(5))
+    assert re.match(r"no run has ended for [12] s \(typical: 0\.0\d* s\)", said[0])
+    assert 1 <= engine.events["still"] <= 3
+    assert all(event["event"] == "still" for event in recorded(tmp_path))
+
+
+def sleep_long_at_three(number: int) -> int:
+    time.sleep(4.0 if number == 3 else 0.05)
+    return number

@@ -1,0 +1,10 @@
+"""Many independent pieces of work: in this process, in worker processes on this computer, or on a Dask cluster.
+
+What happens to a worker (lost, paused, stopped, replaced because its memory is full) is handled and said in one place,
+whatever the work is: runs of a study, logs of a campaign, fits.
+"""
+
+from workbench.batch.engine import Engine, SerialEngine, check_workers, open_engine, run_batch
+from workbench.batch.worker_record import WORKER_RECORD
+
+__all__ = ["WORKER_RECORD", "Engine", "SerialEngine", "check_workers", "open_engine", "run_batch"]

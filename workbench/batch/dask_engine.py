@@ -1,0 +1,300 @@
+"""The engine on Dask workers: it hands out one piece per worker at a time, and looks after the workers meanwhile.
+
+Dask pauses a worker at 80 % of its memory, ends it at 95 %, and leaves the rest to us. On a Drake that never frees a
+Python system every run of the car adds some 4 MB, so a worker has a life of some hundreds of runs: it is replaced
+between two pieces, before it is so full that Dask would pause it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
+from typing import TYPE_CHECKING, Any
+
+from workbench.batch.worker import Worker, do_piece, get_ready
+from workbench.batch.worker_record import Standstill, WorkerRecord
+from workbench.errors import UserError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+LOOK_EVERY = 1.0
+"""s, between two looks at the workers."""
+STOPPED_LOOKS = 5
+"""So many looks in a row must find a process stopped (SIGSTOP) before it is killed and replaced."""
+PAUSED_LOOKS = 5
+"""So many looks in a row must find a paused worker idle although it has a piece before it is replaced."""
+RETIRED_FOR = 60.0
+"""s; a worker that is still there so long after it was given up is a worker again."""
+DEATHS_AT_THE_START = 3
+"""Workers, and as many for each that works, that may die before any piece is done: then it is not the pieces' fault."""
+
+
+class DaskEngine:
+    """On the workers of a Dask client; made by `open_engine`."""
+
+    startup = 0.0
+
+    def __init__(self, client: Client, record: WorkerRecord, *, is_local: bool, module: str | None) -> None:
+        self._client, self._record, self._is_local, self._module = client, record, is_local, module
+        self._workers: dict[str, Worker] = {}
+        self._retired: dict[str, float] = {}
+        """Address -> when a worker that the scheduler may still list was given up; monotonic, s."""
+        self._threads = 1
+        self._looked = -LOOK_EVERY
+        self._deaths, self._worked = 0, False
+        self._under_way: dict[Future, tuple[str, int | None]] = {}
+        """Address of the worker, and the place of the piece; None while the worker gets ready."""
+        self._dead: list[int] = []
+        self._again: list[int] = []
+        self._still = Standstill(record, self._where)
+
+    @property
+    def workers(self) -> int:
+        """See `Engine`."""
+        return self._threads
+
+    @property
+    def events(self) -> dict[str, int]:
+        """See `Engine`."""
+        return dict(self._record.counts)
+
+    def wait_until_ready(self) -> None:
+        """Until every worker that is there has imported what it needs."""
+        while self._under_way or not self._workers:
+            self._look()
+            for future in self._ended():
+                self._take(future)
+
+    def map(
+        self,
+        work: Callable[[Any], Any],
+        items: Sequence[Any],
+        done: Callable[[int, Any], None] | None = None,
+        lost: Callable[[Any], Any] | None = None,
+    ) -> list[Any]:
+        """See `Engine`."""
+        waiting, suspects = deque(range(len(items))), deque[int]()
+        results: dict[int, Any] = {}
+        given_up, died = list[int](), set[int]()
+        self._still = Standstill(self._record, self._where)
+
+        def keep(place: int, result: Any) -> None:
+            results[place] = result
+            if done is not None:
+                done(place, result)
+
+        try:
+            while len(results) + len(given_up) < len(items):
+                self._look()
+                self._hand_out(work, items, waiting or suspects, alone=not waiting)
+                for future in self._ended():
+                    place, result = self._take(future)
+                    if place is not None:
+                        keep(place, result)
+                waiting.extendleft(self._again)
+                for place in self._dead:
+                    if place not in died:
+                        died.add(place)
+                        suspects.append(place)
+                        continue
+                    self._record.event("given_up", f"given up, its worker died twice: {str(items[place])[:200]}")
+                    if lost is None:
+                        given_up.append(place)
+                    else:
+                        keep(place, lost(items[place]))
+                self._again, self._dead = [], []
+        finally:
+            self._drop()
+        if given_up:
+            raise UserError(
+                f"{len(given_up)} of {len(items)} pieces killed their worker process (out of memory?), the first is "
+                f"{items[min(given_up)]!r}; the others are done"
+            )
+        return [results[place] for place in range(len(items))]
+
+    def _drop(self) -> None:
+        """Nothing is under way any more, nor told."""
+        for future in [future for future, (_, place) in self._under_way.items() if place is not None]:
+            self._forget_future(future, self._again)
+        self._again, self._dead = [], []
+
+    def _hand_out(self, work: Callable[[Any], Any], items: Sequence[Any], source: deque[int], alone: bool) -> None:
+        """One piece for every free thread; with `alone` one piece and nothing beside it."""
+        for address, worker in list(self._workers.items()):
+            busy = sum(address == where for where, _ in self._under_way.values())
+            if source and not busy and worker.is_full and worker.has_nanny:
+                self._replace(
+                    address,
+                    "replaced",
+                    f"{worker} is replaced after {worker.pieces} runs: it holds {worker.held}, "
+                    f"{worker.per_piece / 1e6:.2g} MB more with each",
+                )
+                continue
+            while source and busy < worker.threads and worker.pid and worker.status == "running":
+                if alone and any(place is not None for _, place in self._under_way.values()):
+                    return
+                place = source.popleft()
+                self._submit(address, place, do_piece, work, items[place])
+                busy += 1
+
+    def _submit(self, address: str, place: int | None, function: Callable[..., Any], *arguments: Any) -> None:
+        future = self._client.submit(function, *arguments, workers=[address], pure=False, retries=0)
+        self._under_way[future] = address, place
+
+    def _ended(self) -> list[Future]:
+        """Futures that have ended, after waiting for the first of them until the next look."""
+        from distributed import wait
+
+        if not self._under_way:
+            time.sleep(0.1)
+            return []
+        try:
+            wait(list(self._under_way), timeout=LOOK_EVERY, return_when="FIRST_COMPLETED")
+        except TimeoutError:
+            return []
+        return [future for future in self._under_way if future.done()]
+
+    def _take(self, future: Future) -> tuple[int | None, Any]:
+        """Place and result of a piece that has ended; no place if there is no result to keep."""
+        from distributed import KilledWorker
+
+        if future not in self._under_way:
+            return None, None
+        address, place = self._under_way[future]
+        try:
+            result, seconds, pid, memory = future.result()
+        except KilledWorker:
+            self._lost(address)
+            return None, None
+        except CancelledError as error:  # as when the connection to the scheduler was lost for a moment
+            self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
+            self._forget_future(future, self._again)
+            return None, None
+        del self._under_way[future]
+        future.release()
+        worker = self._workers.get(address)
+        if worker is not None:
+            worker.pid = pid
+            if place is not None:
+                worker.pieces += 1
+                worker.memory = memory
+                worker.first = worker.first or memory
+        if place is not None:
+            self._worked = True
+            self._still.ended(seconds)
+        return place, result
+
+    def _look(self) -> None:
+        """Finds out which workers are new, gone, paused or stopped, and acts on it; at most every `LOOK_EVERY`."""
+        if time.monotonic() - self._looked < LOOK_EVERY:
+            return
+        self._looked = time.monotonic()
+        try:
+            # Not `scheduler_info`: the client's own refresh may put an answer without workers in its place.
+            ask: Any = self._client.scheduler.identity
+            present: dict[str, Any] = self._client.sync(ask, n_workers=-1)["workers"]
+        except (OSError, TimeoutError) as error:
+            raise UserError(f"the Dask scheduler does not answer any more ({error})") from None
+        oldest = self._looked - RETIRED_FOR  # a new worker may get the port of an old one
+        self._retired = {where: at for where, at in self._retired.items() if where in present and at > oldest}
+        for address in [address for address in self._workers if address not in present]:
+            self._lost(address)
+        for address, facts in present.items():
+            if address in self._retired:
+                continue
+            if address not in self._workers:
+                self._workers[address] = Worker(
+                    str(facts["name"]), facts["nthreads"], float(facts["memory_limit"] or 0), bool(facts["nanny"])
+                )
+            if not self._workers[address].pid and not self._has_piece(address):
+                self._submit(address, None, get_ready, self._module)
+            self._check(address, facts)
+        self._threads = max(self._threads, sum(worker.threads for worker in self._workers.values()))
+        self._still.look()
+
+    def _check(self, address: str, facts: dict[str, Any]) -> None:
+        """Whether a worker is paused by Dask, or its process stopped."""
+        worker = self._workers[address]
+        metrics = facts.get("metrics", {})
+        if facts["status"] == "paused":
+            worker.memory = metrics.get("memory", worker.memory)
+            if worker.status != "paused":
+                self._tell("paused", worker, f"{worker} is paused by Dask: it holds {worker.held}")
+        worker.status = facts["status"]
+        has_piece = self._has_piece(address)
+        worker.idle = 0 if has_piece and metrics.get("task_counts", {}).get("executing") else worker.idle + 1
+        if worker.status == "paused" and worker.idle >= (PAUSED_LOOKS if has_piece else 1):
+            self._replace_paused(address)
+        elif self._is_local and worker.is_stopped():
+            worker.stopped += 1
+            if worker.stopped >= STOPPED_LOOKS:
+                text = f"{worker} has been stopped for {STOPPED_LOOKS * LOOK_EVERY:g} s: it is killed and replaced"
+                self._replace(address, "stopped", text + ", its run is made again")
+        else:
+            worker.stopped = 0
+
+    def _has_piece(self, address: str) -> bool:
+        return any(address == where for where, _ in self._under_way.values())
+
+    def _replace_paused(self, address: str) -> None:
+        worker = self._workers[address]
+        if not worker.pieces:
+            self._death(f"{worker} is paused before it has ended a single run")
+        if worker.has_nanny:
+            self._replace(address, "replaced", f"{worker} is replaced after {worker.pieces} runs: it was paused")
+        elif worker.idle % 60 == PAUSED_LOOKS:
+            self._tell("still", worker, f"{worker} is paused and cannot be replaced: it was started without a nanny")
+
+    def _replace(self, address: str, kind: str, text: str) -> None:
+        """Ends a worker; its nanny starts another, which the next look finds. What it worked on is done again."""
+        worker = self._workers.pop(address)
+        self._retired[address] = time.monotonic()
+        self._tell(kind, worker, text)
+        self._forget(address, self._again)
+        restart: Any = self._client.scheduler.restart_workers
+        self._client.sync(
+            restart,
+            workers=[address],
+            timeout=30.0,
+            wait_for_workers=False,
+            on_error="return",
+            stimulus_id=f"workbench-replaces-{time.time()}",
+        )
+
+    def _lost(self, address: str) -> None:
+        worker = self._workers.pop(address)
+        self._retired[address] = time.monotonic()
+        held = f" (it held {worker.held})" if worker.memory else ""
+        had_piece = any(address == where and place is not None for where, place in self._under_way.values())
+        ending = "; its run is made again" if had_piece else ""
+        self._tell("lost", worker, f"{worker} was lost after {worker.pieces} runs{held}{ending}")
+        self._forget(address, self._dead)
+        self._death(f"{worker} was lost")
+
+    def _forget(self, address: str, places: list[int]) -> None:
+        """Takes back what a worker had; its pieces join `places`."""
+        for future in [future for future, (where, _) in self._under_way.items() if where == address]:
+            self._forget_future(future, places)
+
+    def _forget_future(self, future: Future, places: list[int]) -> None:
+        _, place = self._under_way.pop(future)
+        self._client.cancel([future], force=True)
+        if place is not None:
+            places.append(place)
+
+    def _death(self, text: str) -> None:
+        self._deaths += 1
+        if not self._worked and self._deaths >= DEATHS_AT_THE_START * self.workers:
+            raise UserError(f"workers died {self._deaths} times before any run was done, the last: {text}")
+
+    def _tell(self, kind: str, worker: Worker, text: str) -> None:
+        self._record.event(
+            kind, text, worker=worker.name, process=worker.pid, runs=worker.pieces, memory_bytes=worker.memory
+        )
+
+    def _where(self) -> str:
+        busy = [str(worker) for address, worker in self._workers.items() if self._has_piece(address)]
+        return f"; at work: {', '.join(busy)}" if busy else "; no worker is there"
