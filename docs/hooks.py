@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"E(\d+)")
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of the folder."""
-    from workbench.statement_page import statements_page
+    from aerodima.workbench.statement_page import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
     texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)
@@ -55,8 +55,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def _pictures() -> dict[str, bytes]:
     """The signs of the aerodynamic law, and a plot of each coefficient set."""
-    from workbench.aero.coefficient_files import embedded_sets, load_coefficients
-    from workbench.aero.coefficient_plots import plot_coefficients
+    from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
+    from aerodima.workbench.aero.coefficient_plots import plot_coefficients
 
     pictures = {"signs.png": (ROOT / "workbench" / "aero" / "signs.png").read_bytes()}
     for name in embedded_sets():
@@ -77,7 +77,7 @@ def _reference() -> dict[str, str]:
             parts = path.relative_to(ROOT).with_suffix("").parts
             if "_models" in parts or (parts[-1].startswith("_") and parts[-1] != "__init__"):
                 continue
-            module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+            module = ".".join(("aerodima", *(parts[:-1] if parts[-1] == "__init__" else parts)))
             pages[f"reference/{module}.md"] = (
                 f"# {module}\n\n::: {module}\n    options:\n      show_root_heading: false\n"
             )
@@ -88,7 +88,7 @@ def _reference_navigation(pages: dict[str, str]) -> list[dict[str, Any]]:
     """One entry per package, its modules below."""
     navigation: list[dict[str, Any]] = []
     for package in PACKAGES:
-        own = sorted(name for name in pages if name.startswith((f"reference/{package}.", f"reference/{package}/")))
+        own = sorted(name for name in pages if name.startswith(f"reference/aerodima.{package}."))
         navigation.append({package: [{Path(name).stem: name} for name in own]})
     return navigation
 

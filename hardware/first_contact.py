@@ -12,22 +12,22 @@ from typing import Literal
 
 import numpy as np
 
-from hardware.held_car import holding, turn
-from hardware.motor_group import FramePort
-from hardware.motor_settings import load_motor_safety
-from hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
-from hardware.protocol.can_frame import FrameError
-from hardware.teensy_link import TeensyLink
-from hardware.transport.can_bus import CanBus
-from hardware.transport.device_lock import can_address, lock_devices
-from hardware.transport.serial_link import SerialLink
-from hardware.wiring.base import CarCommand, WiringName
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.mounting import load_mounting
-from hardware.wiring.wired_car import WiredCar
-from workbench.atomic_write import write_atomically
-from workbench.errors import HardwareError
-from workbench.ports import TAIL_STATE
+from aerodima.hardware.held_car import holding, turn
+from aerodima.hardware.motor_group import FramePort
+from aerodima.hardware.motor_settings import load_motor_safety
+from aerodima.hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.teensy_link import TeensyLink
+from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.hardware.transport.device_lock import can_address, lock_devices
+from aerodima.hardware.transport.serial_link import SerialLink
+from aerodima.hardware.wiring.base import CarCommand, WiringName
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.mounting import load_mounting
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import TAIL_STATE
 
 Joint = Literal["tail_pitch", "tail_roll"]
 JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")

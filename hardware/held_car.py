@@ -7,22 +7,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hardware.drive.loop import PERIOD, wait_until
-from hardware.latency import DRIVE_PRIORITY
-from hardware.motor_settings import load_motor_safety
-from hardware.transport.can_settings import CanSettings
-from hardware.transport.device_lock import DeviceLock, Say, tell_on_stderr
-from hardware.watchdog.process import WatchdogProcess
-from hardware.watchdog.record import require_watchdog_test
-from hardware.wiring.base import WIRINGS, CarCommand, WiringName
-from hardware.wiring.car_ports import CarPorts, read_ports
-from hardware.wiring.direct_can import direct_can
-from hardware.wiring.teensy_bridge import teensy_bridge
-from hardware.wiring.wired_car import WiredCar
-from workbench.errors import HardwareError
-from workbench.ports import STATUS
-from workbench.realtime import prefer_realtime, restore_ordinary
-from workbench.scenario import Scenario, load_scenario
+from aerodima.hardware.drive.loop import PERIOD, wait_until
+from aerodima.hardware.latency import DRIVE_PRIORITY
+from aerodima.hardware.motor_settings import load_motor_safety
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.device_lock import DeviceLock, Say, tell_on_stderr
+from aerodima.hardware.watchdog.process import WatchdogProcess
+from aerodima.hardware.watchdog.record import require_watchdog_test
+from aerodima.hardware.wiring.base import WIRINGS, CarCommand, WiringName
+from aerodima.hardware.wiring.car_ports import CarPorts, read_ports
+from aerodima.hardware.wiring.direct_can import direct_can
+from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import STATUS
+from aerodima.workbench.realtime import prefer_realtime, restore_ordinary
+from aerodima.workbench.scenario import Scenario, load_scenario
 
 _HEARD = 0.5
 """s in which Teensy and watchdog are heard."""

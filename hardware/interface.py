@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus, LeafSystem, State
 
-from hardware.drive.guard import CarGuard
-from hardware.drive.loop import PERIOD, WRITE_DELAY
-from hardware.wiring.base import CarCommand, CarReading
-from workbench.discrete_vector import DiscreteVector
-from workbench.ports import STATION_INPUTS, STATION_OUTPUTS
-from workbench.station import InterfaceFactory
+from aerodima.hardware.drive.guard import CarGuard
+from aerodima.hardware.drive.loop import PERIOD, WRITE_DELAY
+from aerodima.hardware.wiring.base import CarCommand, CarReading
+from aerodima.workbench.discrete_vector import DiscreteVector
+from aerodima.workbench.ports import STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.station import InterfaceFactory
 
 
 class CarInterface(LeafSystem):
@@ -26,7 +26,7 @@ class CarInterface(LeafSystem):
     emergency stop stays there until it is reset by hand. A diagram with this system runs at real-time rate 1; every
     reading tells the guard how late it is.
 
-    Input and output ports: exactly those of `workbench.ports.STATION_INPUTS` and `STATION_OUTPUTS`.
+    Input and output ports: exactly those of `aerodima.workbench.ports.STATION_INPUTS` and `STATION_OUTPUTS`.
 
     Args:
         guard: of the started wiring; a run begins with its last reading on the outputs.

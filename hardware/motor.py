@@ -19,12 +19,12 @@ from __future__ import annotations
 
 import math
 
-from hardware.motor_following import Following
-from hardware.motor_limits import check_command, limit_command, scale_gains, to_motor
-from hardware.motor_load import MotorLoad
-from hardware.motor_settings import MotorSettings
-from hardware.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
-from hardware.protocol.ak70 import (
+from aerodima.hardware.motor_following import Following
+from aerodima.hardware.motor_limits import check_command, limit_command, scale_gains, to_motor
+from aerodima.hardware.motor_load import MotorLoad
+from aerodima.hardware.motor_settings import MotorSettings
+from aerodima.hardware.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
+from aerodima.hardware.protocol.ak70 import (
     MitCommand,
     MitReply,
     decode_reply,
@@ -34,9 +34,9 @@ from hardware.protocol.ak70 import (
     make_neutral,
     unwrap,
 )
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.reply_count import ReplyCount
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.reply_count import ReplyCount
+from aerodima.workbench.errors import HardwareError
 
 _REMIND = 0.1
 """Interval of the exit frames to a faulted motor after the first ones, s."""

@@ -6,9 +6,9 @@ it does not do shows it.
 
 from __future__ import annotations
 
-from hardware.motor_limits import pd_torque
-from hardware.motor_settings import MotorSafety
-from hardware.protocol.ak70 import MitCommand
+from aerodima.hardware.motor_limits import pd_torque
+from aerodima.hardware.motor_settings import MotorSafety
+from aerodima.hardware.protocol.ak70 import MitCommand
 
 
 class Following:

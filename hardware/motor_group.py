@@ -9,12 +9,12 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
-from hardware.motor import Motor
-from hardware.motor_settings import MotorSettings
-from hardware.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
-from hardware.protocol.ak70 import make_exit
-from hardware.protocol.can_frame import CanFrame
-from workbench.errors import HardwareError
+from aerodima.hardware.motor import Motor
+from aerodima.hardware.motor_settings import MotorSettings
+from aerodima.hardware.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
+from aerodima.hardware.protocol.ak70 import make_exit
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.workbench.errors import HardwareError
 
 
 class FramePort(FrameSink, Protocol):

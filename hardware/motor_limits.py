@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import astuple, replace
 
-from hardware.motor_settings import MotorSettings
-from hardware.protocol.ak70 import MitCommand
-from workbench.errors import HardwareError
+from aerodima.hardware.motor_settings import MotorSettings
+from aerodima.hardware.protocol.ak70 import MitCommand
+from aerodima.workbench.errors import HardwareError
 
 
 def check_command(command: MitCommand) -> None:

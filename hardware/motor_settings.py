@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hardware.protocol.ak70 import MOST_ID, check_motor_id
-from hardware.protocol.ak70_profiles import FirmwareProfile
-from workbench.errors import HardwareError
-from workbench.parameter_files import load_section
-from workbench.parameters import TailMotorParameters
-from workbench.quantity import QuantityModel, quantity
-from workbench.resources import model_path
+from aerodima.hardware.protocol.ak70 import MOST_ID, check_motor_id
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.parameter_files import load_section
+from aerodima.workbench.parameters import TailMotorParameters
+from aerodima.workbench.quantity import QuantityModel, quantity
+from aerodima.workbench.resources import model_path
 
 
 class MotorSafety(QuantityModel):
@@ -99,7 +99,7 @@ class MotorSettings:
         if not self.low < self.high:
             raise HardwareError(f"{self.name}: range {self.low:g} to {self.high:g} rad is empty")
         ends = (self.motor_angle(self.low), self.motor_angle(self.high))
-        # Below this a command looks like a reply of the motor, see `hardware.protocol.ak70.MOST_ID`.
+        # Below this a command looks like a reply of the motor, see `aerodima.hardware.protocol.ak70.MOST_ID`.
         least = self.profile.position * (2 * (MOST_ID + 1) / 256 - 1)
         if not least < min(ends) or not max(ends) < self.profile.position:
             raise HardwareError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Protocol
 
-from hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.can_frame import CanFrame
 
 
 class MotorState(IntEnum):

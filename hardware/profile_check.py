@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.protocol.ak70 import decode_reply
-from hardware.protocol.ak70_profiles import PROFILES, FirmwareProfile
-from hardware.protocol.can_frame import CanFrame
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.ak70 import decode_reply
+from aerodima.hardware.protocol.ak70_profiles import PROFILES, FirmwareProfile
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.workbench.errors import HardwareError
 
 _RATIO_TOLERANCE = 0.2
 _WARMEST, _COLDEST = 120.0, -30.0

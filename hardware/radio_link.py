@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.radio import (
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.radio import (
     EmergencyStop,
     Heartbeat,
     HeartbeatMonitor,
@@ -17,8 +17,8 @@ from hardware.protocol.radio import (
     RadioMode,
     decode,
 )
-from hardware.protocol.xbee import ApiStream, make_transmit
-from hardware.transport.serial_link import SerialLink
+from aerodima.hardware.protocol.xbee import ApiStream, make_transmit
+from aerodima.hardware.transport.serial_link import SerialLink
 
 IDLE = OperatorCommand(RadioMode.IDLE)
 

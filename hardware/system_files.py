@@ -10,9 +10,9 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from hardware.latency import WATCHDOG_PRIORITY
-from hardware.wiring.car_ports import CarPorts
-from workbench.errors import HardwareError
+from aerodima.hardware.latency import WATCHDOG_PRIORITY
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.workbench.errors import HardwareError
 
 RULES, LIMITS, UNIT = "70-aerodima.rules", "95-aerodima.conf", "aerodima-drive.service"
 _USB = Path("/sys/class/tty")

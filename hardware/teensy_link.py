@@ -12,12 +12,12 @@ import math
 import time
 from enum import IntEnum
 
-from hardware.clock_alignment import ClockAlignment
-from hardware.protocol.ak70 import NEUTRAL, MitReply, decode_command, is_special, make_reply
-from hardware.protocol.ak70_profiles import FirmwareProfile
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.sail_encoder import signed_angle
-from hardware.protocol.teensy import (
+from aerodima.hardware.clock_alignment import ClockAlignment
+from aerodima.hardware.protocol.ak70 import NEUTRAL, MitReply, decode_command, is_special, make_reply
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.sail_encoder import signed_angle
+from aerodima.hardware.protocol.teensy import (
     SERVO_PULSES,
     THROTTLE_PULSES,
     Attitude,
@@ -30,9 +30,9 @@ from hardware.protocol.teensy import (
     TeensyStatus,
     make_command,
 )
-from hardware.protocol.teensy_stream import reply_stream
-from hardware.transport.serial_link import SerialLink
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.teensy_stream import reply_stream
+from aerodima.hardware.transport.serial_link import SerialLink
+from aerodima.workbench.errors import HardwareError
 
 _SILENT = 0.1
 """Without a reply string for that long the Teensy counts as silent, s: ten cycles."""

@@ -8,9 +8,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from optimisation.errors import FitError
-from optimisation.fit_batch import fitted_logs
-from workbench.logs.schema import decode_metadata
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit_batch import fitted_logs
+from aerodima.workbench.logs.schema import decode_metadata
 
 POOLED = "all"
 

@@ -1,6 +1,6 @@
 """Errors of the fits that a user can cause and mend."""
 
-from workbench.errors import UserError
+from aerodima.workbench.errors import UserError
 
 
 class FitError(UserError, ValueError):

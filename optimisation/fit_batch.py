@@ -14,12 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from optimisation.errors import FitError
-from optimisation.pipeline import Estimate, FitResult
-from workbench.atomic_write import make_folder
-from workbench.batch import WORKER_RECORD, run_batch
-from workbench.errors import UserError
-from workbench.logs.schema import software_versions
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.pipeline import Estimate, FitResult
+from aerodima.workbench.atomic_write import make_folder
+from aerodima.workbench.batch import WORKER_RECORD, run_batch
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import software_versions
 
 JOURNAL = "fits.jsonl"
 WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"

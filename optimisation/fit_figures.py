@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from optimisation.pipeline import FitResult, parameter_names, short_name
-from workbench.plots.overlay import RUN_STYLES
+from aerodima.optimisation.pipeline import FitResult, parameter_names, short_name
+from aerodima.workbench.plots.overlay import RUN_STYLES
 
 _MOST_CURVES = 12
 """Panels of the figure in which logs with one curve each are drawn together."""

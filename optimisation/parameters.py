@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optimisation.errors import FitError
+from aerodima.optimisation.errors import FitError
 
 
 @dataclass(frozen=True)

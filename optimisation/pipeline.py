@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.least_squares import Problem, Solution, Solver, solve
-from optimisation.robust import Loss, solve_huber
-from optimisation.uncertainty import Noise, Uncertainty, uncertainty
+from aerodima.optimisation.least_squares import Problem, Solution, Solver, solve
+from aerodima.optimisation.robust import Loss, solve_huber
+from aerodima.optimisation.uncertainty import Noise, Uncertainty, uncertainty
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def fit(
         noise: makes the noise of the residual from the solution, see `uncertainty`.
         channels: per channel where it stands in the residual and the weight that its residual was divided by.
         warnings: of the data, kept before those of the fit.
-        loss: `huber` goes on from the least-squares solution with Huber's loss (`optimisation.robust`).
+        loss: `huber` goes on from the least-squares solution with Huber's loss (`aerodima.optimisation.robust`).
 
     Raises:
         FitError: no start could be solved.

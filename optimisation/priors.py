@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from optimisation.least_squares import Problem, Solution, solve, solve_rollout
-from optimisation.parameters import Parameter, Parameters
-from optimisation.pipeline import FitResult, NoiseModel, result_of
-from optimisation.robust import Loss, huber
-from optimisation.uncertainty import Noise, uncertainty
+from aerodima.optimisation.least_squares import Problem, Solution, solve, solve_rollout
+from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.pipeline import FitResult, NoiseModel, result_of
+from aerodima.optimisation.robust import Loss, huber
+from aerodima.optimisation.uncertainty import Noise, uncertainty
 
 _NEGLIGIBLE = 0.03
 """A constant whose standard deviation moves the whitened residual by less is left as it is."""

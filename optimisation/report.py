@@ -16,11 +16,11 @@ import pandas as pd
 import yaml
 from matplotlib.figure import Figure
 
-from optimisation.errors import FitError
-from optimisation.fit_figures import figures_of
-from optimisation.pipeline import Estimate, FitResult, parameter_names, short_name
-from workbench.atomic_write import make_folder, write_atomically
-from workbench.logs.schema import software_versions
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit_figures import figures_of
+from aerodima.optimisation.pipeline import Estimate, FitResult, parameter_names, short_name
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.logs.schema import software_versions
 
 SCHEMA = "aerodima/fit-report/1"
 _FEW = 2

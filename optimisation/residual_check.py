@@ -13,7 +13,7 @@ import numpy as np
 from scipy.fft import dct, idct
 from scipy.stats import f as fisher
 
-from optimisation.robust import spread
+from aerodima.optimisation.robust import spread
 
 FAR_OFF = 6.0
 """Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal ones."""

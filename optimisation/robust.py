@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from optimisation.least_squares import Attempt, Problem, Solution, Solver, solve
+from aerodima.optimisation.least_squares import Attempt, Problem, Solution, Solver, solve
 
 Loss = Literal["squares", "huber"]
 LOSSES: tuple[Loss, ...] = ("squares", "huber")

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimisation.errors import FitError
-from workbench.parameter_files import load_entries_without_model
-from workbench.resources import model_path
-from workbench.scenario import Scenario, load_scenario
+from aerodima.optimisation.errors import FitError
+from aerodima.workbench.parameter_files import load_entries_without_model
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import Scenario, load_scenario
 
 _STATIONS = 201
 """Along the sail, for the integrals of the air's force."""

@@ -19,9 +19,9 @@ from scipy.optimize import brentq
 from scipy.stats import norm as normal
 from scipy.stats import t as student
 
-from optimisation.active_bounds import held_at_bounds
-from optimisation.errors import FitError
-from optimisation.least_squares import Solution
+from aerodima.optimisation.active_bounds import held_at_bounds
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.least_squares import Solution
 
 CONFIDENCE = 0.95
 _RANK_TOLERANCE = 1e-7
@@ -90,8 +90,8 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     """Covariance and intervals at the solution.
 
     Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a bound is one-sided,
-    and those of the others take that into account (`optimisation.active_bounds`). Not determined by the data is a
-    parameter in an unseen direction, one whose interval is wider than its bounds, and one whose interval would be
+    and those of the others take that into account (`aerodima.optimisation.active_bounds`). Not determined by the data
+    is a parameter in an unseen direction, one whose interval is wider than its bounds, and one whose interval would be
     another half as wide, or narrower, elsewhere within the intervals of the parameters: there the linear theory does
     not hold.
     """

@@ -2,12 +2,12 @@
 
 import pytest
 
-from optimisation.calibration.plan import load_plan
+from aerodima.optimisation.calibration.plan import load_plan
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.published import published_figures
+from aerodima.workbench.statement_page import statements_page
+from aerodima.workbench.statements import Statement, load_statements, parameter_entry, published_row
 from tests.built.found import CHECKS, RUNS, SLOW
-from workbench.errors import ModelError
-from workbench.published import published_figures
-from workbench.statement_page import statements_page
-from workbench.statements import Statement, load_statements, parameter_entry, published_row
 
 FILE = load_statements()
 FOUND = [

@@ -13,8 +13,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-import workbench
-from workbench import resources
+from aerodima import workbench
+from aerodima.workbench import resources
 
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -51,12 +51,13 @@ def pins(python: str) -> dict[str, str]:
 def test_wheel_lists_every_package_and_the_models() -> None:
     folders = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert folders == PACKAGES
-    assert set(WHEEL["only-include"]) == PACKAGES | {"models"}
+    assert set(WHEEL["only-include"]) == PACKAGES | {"models", "src/aerodima/__init__.py", "src/aerodima/py.typed"}
 
 
 def test_wheel_puts_models_where_the_package_looks_for_them() -> None:
     shipped = resources._SHIPPED.relative_to(ROOT).as_posix()
-    assert WHEEL["sources"] == {"models": shipped}
+    packages = {package: f"aerodima/{package}" for package in PACKAGES}
+    assert WHEEL["sources"] == {"src/aerodima": "aerodima", **packages, "models": f"aerodima/{shipped}"}
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
@@ -68,6 +69,12 @@ def test_package_is_typed_and_says_what_it_is_for(package: str) -> None:
 def test_version_is_that_of_the_distribution_and_in_the_changelog() -> None:
     assert workbench.__version__ == PROJECT["version"]
     assert f"## {PROJECT['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_package_has_one_name(package: str) -> None:
+    done = subprocess.run([sys.executable, "-c", f"import {package}"], cwd=ROOT, capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1].startswith(f"ImportError: this package has one name, aerodima.{package}")
 
 
 def test_unknown_attribute_of_the_package_is_an_attribute_error() -> None:
@@ -107,9 +114,10 @@ def test_own_commands_are_registered() -> None:
 @pytest.mark.parametrize(
     "statement",
     [
-        "import workbench, optimisation, hardware",
-        "from workbench.resources import models_dir; models_dir()",
-        "import sys; sys.argv[1:] = ['--help']\nfrom workbench.cli import main\ntry: main()\nexcept SystemExit: pass",
+        "from aerodima import workbench, optimisation, hardware",
+        "from aerodima.workbench.resources import models_dir; models_dir()",
+        "import sys; sys.argv[1:] = ['--help']\n"
+        "from aerodima.workbench.cli import main\ntry: main()\nexcept SystemExit: pass",
     ],
     ids=["import", "resources", "help"],
 )

@@ -10,6 +10,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     __version__: str
 
+if __name__ != "aerodima.workbench":
+    raise ImportError(
+        "this package has one name: import aerodima.workbench (installed by `make install`), not workbench"
+    )
+
 
 def __getattr__(name: str) -> str:
     """`__version__`, read from the installed distribution when it is asked for (it costs 30 ms)."""

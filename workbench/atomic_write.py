@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from workbench.errors import UserError
+from aerodima.workbench.errors import UserError
 
 
 def refuse_existing(path: Path, force: bool, error: type[UserError]) -> None:

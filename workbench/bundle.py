@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from workbench.controllers.law_of_scenario import law_of_scenario, swing_of_scenario
-from workbench.controllers.swing_tracker_law import SwingTracker
-from workbench.controllers.tail_law import TailLaw
-from workbench.errors import ScenarioError
-from workbench.scenario import Scenario, load_scenario, scenario_from_dict
-from workbench.swing_file import swing_from_dict
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, swing_of_scenario
+from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.scenario import Scenario, load_scenario, scenario_from_dict
+from aerodima.workbench.swing_file import swing_from_dict
 
 _SWING = "swing"
 

@@ -11,18 +11,18 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
-from workbench.aero.coefficient_files import load_coefficients
-from workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw, facing_law
-from workbench.aero.published_coefficients import ROBOT_LIMIT
-from workbench.aero.sail import FreeSail
-from workbench.aero.sections import Air, SectionLayout
-from workbench.aero.tail_force import add_to_builder as add_tail_force
-from workbench.aero.wind import WindModel, WindSource
-from workbench.coefficient_names import CONSTANT
-from workbench.errors import ModelError
-from workbench.parameters import TailParameters
-from workbench.plants.tail import sail_inertial
-from workbench.scenario import Scenario
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw, facing_law
+from aerodima.workbench.aero.published_coefficients import ROBOT_LIMIT
+from aerodima.workbench.aero.sail import FreeSail
+from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.aero.wind import WindModel, WindSource
+from aerodima.workbench.coefficient_names import CONSTANT
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.parameters import TailParameters
+from aerodima.workbench.plants.tail import sail_inertial
+from aerodima.workbench.scenario import Scenario
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:

@@ -17,8 +17,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from workbench.errors import UserError
-from workbench.help_sections import SECTIONS
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.help_sections import SECTIONS
 
 ENTRY_POINT_GROUP = "aerodima.commands"
 EXIT_USER_ERROR = 2
@@ -65,7 +65,7 @@ class ErrorBoundary(TyperGroup):
 
 def _print_version(asked: bool) -> None:
     if asked:
-        from workbench import __version__
+        from aerodima.workbench import __version__
 
         print(f"aerodima {__version__}")
         raise typer.Exit

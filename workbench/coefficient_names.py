@@ -5,8 +5,8 @@ from pathlib import Path
 
 import yaml
 
-from workbench.quantity import nearest
-from workbench.resources import models_dir
+from aerodima.workbench.quantity import nearest
+from aerodima.workbench.resources import models_dir
 
 CONSTANT = "constant"
 """Word for the plain number of `tail.normal_force_coefficient`."""

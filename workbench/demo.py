@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from workbench.atomic_write import make_folder, write_atomically
-from workbench.batch import WORKER_RECORD, check_workers, run_batch
-from workbench.errors import LogError, UserError
-from workbench.logs.journal import journal_path
-from workbench.logs.schema import read_run_log, software_versions
-from workbench.plots.style import MODE_STYLES
-from workbench.scenario import load_scenario
-from workbench.summary import KM_PER_H, RunSummary, summarise, write_summary
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.journal import journal_path
+from aerodima.workbench.logs.schema import read_run_log, software_versions
+from aerodima.workbench.plots.style import MODE_STYLES
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.summary import KM_PER_H, RunSummary, summarise, write_summary
 
 DEMO_SCHEMA = "aerodima/demo/1"
 REPORT, SUMMARY, MARK = "index.html", "summary.csv", "demo.json"
@@ -130,17 +130,17 @@ def do_run(run: DemoRun) -> RunSummary:
     if run.log.exists():
         log = read_run_log(run.log)
     else:
-        from workbench.run import run_scenario
-        from workbench.scenario import scenario_from_dict
+        from aerodima.workbench.run import run_scenario
+        from aerodima.workbench.scenario import scenario_from_dict
 
         journal_path(run.log).unlink(missing_ok=True)  # of a demo that was killed
         log = run_scenario(scenario_from_dict(run.scenario), run.log)
     if run.replay is not None and not run.replay.exists():
-        from workbench.replay.page import write_replay_html
+        from aerodima.workbench.replay.page import write_replay_html
 
         write_replay_html(log, run.replay)
     if run.strip is not None and not run.strip.exists():
-        from workbench.replay.strip import write_strip
+        from aerodima.workbench.replay.strip import write_strip
 
         write_strip(log, run.strip)
     return summarise(log, run.name)
@@ -197,7 +197,7 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
-    from workbench.report import ReportFiles, turn_report
+    from aerodima.workbench.report import ReportFiles, turn_report
 
     modes = list(MODE_STYLES)
     ordered = sorted(summaries, key=lambda s: (modes.index(s.tail_mode), s.commanded_speed))

@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from workbench.realtime import permitted
+from aerodima.workbench.realtime import permitted
 
 OLDEST_PYTHON = (3, 11)
 OLDEST_DRAKE = (1, 51)
@@ -109,9 +109,9 @@ def _solvers() -> list[Finding]:
 
 
 def _models() -> list[Finding]:
-    from workbench.errors import UserError
-    from workbench.resources import models_dir
-    from workbench.scenario import load_scenario
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.resources import models_dir
+    from aerodima.workbench.scenario import load_scenario
 
     try:
         load_scenario("turn_swing")

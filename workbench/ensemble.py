@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from workbench.errors import EnsembleError, ScenarioError
-from workbench.parameter_files import read_yaml
-from workbench.quantity import explain, nearest
-from workbench.resources import model_path, models_dir
-from workbench.scenario import SECTIONS, Scenario, load_scenario
+from aerodima.workbench.errors import EnsembleError, ScenarioError
+from aerodima.workbench.parameter_files import read_yaml
+from aerodima.workbench.quantity import explain, nearest
+from aerodima.workbench.resources import model_path, models_dir
+from aerodima.workbench.scenario import SECTIONS, Scenario, load_scenario
 
 ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
 _SCHEMA_FAMILY = ENSEMBLE_SCHEMA.rpartition("/")[0]

@@ -3,8 +3,8 @@
 Everything is computed from the log alone. The eight metrics come twice, from the signals that the thesis took for its
 simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`), `published.SIGNALS`; all else from the
 ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`). Signs are turned so that the turn is
-positive (`workbench.turn_signals`), so left and right turns are measured alike. Definitions: design section 10, thesis
-section 3.3 and eqs 7.1-7.7.
+positive (`aerodima.workbench.turn_signals`), so left and right turns are measured alike. Definitions: design section
+10, thesis section 3.3 and eqs 7.1-7.7.
 """
 
 import math
@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from workbench.logs.columns import GROUND_CONTACTS, WHEELS
-from workbench.logs.schema import RunLog
-from workbench.published import (
+from aerodima.workbench.logs.columns import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.published import (
     FILTERED,
     SAMPLE_TIMES,
     Comparison,
@@ -28,9 +28,9 @@ from workbench.published import (
     compare_figures,
     published_figures,
 )
-from workbench.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
-from workbench.tail_impulses import FLIP_TILT, Impulses, TailImpulses, tail_impulses
-from workbench.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
+from aerodima.workbench.tail_impulses import FLIP_TILT, Impulses, TailImpulses, tail_impulses
+from aerodima.workbench.turn_signals import TurnSignals, turn_signals
 
 __all__ = [
     "Comparison",

@@ -9,16 +9,16 @@ from pathlib import Path
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from workbench.aero.coefficient_files import embedded_sets, load_coefficients
-from workbench.errors import ModelError, UserError
-from workbench.parameter_files import load_entries_without_model
-from workbench.plants.car import MODELS_PACKAGE
-from workbench.plants.car_model import car_sdf
-from workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
-from workbench.plants.sdf_model import SdfModel
-from workbench.plants.tail import tail_sdf
-from workbench.resources import models_dir
-from workbench.rig_scenario import (
+from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
+from aerodima.workbench.errors import ModelError, UserError
+from aerodima.workbench.parameter_files import load_entries_without_model
+from aerodima.workbench.plants.car import MODELS_PACKAGE
+from aerodima.workbench.plants.car_model import car_sdf
+from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
+from aerodima.workbench.plants.sdf_model import SdfModel
+from aerodima.workbench.plants.tail import tail_sdf
+from aerodima.workbench.resources import models_dir
+from aerodima.workbench.rig_scenario import (
     RIG_SECTIONS,
     SHARED_WITH_CAR,
     load_rig_parameter_entries,
@@ -26,8 +26,14 @@ from workbench.rig_scenario import (
     rig_scenario_from_dict,
     rig_scenario_names,
 )
-from workbench.scenario import SECTIONS, load_parameter_entries, load_scenario, scenario_from_dict, scenario_names
-from workbench.swing_file import read_swing
+from aerodima.workbench.scenario import (
+    SECTIONS,
+    load_parameter_entries,
+    load_scenario,
+    scenario_from_dict,
+    scenario_names,
+)
+from aerodima.workbench.swing_file import read_swing
 
 SDF_TOLERANCE = 1e-6
 """Relative; the files carry nine digits, so a larger difference was not made by rounding."""

@@ -16,13 +16,13 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from workbench.actuators.friction import smooth_friction
-from workbench.event_order import Stage, nominal_time, period_of
-from workbench.logs.columns import GROUND_CONTACTS, TIME, WHEELS
-from workbench.scenario import Scenario
-from workbench.station import simulated_car
-from workbench.tail_impulses import FLIP_TILT
-from workbench.truth import contact_slots, ground_forces
+from aerodima.workbench.actuators.friction import smooth_friction
+from aerodima.workbench.event_order import Stage, nominal_time, period_of
+from aerodima.workbench.logs.columns import GROUND_CONTACTS, TIME, WHEELS
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.station import simulated_car
+from aerodima.workbench.tail_impulses import FLIP_TILT
+from aerodima.workbench.truth import contact_slots, ground_forces
 
 FloatArray = NDArray[np.float64]
 Signals = Sequence[tuple[Any, Sequence[str]]]

@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from workbench.errors import ScenarioError
-from workbench.quantity import explain, nearest, unit_of
-from workbench.unique_keys import UniqueKeyLoader
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.quantity import explain, nearest, unit_of
+from aerodima.workbench.unique_keys import UniqueKeyLoader
 
 PARAMETER_SCHEMA = "aerodima/parameters/1"
 

@@ -9,8 +9,8 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from workbench.coefficient_names import require_coefficient_name
-from workbench.quantity import QuantityModel, quantity
+from aerodima.workbench.coefficient_names import require_coefficient_name
+from aerodima.workbench.quantity import QuantityModel, quantity
 
 
 class CarParameters(QuantityModel):

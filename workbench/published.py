@@ -5,8 +5,8 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
-from workbench.errors import LogError
-from workbench.resources import model_path
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.resources import model_path
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
 """Time between the samples that the printed roll sums were made of, s: inferred, not published (ERRATA E35)."""

@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from workbench.errors import ScenarioError
+from aerodima.workbench.errors import ScenarioError
 
 NO_UNIT = "1"
 """Unit of a dimensionless number, a name, a flag or a count."""

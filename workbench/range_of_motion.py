@@ -17,10 +17,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from workbench.atomic_write import write_atomically
-from workbench.errors import UserError
-from workbench.parameters import TailParameters
-from workbench.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.parameters import TailParameters
+from aerodima.workbench.scenario import Scenario, scenario_from_dict
 
 SCHEMA = "aerodima/range-of-motion/1"
 PARTS = ("cage", "deck", "wheels", "ground")
@@ -155,7 +155,7 @@ class _TailQuery:
     def __init__(self, scenario: Scenario) -> None:
         from pydrake.systems.framework import DiagramBuilder
 
-        from workbench.plants.car import add_car_plant
+        from aerodima.workbench.plants.car import add_car_plant
 
         builder = DiagramBuilder()
         built = add_car_plant(builder, scenario)

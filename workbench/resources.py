@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from functools import cache
 from pathlib import Path, PurePosixPath
 
-from workbench.errors import ModelError
+from aerodima.workbench.errors import ModelError
 
 _PACKAGE = Path(__file__).resolve().parent
 _SHIPPED = _PACKAGE / "_models"

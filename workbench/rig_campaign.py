@@ -13,13 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from workbench.errors import LogError, ScenarioError
-from workbench.logs.strict_files import StrictModel
-from workbench.logs.units import unit_to
-from workbench.parameter_files import read_yaml
-from workbench.quantity import explain, nearest, unit_of
-from workbench.resources import model_path, models_dir
-from workbench.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
+from aerodima.workbench.errors import LogError, ScenarioError
+from aerodima.workbench.logs.strict_files import StrictModel
+from aerodima.workbench.logs.units import unit_to
+from aerodima.workbench.parameter_files import read_yaml
+from aerodima.workbench.quantity import explain, nearest, unit_of
+from aerodima.workbench.resources import model_path, models_dir
+from aerodima.workbench.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
 
 CAMPAIGN_SCHEMA = "aerodima/rig-campaign/1"
 MOST_LOGS = 10000

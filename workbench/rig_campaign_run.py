@@ -9,13 +9,13 @@ from typing import Any
 
 import pandas as pd
 
-from workbench.atomic_write import make_folder, write_atomically
-from workbench.batch import WORKER_RECORD, check_workers, run_batch
-from workbench.errors import UserError
-from workbench.logs.journal import journal_path
-from workbench.rig_campaign import RigTask
-from workbench.rig_logs import known_truth
-from workbench.rig_run import run_rig
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.journal import journal_path
+from aerodima.workbench.rig_campaign import RigTask
+from aerodima.workbench.rig_logs import known_truth
+from aerodima.workbench.rig_run import run_rig
 
 MARK, TABLE = "campaign.json", "campaign.csv"
 """What the folder holds beside the logs: the scenarios, so that a second call can tell whether it is the same

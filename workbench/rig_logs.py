@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from workbench.aero.polar_law import PolarLaw
-from workbench.logs.columns import rig_columns
-from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from workbench.plants.rig import Rig, rig_law
-from workbench.rig_scenario import RigScenario
-from workbench.sensors.force_torque import sensor_errors, sensor_readings
-from workbench.sensors.noise import CounterNoise
-from workbench.sensors.rig_encoder import count_angle, quantise
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.logs.columns import rig_columns
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.plants.rig import Rig, rig_law
+from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.sensors.force_torque import sensor_errors, sensor_readings
+from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.sensors.rig_encoder import count_angle, quantise
 
 RIG_COLUMN_NAMES = tuple(column.name for column in rig_columns())
 NO_OFFSETS = (0.0,) * 6

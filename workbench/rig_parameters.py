@@ -6,7 +6,7 @@ sensor's measuring point, z up, x along the motor axis, the wind blows towards -
 
 from typing import Literal
 
-from workbench.quantity import QuantityModel, quantity
+from aerodima.workbench.quantity import QuantityModel, quantity
 
 
 class MountParameters(QuantityModel):

@@ -4,7 +4,7 @@ Angles are 0 hanging and positive downstream; a positive motor current pushes up
 of the force sensor in W axes (design section 4).
 """
 
-from workbench.ports import TAIL_COMMAND, PortFields
+from aerodima.workbench.ports import TAIL_COMMAND, PortFields
 
 RIG_STATUS_SOURCES = ("motor", "force", "operator")
 

@@ -9,17 +9,17 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, System
 
-from workbench.controllers.rig_swing import CurrentController, TailCommander
-from workbench.errors import UserError
-from workbench.logs.journal import JournalWriter
-from workbench.logs.recorder import recorded_columns
-from workbench.logs.sample_recorder import SampleRecorder
-from workbench.logs.schema import RunLog, read_run_log, write_run_log
-from workbench.plants.rig import Rig
-from workbench.rig_logs import RIG_COLUMN_NAMES, known_truth, rig_log_metadata, simulate_static_log
-from workbench.rig_scenario import RigScenario
-from workbench.rig_station import RigInterfaceFactory, make_rig_station
-from workbench.sensors.force_torque import sensor_errors
+from aerodima.workbench.controllers.rig_swing import CurrentController, TailCommander
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.recorder import recorded_columns
+from aerodima.workbench.logs.sample_recorder import SampleRecorder
+from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.rig_logs import RIG_COLUMN_NAMES, known_truth, rig_log_metadata, simulate_static_log
+from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.rig_station import RigInterfaceFactory, make_rig_station
+from aerodima.workbench.sensors.force_torque import sensor_errors
 
 INTEGRATOR = "runge_kutta3"
 """With a fixed step: 7e-7 rad after a second at 1 ms, on tables with kinks."""

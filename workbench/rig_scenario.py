@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from workbench.parameter_files import (
+from aerodima.workbench.parameter_files import (
     ParameterEntry,
     apply_setting,
     load_parameter_file,
@@ -18,9 +18,9 @@ from workbench.parameter_files import (
     resolve,
     sections_of,
 )
-from workbench.parameters import EnvironmentParameters, FrictionParameters, TailMotorParameters, TailParameters
-from workbench.resources import model_path, models_dir
-from workbench.rig_parameters import (
+from aerodima.workbench.parameters import EnvironmentParameters, FrictionParameters, TailMotorParameters, TailParameters
+from aerodima.workbench.resources import model_path, models_dir
+from aerodima.workbench.rig_parameters import (
     BarParameters,
     CheetahTailParameters,
     ExperimentParameters,

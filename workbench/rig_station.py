@@ -12,19 +12,19 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
 
-from workbench.actuators.maxon import MaxonMotor, current_noise
-from workbench.actuators.mit_motor import MitMotor
-from workbench.errors import UserError
-from workbench.plants.rig import RigPlant, add_rig_plant
-from workbench.ports import PortFields
-from workbench.rig_logs import sensor_offsets
-from workbench.rig_ports import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS
-from workbench.rig_scenario import RigScenario
-from workbench.sensors.encoder import MotorEncoder, MotorReply
-from workbench.sensors.force_torque import ForceTorqueSensor
-from workbench.sensors.motor_current import MotorCurrentSensor
-from workbench.sensors.noise import CounterNoise
-from workbench.sensors.rig_encoder import RigEncoder
+from aerodima.workbench.actuators.maxon import MaxonMotor, current_noise
+from aerodima.workbench.actuators.mit_motor import MitMotor
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.plants.rig import RigPlant, add_rig_plant
+from aerodima.workbench.ports import PortFields
+from aerodima.workbench.rig_logs import sensor_offsets
+from aerodima.workbench.rig_ports import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS
+from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply
+from aerodima.workbench.sensors.force_torque import ForceTorqueSensor
+from aerodima.workbench.sensors.motor_current import MotorCurrentSensor
+from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.sensors.rig_encoder import RigEncoder
 
 RigInterfaceFactory = Callable[[RigScenario], System]
 """Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and `RIG_OUTPUTS`."""

@@ -9,22 +9,22 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, EventStatus, OutputPort
 
-from workbench.controllers.law_of_scenario import swing_facts
-from workbench.controllers.manoeuvre import make_schedule, run_time
-from workbench.controllers.tail_controller import TailController
-from workbench.controllers.tail_law import TailLaw
-from workbench.controllers.turn_driver import TurnDriver
-from workbench.event_order import Stage
-from workbench.logs.columns import plant_position_columns, sensor_columns
-from workbench.logs.journal import JournalWriter
-from workbench.logs.recorder import RunRecorder, recorded_columns
-from workbench.logs.schema import TAIL_LAW, RunLog, read_run_log, run_metadata
-from workbench.scenario import Scenario
-from workbench.section_watch import SectionWatch
-from workbench.sensors.roll_estimator import RollEstimator
-from workbench.sensors.roll_filter import RollFilterSettings
-from workbench.station import InterfaceFactory, make_car_station, simulated_car
-from workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH, WIND_TRUTH
+from aerodima.workbench.controllers.law_of_scenario import swing_facts
+from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
+from aerodima.workbench.controllers.tail_controller import TailController
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.controllers.turn_driver import TurnDriver
+from aerodima.workbench.event_order import Stage
+from aerodima.workbench.logs.columns import plant_position_columns, sensor_columns
+from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, read_run_log, run_metadata
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.section_watch import SectionWatch
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.sensors.roll_filter import RollFilterSettings
+from aerodima.workbench.station import InterfaceFactory, make_car_station, simulated_car
+from aerodima.workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH, WIND_TRUTH
 
 Progress = Callable[[float, float], None]
 """Called with the time of the run (s) and its length (s) about ten times per simulated second."""

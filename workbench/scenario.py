@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from workbench.parameter_files import (
+from aerodima.workbench.parameter_files import (
     ParameterEntry,
     apply_setting,
     load_parameter_file,
@@ -17,7 +17,7 @@ from workbench.parameter_files import (
     resolve,
     sections_of,
 )
-from workbench.parameters import (
+from aerodima.workbench.parameters import (
     CarParameters,
     ControllerParameters,
     DriveParameters,
@@ -33,7 +33,7 @@ from workbench.parameters import (
     TailParameters,
     WindParameters,
 )
-from workbench.resources import model_path, models_dir
+from aerodima.workbench.resources import model_path, models_dir
 
 SCENARIO_SCHEMA = "aerodima/scenario/1"
 

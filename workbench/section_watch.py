@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 
-from workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
-from workbench.event_order import Stage, period_of
+from aerodima.workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
+from aerodima.workbench.event_order import Stage, period_of
 
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from workbench.errors import LogError
+from aerodima.workbench.errors import LogError
 
 FloatArray = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """The page of the documentation on what the thesis states about the built car."""
 
-from workbench.statements import Settled, Statement, Verdict, load_statements
+from aerodima.workbench.statements import Settled, Statement, Verdict, load_statements
 
 _VERDICTS: tuple[Verdict, ...] = ("agrees", "adopted", "differs", "not checkable")
 _INTRODUCTION = """# The car as it was built

@@ -11,12 +11,12 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from workbench.errors import ModelError
-from workbench.logs.strict_files import StrictModel
-from workbench.parameter_files import ParameterEntry, load_entries_without_model, read_yaml
-from workbench.published import table_rows
-from workbench.quantity import explain
-from workbench.resources import model_path
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.logs.strict_files import StrictModel
+from aerodima.workbench.parameter_files import ParameterEntry, load_entries_without_model, read_yaml
+from aerodima.workbench.published import table_rows
+from aerodima.workbench.quantity import explain
+from aerodima.workbench.resources import model_path
 
 FILE = "published/statements.yaml"
 STATEMENTS_SCHEMA = "aerodima/statements/1"

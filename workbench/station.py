@@ -14,20 +14,20 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
 
-from workbench.actuators.drive import Drive, shaft_gain
-from workbench.actuators.servo import SteeringServo
-from workbench.actuators.tail_drive import add_tail_drive
-from workbench.car_air import add_sail_force, add_wind_source
-from workbench.errors import UserError
-from workbench.plants.car import CarPlant, add_car_plant
-from workbench.plants.car_model import axle_statics
-from workbench.ports import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
-from workbench.scenario import Scenario
-from workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder
-from workbench.sensors.gps import GpsSpeed
-from workbench.sensors.imu import Imu
-from workbench.truth import CarTruth
-from workbench.wiring import select
+from aerodima.workbench.actuators.drive import Drive, shaft_gain
+from aerodima.workbench.actuators.servo import SteeringServo
+from aerodima.workbench.actuators.tail_drive import add_tail_drive
+from aerodima.workbench.car_air import add_sail_force, add_wind_source
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.plants.car import CarPlant, add_car_plant
+from aerodima.workbench.plants.car_model import axle_statics
+from aerodima.workbench.ports import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder
+from aerodima.workbench.sensors.gps import GpsSpeed
+from aerodima.workbench.sensors.imu import Imu
+from aerodima.workbench.truth import CarTruth
+from aerodima.workbench.wiring import select
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without tail arm."""

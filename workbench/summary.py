@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from workbench.atomic_write import write_atomically
-from workbench.controllers.law_of_scenario import NO_SWING
-from workbench.controllers.swing_law import SwingState
-from workbench.ensemble import BUILT
-from workbench.errors import UserError
-from workbench.logs.schema import RunLog
-from workbench.metrics import Impulses, RunMetrics, TurnMetrics, metrics_of, published_figures, tail_impulses
-from workbench.published import Platform, PublishedFigures
-from workbench.turn_signals import turn_window
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.controllers.law_of_scenario import NO_SWING
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.ensemble import BUILT
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics import Impulses, RunMetrics, TurnMetrics, metrics_of, published_figures, tail_impulses
+from aerodima.workbench.published import Platform, PublishedFigures
+from aerodima.workbench.turn_signals import turn_window
 
 KM_PER_H = 3.6
 """km/h per m/s."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
-    from workbench.swing_file import JointGains, SwingFile
+    from aerodima.workbench.swing_file import JointGains, SwingFile
 
 
 @dataclass(frozen=True)

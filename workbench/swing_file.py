@@ -16,10 +16,10 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from workbench.atomic_write import write_atomically
-from workbench.errors import SwingFileError
-from workbench.swing_curve import SwingPoint, gains_at, hermite, swing_at
-from workbench.unique_keys import UniqueKeyLoader
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.swing_curve import SwingPoint, gains_at, hermite, swing_at
+from aerodima.workbench.unique_keys import UniqueKeyLoader
 
 __all__ = [
     "Direction",

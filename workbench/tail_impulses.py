@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from workbench.errors import LogError
-from workbench.logs.schema import RunLog
-from workbench.signals import check_signals
-from workbench.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.signals import check_signals
+from aerodima.workbench.turn_signals import TurnSignals, turn_signals
 
 FloatArray = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ import pandas as pd
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
-from workbench.controllers.manoeuvre import run_time
-from workbench.controllers.tail_law import TailLaw
-from workbench.event_order import Stage
-from workbench.logs.recorder import RunRecorder, recorded_columns
-from workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
-from workbench.outcome_record import FlipWatch, OutcomeRecord
-from workbench.run import CarDiagram, assemble, plant_facts
-from workbench.scenario import Scenario
-from workbench.summary import RunSummary, summarise
+from aerodima.workbench.controllers.manoeuvre import run_time
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.event_order import Stage
+from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.outcome_record import FlipWatch, OutcomeRecord
+from aerodima.workbench.run import CarDiagram, assemble, plant_facts
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.summary import RunSummary, summarise
 
 STOPPED = "stopped_at_flip_s"
 """Key in `extra` of a log that ends at a flip: the time of its last row, s."""

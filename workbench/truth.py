@@ -11,7 +11,7 @@ from pydrake.multibody.plant import ContactResults, PointPairContactInfo
 from pydrake.multibody.tree import JointIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from workbench.logs.columns import (
+from aerodima.workbench.logs.columns import (
     GROUND_CONTACTS,
     WHEELS,
     body_truth_columns,
@@ -19,10 +19,10 @@ from workbench.logs.columns import (
     tail_truth_columns,
     wind_truth_columns,
 )
-from workbench.plants.car import CarPlant
-from workbench.ports import PortFields
-from workbench.scenario import Scenario
-from workbench.sensors.imu import motion_at_imu
+from aerodima.workbench.plants.car import CarPlant
+from aerodima.workbench.ports import PortFields
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.sensors.imu import motion_at_imu
 
 BODY_TRUTH = PortFields("BodyTruth", tuple(column.name for column in body_truth_columns()))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(column.name for column in contact_truth_columns()))
@@ -38,7 +38,7 @@ class CarTruth(LeafSystem):
     """What the plant knows and the car does not. Evaluated only when somebody reads it, such as the run log.
 
     Kinematics come from the plant's state through a context of its own; accelerations and contact forces are those of
-    the plant's last step (Drake's sampled output ports). Fields, units and axes: `workbench.logs.columns`.
+    the plant's last step (Drake's sampled output ports). Fields, units and axes: `aerodima.workbench.logs.columns`.
     Bodies and joints are kept by index: see design section 13.
 
     Input ports:

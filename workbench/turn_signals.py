@@ -13,10 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import LogError
-from workbench.logs.columns import GROUND_CONTACTS, WHEELS
-from workbench.logs.schema import RunLog
-from workbench.signals import check_signals, check_time
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.signals import check_signals, check_time
 
 FloatArray = NDArray[np.float64]
 

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from workbench.help_sections import CAR
+from aerodima.workbench.help_sections import CAR
 
 if TYPE_CHECKING:
     import socket
 
-    from hardware.console.emulated_car import EmulatedCarProcess
-    from hardware.console.record import ConsoleRecord
-    from hardware.wiring.car_ports import ConsoleDevice
-    from workbench.scenario import Scenario
+    from aerodima.hardware.console.emulated_car import EmulatedCarProcess
+    from aerodima.hardware.console.record import ConsoleRecord
+    from aerodima.hardware.wiring.car_ports import ConsoleDevice
+    from aerodima.workbench.scenario import Scenario
 
 
 def register(app: typer.Typer) -> None:
@@ -50,19 +50,19 @@ def console(
 
     Example: aerodima console --emulate auto_turn --out emulated
     """
-    from workbench.errors import HardwareError
+    from aerodima.workbench.errors import HardwareError
 
     if sum(given is not None for given in (ports, emulate, radio)) != 1:
         raise HardwareError("console: give one of --ports, --emulate and --radio")
     missing = [name for name in ("starlette", "uvicorn", "websockets", "serial") if find_spec(name) is None]
     if missing:
         raise HardwareError(f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'")
-    from hardware.console.emulated_car import EmulatedCarProcess
-    from hardware.console.record import ConsoleRecord
-    from hardware.console.server import open_socket
-    from hardware.wiring.base import WIRINGS
-    from hardware.wiring.car_ports import ConsoleDevice
-    from workbench.scenario import load_scenario
+    from aerodima.hardware.console.emulated_car import EmulatedCarProcess
+    from aerodima.hardware.console.record import ConsoleRecord
+    from aerodima.hardware.console.server import open_socket
+    from aerodima.hardware.wiring.base import WIRINGS
+    from aerodima.hardware.wiring.car_ports import ConsoleDevice
+    from aerodima.workbench.scenario import load_scenario
 
     chosen = next((name for name in WIRINGS if name == wiring), None)
     if chosen is None:
@@ -93,8 +93,8 @@ def _radio(radio: str | None, receiver: int | None) -> dict[str, object]:
 
 def _device(ports: Path) -> tuple[ConsoleDevice, int]:
     """The console's module and the number of the car."""
-    from hardware.wiring.car_ports import read_ports
-    from workbench.errors import HardwareError
+    from aerodima.hardware.wiring.car_ports import read_ports
+    from aerodima.workbench.errors import HardwareError
 
     read = read_ports(ports)
     if read.console is None:
@@ -110,13 +110,13 @@ def _serve(
     scenario: Scenario,
     number: int,
 ) -> None:
-    from hardware.console.access import Access
-    from hardware.console.console import Console, Limits
-    from hardware.console.operator_radio import OperatorRadio
-    from hardware.console.server import run_server
-    from hardware.transport.device_lock import lock_devices
-    from hardware.transport.serial_link import SerialLink
-    from workbench.errors import HardwareError
+    from aerodima.hardware.console.access import Access
+    from aerodima.hardware.console.console import Console, Limits
+    from aerodima.hardware.console.operator_radio import OperatorRadio
+    from aerodima.hardware.console.server import run_server
+    from aerodima.hardware.transport.device_lock import lock_devices
+    from aerodima.hardware.transport.serial_link import SerialLink
+    from aerodima.workbench.errors import HardwareError
 
     limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
     lock = lock_devices([device.path], "a console")

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from workbench.help_sections import CAR
+from aerodima.workbench.help_sections import CAR
 
 if TYPE_CHECKING:
-    from hardware.wiring.base import WiringName
-    from hardware.wiring.car_ports import CarPorts
-    from workbench.scenario import Scenario
+    from aerodima.hardware.wiring.base import WiringName
+    from aerodima.hardware.wiring.car_ports import CarPorts
+    from aerodima.workbench.scenario import Scenario
 
 
 def register(app: typer.Typer) -> None:
@@ -67,13 +67,13 @@ def drive(
 
     Example: aerodima drive auto_turn --ports car.json --log run.parquet
     """
-    from hardware.drive.session import DriveOptions, run_drive
-    from hardware.held_car import make_car
-    from hardware.wiring.car_ports import read_ports
-    from workbench.atomic_write import make_folder, refuse_existing
-    from workbench.bundle import load_drive
-    from workbench.controllers.law_file import load_law
-    from workbench.errors import HardwareError, LogError
+    from aerodima.hardware.drive.session import DriveOptions, run_drive
+    from aerodima.hardware.held_car import make_car
+    from aerodima.hardware.wiring.car_ports import read_ports
+    from aerodima.workbench.atomic_write import make_folder, refuse_existing
+    from aerodima.workbench.bundle import load_drive
+    from aerodima.workbench.controllers.law_file import load_law
+    from aerodima.workbench.errors import HardwareError, LogError
 
     name = _wiring_name(wiring)
     overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
@@ -83,7 +83,7 @@ def drive(
     if law is not None:
         tail_law = load_law(law)
     elif not other_car:
-        from workbench.controllers.law_of_scenario import refuse_other_car
+        from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 
         refuse_other_car(chosen)
     car_ports = read_ports(ports)
@@ -123,9 +123,9 @@ def drive(
 
 
 def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
-    from hardware.first_contact import JOINTS, run_motor_test
-    from hardware.held_car import make_car
-    from workbench.errors import HardwareError
+    from aerodima.hardware.first_contact import JOINTS, run_motor_test
+    from aerodima.hardware.held_car import make_car
+    from aerodima.workbench.errors import HardwareError
 
     chosen = next((name for name in JOINTS if name == joint), None)
     if chosen is None or scenario.tail.mode == "none":
@@ -139,8 +139,8 @@ def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: 
 
 
 def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from hardware.first_contact import joint_angles, read_motor_angles, write_zeros
-    from workbench.errors import HardwareError
+    from aerodima.hardware.first_contact import joint_angles, read_motor_angles, write_zeros
+    from aerodima.workbench.errors import HardwareError
 
     question = "hold the tail exactly upright, it is let go; type zero to read its angles"
     if not arm and _typed(question) != "zero":
@@ -156,8 +156,8 @@ def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> Non
 
 def _warn_of_unwatched(wiring: WiringName, ports: CarPorts, dry_run: bool) -> None:
     """A dry run says what a drive is refused for."""
-    from hardware.watchdog.record import refuse_unwatched
-    from workbench.errors import HardwareError
+    from aerodima.hardware.watchdog.record import refuse_unwatched
+    from aerodima.workbench.errors import HardwareError
 
     try:
         refuse_unwatched(wiring, ports, accepted=False)
@@ -168,8 +168,8 @@ def _warn_of_unwatched(wiring: WiringName, ports: CarPorts, dry_run: bool) -> No
 
 
 def _wiring_name(wiring: str) -> WiringName:
-    from hardware.wiring.base import WIRINGS
-    from workbench.errors import HardwareError
+    from aerodima.hardware.wiring.base import WIRINGS
+    from aerodima.workbench.errors import HardwareError
 
     for name in WIRINGS:
         if name == wiring:
@@ -178,7 +178,7 @@ def _wiring_name(wiring: str) -> WiringName:
 
 
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from hardware.watchdog.trial import run_watchdog_test
+    from aerodima.hardware.watchdog.trial import run_watchdog_test
 
     typer.echo("the motors are switched on and hold the tail where it is")
     confirm, seen_by = _eyes(ports, wiring)
@@ -190,13 +190,13 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
     """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be seen."""
-    from hardware.watchdog.record import is_emulated
+    from aerodima.hardware.watchdog.record import is_emulated
 
     return ((lambda _: True), "emulator") if is_emulated(wiring, ports) else (typer.confirm, "operator")
 
 
 def _ask_to_arm(arm: bool) -> None:
-    from workbench.errors import HardwareError
+    from aerodima.workbench.errors import HardwareError
 
     if not arm and not _confirm():
         raise HardwareError("not armed: nobody said that the motors may be switched on")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import CAR
+from aerodima.workbench.help_sections import CAR
 
 _IN_TIME = 0.02
 """s; two ticks of the drive. What is later than that is felt by it."""
@@ -47,14 +47,14 @@ def emulate(
 
     Example: aerodima emulate turn_swing --out emulated --wiring direct_can
     """
-    from hardware.emulator.emulator import EmulatorSettings, run_emulator
-    from hardware.emulator.folder import PORTS_FILE
-    from hardware.emulator.script import no_faults, read_script
-    from hardware.protocol.ak70_profiles import firmware_profile
-    from hardware.protocol.teensy import StringForm
-    from hardware.wiring.base import WIRINGS
-    from workbench.errors import HardwareError
-    from workbench.scenario import load_scenario
+    from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
+    from aerodima.hardware.emulator.folder import PORTS_FILE
+    from aerodima.hardware.emulator.script import no_faults, read_script
+    from aerodima.hardware.protocol.ak70_profiles import firmware_profile
+    from aerodima.hardware.protocol.teensy import StringForm
+    from aerodima.hardware.wiring.base import WIRINGS
+    from aerodima.workbench.errors import HardwareError
+    from aerodima.workbench.scenario import load_scenario
 
     chosen = next((name for name in WIRINGS if name == wiring), None)
     if chosen is None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import CAR
+from aerodima.workbench.help_sections import CAR
 
 
 def register(app: typer.Typer) -> None:
@@ -33,14 +33,14 @@ def firmware(
 
     Example: aerodima firmware aerodima_teensy --ports car.json
     """
-    from hardware.firmware.build import firmware_hash
-    from hardware.firmware.export import export_sketch
-    from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
-    from hardware.protocol.sail_encoder import encoder_profile
-    from hardware.protocol.teensy import StringForm
-    from hardware.wiring.car_ports import SCHEMA, ports_from_dict, read_ports
-    from hardware.wiring.open_ports import firmware_limits
-    from workbench.scenario import load_scenario
+    from aerodima.hardware.firmware.build import firmware_hash
+    from aerodima.hardware.firmware.export import export_sketch
+    from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+    from aerodima.hardware.protocol.sail_encoder import encoder_profile
+    from aerodima.hardware.protocol.teensy import StringForm
+    from aerodima.hardware.wiring.car_ports import SCHEMA, ports_from_dict, read_ports
+    from aerodima.hardware.wiring.open_ports import firmware_limits
+    from aerodima.workbench.scenario import load_scenario
 
     motors = {"tail_pitch": {"motor_id": motor_ids[0]}, "tail_roll": {"motor_id": motor_ids[1]}}
     bare = {"schema": SCHEMA, "firmware_profile": profile, "teensy": {"path": "-"}, "imu": {"path": "+"}, **motors}

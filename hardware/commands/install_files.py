@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import CAR
+from aerodima.workbench.help_sections import CAR
 
 
 def register(app: typer.Typer) -> None:
@@ -28,10 +28,10 @@ def install_files(
 
     Example: aerodima install-files system --ports car.json
     """
-    from hardware.system_files import write_system_files
-    from hardware.wiring.base import WIRINGS
-    from hardware.wiring.car_ports import read_ports
-    from workbench.errors import HardwareError
+    from aerodima.hardware.system_files import write_system_files
+    from aerodima.hardware.wiring.base import WIRINGS
+    from aerodima.hardware.wiring.car_ports import read_ports
+    from aerodima.workbench.errors import HardwareError
 
     if wiring not in WIRINGS:
         raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")

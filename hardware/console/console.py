@@ -6,13 +6,13 @@ import contextlib
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-from hardware.console.messages import Beat, BeatClock, Logging, Message, Stop
-from hardware.console.operator_radio import OperatorRadio
-from hardware.console.record import ConsoleRecord
-from hardware.console.seats import Seats
-from hardware.console.words import radio_state
-from hardware.protocol.radio import RadioMode
-from workbench.errors import UserError
+from aerodima.hardware.console.messages import Beat, BeatClock, Logging, Message, Stop
+from aerodima.hardware.console.operator_radio import OperatorRadio
+from aerodima.hardware.console.record import ConsoleRecord
+from aerodima.hardware.console.seats import Seats
+from aerodima.hardware.console.words import radio_state
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.workbench.errors import UserError
 
 
 class ManagedCar(Protocol):

@@ -12,9 +12,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hardware.emulator.folder import PORTS_FILE, READY_FILE
-from hardware.wiring.base import WiringName
-from workbench.errors import HardwareError
+from aerodima.hardware.emulator.folder import PORTS_FILE, READY_FILE
+from aerodima.hardware.wiring.base import WiringName
+from aerodima.workbench.errors import HardwareError
 
 _START_TIME, _END_TIME = 120.0, 20.0
 _LOOK = 0.05
@@ -130,7 +130,7 @@ class EmulatedCarProcess:
 
     def _run(self, words: list[str]) -> subprocess.Popen[str]:
         return subprocess.Popen(
-            [sys.executable, "-m", "workbench.cli", *words],
+            [sys.executable, "-P", "-m", "aerodima.workbench.cli", *words],
             env=self._environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

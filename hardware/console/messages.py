@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from workbench.errors import UserError
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.workbench.errors import UserError
 
 MODES = {
     "rest": RadioMode.IDLE,

@@ -9,11 +9,17 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.car_report import CarReport, decode_report
-from hardware.protocol.radio import OperatorCommand, RadioMode, make_command, make_emergency_stop, make_heartbeat
-from hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_transmit
-from hardware.radio_link import IDLE
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.car_report import CarReport, decode_report
+from aerodima.hardware.protocol.radio import (
+    OperatorCommand,
+    RadioMode,
+    make_command,
+    make_emergency_stop,
+    make_heartbeat,
+)
+from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_transmit
+from aerodima.hardware.radio_link import IDLE
 
 _REPEAT = 0.05
 """s between two emergency stops, until the car reports the stop."""

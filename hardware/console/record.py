@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any, TextIO
 
-from workbench.errors import LogError
+from aerodima.workbench.errors import LogError
 
 
 class ConsoleRecord:

@@ -19,11 +19,11 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from hardware.console.access import HOST, Access
-from hardware.console.console import Console
-from hardware.console.messages import read_message
-from hardware.console.waiting import impatient_http
-from workbench.errors import HardwareError, UserError
+from aerodima.hardware.console.access import HOST, Access
+from aerodima.hardware.console.console import Console
+from aerodima.hardware.console.messages import read_message
+from aerodima.hardware.console.waiting import impatient_http
+from aerodima.workbench.errors import HardwareError, UserError
 
 _TURN, _SHOW = 0.01, 0.05
 """s between two looks at the radio; between two states that a page gets."""
@@ -58,7 +58,9 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
         say: is told the next address when one has been used.
         end: of the server; called when a part of the console has died.
     """
-    pages = {name: files("hardware.console").joinpath("page", name).read_text(encoding="utf-8") for name in _PAGES}
+    pages = {
+        name: files("aerodima.hardware.console").joinpath("page", name).read_text(encoding="utf-8") for name in _PAGES
+    }
     headers = _headers(console.view)
 
     async def page(request: Request) -> Response:

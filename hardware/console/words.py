@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hardware.console.messages import MODES
-from hardware.console.operator_radio import REPORT_SILENCE, OperatorRadio
-from hardware.motor_state import MotorFault
-from hardware.protocol.car_report import CarReport
-from hardware.wiring.base import SourceFault
-from workbench.ports import STATUS_SOURCES
+from aerodima.hardware.console.messages import MODES
+from aerodima.hardware.console.operator_radio import REPORT_SILENCE, OperatorRadio
+from aerodima.hardware.motor_state import MotorFault
+from aerodima.hardware.protocol.car_report import CarReport
+from aerodima.hardware.wiring.base import SourceFault
+from aerodima.workbench.ports import STATUS_SOURCES
 
 _MODE_NAMES = {mode: name for name, mode in MODES.items()}
 _MOTORS = ("tail_pitch", "tail_roll")

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.drive.loop import PERIOD
-from hardware.profile_check import check_profile
-from hardware.sensors.bno055 import RATE as IMU_RATE
-from hardware.wiring.base import CarReading
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.drive_safety import DriveSafety
-from hardware.wiring.wired_car import WiredCar
-from workbench.errors import HardwareError
-from workbench.ports import STATUS, TAIL_STATE
-from workbench.scenario import Scenario
+from aerodima.hardware.drive.loop import PERIOD
+from aerodima.hardware.profile_check import check_profile
+from aerodima.hardware.sensors.bno055 import RATE as IMU_RATE
+from aerodima.hardware.wiring.base import CarReading
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.drive_safety import DriveSafety
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import STATUS, TAIL_STATE
+from aerodima.workbench.scenario import Scenario
 
 _MB = 1e6
 _SLEEPS = 20

@@ -10,14 +10,14 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem
 
-from hardware.drive.guard import CarGuard, Stage
-from hardware.drive.loop import PERIOD
-from hardware.drive.run_journal import LINK_COLUMNS, RunJournal
-from hardware.interface import CarInterface
-from workbench.controllers.tail_law import TailLaw
-from workbench.logs.recorder import RunRecorder
-from workbench.run import assemble
-from workbench.scenario import Scenario
+from aerodima.hardware.drive.guard import CarGuard, Stage
+from aerodima.hardware.drive.loop import PERIOD
+from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal
+from aerodima.hardware.interface import CarInterface
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.logs.recorder import RunRecorder
+from aerodima.workbench.run import assemble
+from aerodima.workbench.scenario import Scenario
 
 _STOPPING = (Stage.HOLDING, Stage.EXITING, Stage.STOPPED)
 
@@ -41,7 +41,7 @@ class LinkTimes(LeafSystem):
 
 
 class DiagramRun:
-    """As `hardware.drive.loop.run_loop` with an `AutoPilot`, in a Drake `Simulator` at real-time rate 1.
+    """As `aerodima.hardware.drive.loop.run_loop` with an `AutoPilot`, in a Drake `Simulator` at real-time rate 1.
 
     Building takes a second or more, in which no loop turns: it is done before the motors are on.
     """

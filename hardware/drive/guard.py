@@ -24,13 +24,13 @@ from array import array
 from dataclasses import replace
 from enum import IntEnum
 
-from hardware.drive.limits import DriveLimits
-from hardware.protocol.car_report import Asks
-from hardware.protocol.radio import RadioMode
-from hardware.wiring.base import CarCommand, CarReading, SourceFault, Wiring
-from hardware.wiring.drive_safety import DriveSafety
-from workbench.errors import HardwareError
-from workbench.ports import STATUS, TAIL_STATE
+from aerodima.hardware.drive.limits import DriveLimits
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.wiring.base import CarCommand, CarReading, SourceFault, Wiring
+from aerodima.hardware.wiring.drive_safety import DriveSafety
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import STATUS, TAIL_STATE
 
 _ARMED = STATUS.index("armed")
 _TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from hardware.wiring.base import CarReading, SourceFault
-from hardware.wiring.drive_safety import DriveSafety
-from workbench.ports import IMU, STATUS
+from aerodima.hardware.wiring.base import CarReading, SourceFault
+from aerodima.hardware.wiring.drive_safety import DriveSafety
+from aerodima.workbench.ports import IMU, STATUS
 
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 _SPEED = STATUS.index("speed_fault")

@@ -8,14 +8,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.drive.guard import CarGuard, Stage
-from hardware.drive.pilots import Pilot, PilotStep
-from hardware.drive.run_journal import RunJournal
-from hardware.latency import SWITCH_INTERVAL
-from hardware.wiring.base import CarCommand, CarReading
-from workbench.logs.unwrapping import RowUnwrapper
-from workbench.scenario import Scenario
-from workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.hardware.drive.guard import CarGuard, Stage
+from aerodima.hardware.drive.pilots import Pilot, PilotStep
+from aerodima.hardware.drive.run_journal import RunJournal
+from aerodima.hardware.latency import SWITCH_INTERVAL
+from aerodima.hardware.wiring.base import CarCommand, CarReading
+from aerodima.workbench.logs.unwrapping import RowUnwrapper
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 
 PERIOD = 0.01
 """s; of every loop that talks to the car."""

@@ -6,13 +6,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from hardware.motor_settings import load_motor_safety
-from hardware.wiring.base import CarCommand, CarReading
-from workbench.controllers.law_of_scenario import law_of_scenario
-from workbench.controllers.manoeuvre import DriverInput, make_schedule
-from workbench.controllers.observation import observe
-from workbench.controllers.tail_law import TailLaw
-from workbench.scenario import Scenario
+from aerodima.hardware.motor_settings import load_motor_safety
+from aerodima.hardware.wiring.base import CarCommand, CarReading
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
+from aerodima.workbench.controllers.manoeuvre import DriverInput, make_schedule
+from aerodima.workbench.controllers.observation import observe
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.scenario import Scenario
 
 
 class PilotStep(NamedTuple):

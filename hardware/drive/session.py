@@ -15,28 +15,35 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.drive.checks import Check, desk_checks, device_checks, motor_checks, refuse_failed, watchdog_check
-from hardware.drive.guard import CarGuard, Stage
-from hardware.drive.loop import idle_until, run_loop
-from hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
-from hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
-from hardware.drive.standstill import standstill_checks
-from hardware.drive.stop_signals import stop_on_signals
-from hardware.latency import DRIVE_PRIORITY, prefer_latency, restore_latency
-from hardware.protocol.car_report import Asks
-from hardware.protocol.radio import RadioMode
-from hardware.sensors.bno055 import Bno055Sample
-from hardware.wiring.base import SourceFault
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
-from hardware.wiring.wired_car import WiredCar
-from workbench.controllers.manoeuvre import make_schedule, run_time
-from workbench.controllers.tail_law import TailLaw
-from workbench.errors import HardwareError
-from workbench.logs.schema import TAIL_LAW
-from workbench.ports import STATUS
-from workbench.realtime import is_realtime, prefer_realtime, restore_ordinary
-from workbench.scenario import Scenario
+from aerodima.hardware.drive.checks import (
+    Check,
+    desk_checks,
+    device_checks,
+    motor_checks,
+    refuse_failed,
+    watchdog_check,
+)
+from aerodima.hardware.drive.guard import CarGuard, Stage
+from aerodima.hardware.drive.loop import idle_until, run_loop
+from aerodima.hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
+from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
+from aerodima.hardware.drive.standstill import standstill_checks
+from aerodima.hardware.drive.stop_signals import stop_on_signals
+from aerodima.hardware.latency import DRIVE_PRIORITY, prefer_latency, restore_latency
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.sensors.bno055 import Bno055Sample
+from aerodima.hardware.wiring.base import SourceFault
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.drive_safety import DriveSafety, load_drive_safety
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.logs.schema import TAIL_LAW
+from aerodima.workbench.ports import STATUS
+from aerodima.workbench.realtime import is_realtime, prefer_realtime, restore_ordinary
+from aerodima.workbench.scenario import Scenario
 
 _HOUR = 3600.0
 """s; the longest drive by radio."""
@@ -275,7 +282,7 @@ def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]
     scenario, guard, with_drake = drive.scenario, drive.guard, drive.options.with_drake
     links, length = _links_of(drive.car, guard), run_time(drive.scenario)
     if with_drake:
-        from hardware.drive.diagram import DiagramRun
+        from aerodima.hardware.drive.diagram import DiagramRun
 
         diagram = DiagramRun(guard, scenario, journal, links, drive.law)
 

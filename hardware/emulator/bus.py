@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from hardware.emulator.fault_board import FaultBoard
-from hardware.emulator.motor import EmulatedMotor
-from hardware.emulator.script import Fault
-from hardware.protocol.can_frame import CanFrame
-from hardware.transport.traffic_log import TrafficLog
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.motor import EmulatedMotor
+from aerodima.hardware.emulator.script import Fault
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.transport.traffic_log import TrafficLog
 
 
 class EmulatedBus:

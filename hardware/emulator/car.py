@@ -11,18 +11,18 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource
 
-from hardware.drive.run_journal import RunJournal
-from hardware.protocol.ak70 import MitCommand
-from workbench.event_order import Stage
-from workbench.logs.columns import sensor_columns
-from workbench.logs.recorder import RunRecorder, recorded_columns
-from workbench.logs.schema import run_metadata
-from workbench.ports import STATION_INPUTS
-from workbench.run import truth_signals
-from workbench.scenario import Scenario
-from workbench.sensors.roll_estimator import RollEstimator
-from workbench.sensors.roll_filter import RollFilterSettings
-from workbench.station import make_car_station, simulated_car
+from aerodima.hardware.drive.run_journal import RunJournal
+from aerodima.hardware.protocol.ak70 import MitCommand
+from aerodima.workbench.event_order import Stage
+from aerodima.workbench.logs.columns import sensor_columns
+from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.logs.schema import run_metadata
+from aerodima.workbench.ports import STATION_INPUTS
+from aerodima.workbench.run import truth_signals
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.sensors.roll_filter import RollFilterSettings
+from aerodima.workbench.station import make_car_station, simulated_car
 
 _INPUTS = ("steering_angle", "throttle", "planned_turn", "tail_pitch_command", "tail_roll_command", "controller_state")
 _OUTPUTS = ("tail_state", "tail_torque", "imu", "speed", "status")

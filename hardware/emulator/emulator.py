@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from hardware.emulator.bus import EmulatedBus
-from hardware.emulator.car import EmulatedCar
-from hardware.emulator.events import EventLog
-from hardware.emulator.fault_board import FaultBoard
-from hardware.emulator.folder import (
+from aerodima.hardware.emulator.bus import EmulatedBus
+from aerodima.hardware.emulator.car import EmulatedCar
+from aerodima.hardware.emulator.events import EventLog
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.folder import (
     EVENTS_FILE,
     PORTS_FILE,
     PORTS_FOLDER,
@@ -31,26 +31,26 @@ from hardware.emulator.folder import (
     TRAFFIC_FILE,
     TRUTH_FILE,
 )
-from hardware.emulator.motor import EmulatedMotor
-from hardware.emulator.pty_port import PtyPort
-from hardware.emulator.script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
-from hardware.emulator.serial_devices import CAR, EmulatedAir, EmulatedGps, EmulatedImu, EmulatedOperator
-from hardware.emulator.slcan import SlcanAdapter
-from hardware.emulator.teensy import EmulatedTeensy
-from hardware.firmware.settings import FirmwareSettings, MotorLimits, load_teensy_timing
-from hardware.latency import EMULATOR_PRIORITY, prefer_latency
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8, FirmwareProfile
-from hardware.protocol.teensy import StringForm
-from hardware.transport.traffic_log import TrafficLog
-from hardware.wiring.base import WiringName
-from hardware.wiring.car_ports import SCHEMA as PORTS_SCHEMA
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.drive_safety import load_drive_safety
-from hardware.wiring.mounting import load_mounting
-from hardware.wiring.open_ports import firmware_limits
-from workbench.errors import HardwareError
-from workbench.realtime import prefer_realtime
-from workbench.scenario import Scenario
+from aerodima.hardware.emulator.motor import EmulatedMotor
+from aerodima.hardware.emulator.pty_port import PtyPort
+from aerodima.hardware.emulator.script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
+from aerodima.hardware.emulator.serial_devices import CAR, EmulatedAir, EmulatedGps, EmulatedImu, EmulatedOperator
+from aerodima.hardware.emulator.slcan import SlcanAdapter
+from aerodima.hardware.emulator.teensy import EmulatedTeensy
+from aerodima.hardware.firmware.settings import FirmwareSettings, MotorLimits, load_teensy_timing
+from aerodima.hardware.latency import EMULATOR_PRIORITY, prefer_latency
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8, FirmwareProfile
+from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.transport.traffic_log import TrafficLog
+from aerodima.hardware.wiring.base import WiringName
+from aerodima.hardware.wiring.car_ports import SCHEMA as PORTS_SCHEMA
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.wiring.mounting import load_mounting
+from aerodima.hardware.wiring.open_ports import firmware_limits
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.realtime import prefer_realtime
+from aerodima.workbench.scenario import Scenario
 
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""
@@ -338,7 +338,7 @@ def _limits_of(settings: EmulatorSettings) -> tuple[MotorLimits, MotorLimits] | 
 
 
 def _open_view() -> Any:
-    from workbench.replay import open_meshcat
+    from aerodima.workbench.replay import open_meshcat
 
     return open_meshcat()
 

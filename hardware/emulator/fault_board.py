@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hardware.emulator.events import EventLog
-from hardware.emulator.script import Clock, Fault, FaultEntry, Script
+from aerodima.hardware.emulator.events import EventLog
+from aerodima.hardware.emulator.script import Clock, Fault, FaultEntry, Script
 
 
 class FaultBoard:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from hardware.emulator.events import EventLog
-from hardware.emulator.fault_board import FaultBoard
-from hardware.emulator.script import EmulatorNumbers, Fault, Joint
-from hardware.protocol.ak70 import (
+from aerodima.hardware.emulator.events import EventLog
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.script import EmulatorNumbers, Fault, Joint
+from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
     MitReply,
@@ -15,8 +15,8 @@ from hardware.protocol.ak70 import (
     is_special,
     make_reply,
 )
-from hardware.protocol.ak70_profiles import FirmwareProfile
-from hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 
 _ENTER, _EXIT, _ZERO = 0xFC, 0xFD, 0xFE
 

@@ -7,7 +7,7 @@ import pty
 import tty
 from pathlib import Path
 
-from workbench.errors import HardwareError
+from aerodima.workbench.errors import HardwareError
 
 _MOST_BYTES = 4096
 

@@ -23,11 +23,11 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from workbench.errors import HardwareError
-from workbench.parameter_files import load_section, read_yaml
-from workbench.quantity import QuantityModel, explain, quantity
-from workbench.resources import model_path
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.parameter_files import load_section, read_yaml
+from aerodima.workbench.quantity import QuantityModel, explain, quantity
+from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/emulation/1"
 Device = Literal["can", "teensy", "imu", "gps", "radio", "console"]

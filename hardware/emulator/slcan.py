@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import random
 
-from hardware.emulator.bus import EmulatedBus
-from hardware.emulator.fault_board import FaultBoard
-from hardware.emulator.script import Fault
-from hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.emulator.bus import EmulatedBus
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.script import Fault
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 
 _OK, _ERROR = b"\r", b"\a"
 _LONGEST_LINE = 64

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import random
 
-from hardware.emulator.bus import EmulatedBus
-from hardware.emulator.events import EventLog
-from hardware.emulator.fault_board import FaultBoard
-from hardware.emulator.script import Fault
-from hardware.firmware.core import CoreState, TeensyCore
-from hardware.firmware.settings import FirmwareSettings
-from hardware.protocol.can_frame import CanFrame
-from hardware.protocol.sail_encoder import encode_angle
-from hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
+from aerodima.hardware.emulator.bus import EmulatedBus
+from aerodima.hardware.emulator.events import EventLog
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.script import Fault
+from aerodima.hardware.firmware.core import CoreState, TeensyCore
+from aerodima.hardware.firmware.settings import FirmwareSettings
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.sail_encoder import encode_angle
+from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
 
 
 class EmulatedTeensy:

@@ -1,12 +1,12 @@
-"""Swings the tail's roll joint for three seconds: `python -m hardware.examples.one_motor PORTS WIRING`."""
+"""Swings the tail's roll joint for three seconds: `python -m aerodima.hardware.examples.one_motor PORTS WIRING`."""
 
 import math
 import sys
 
 import numpy as np
 
-from hardware.held_car import held_car, turn
-from hardware.wiring.base import CarCommand
+from aerodima.hardware.held_car import held_car, turn
+from aerodima.hardware.wiring.base import CarCommand
 
 if __name__ == "__main__":
     with held_car("auto_turn", *sys.argv[1:]) as car:

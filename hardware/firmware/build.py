@@ -8,8 +8,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from workbench.atomic_write import make_folder
-from workbench.errors import HardwareError
+from aerodima.workbench.atomic_write import make_folder
+from aerodima.workbench.errors import HardwareError
 
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
 """The Arduino sketch; its folder `src` is the core."""

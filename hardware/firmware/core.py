@@ -9,12 +9,12 @@ from dataclasses import astuple, dataclass
 from functools import cache
 from typing import Any
 
-from hardware.firmware.build import build_core
-from hardware.firmware.settings import FirmwareSettings, MotorLimits, milliseconds
-from hardware.protocol.ak70 import MitCommand, MitReply
-from hardware.protocol.ak70_profiles import FirmwareProfile
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.teensy import (
+from aerodima.hardware.firmware.build import build_core
+from aerodima.hardware.firmware.settings import FirmwareSettings, MotorLimits, milliseconds
+from aerodima.hardware.protocol.ak70 import MitCommand, MitReply
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.teensy import (
     Attitude,
     MotorOrder,
     MotorRequest,
@@ -237,7 +237,7 @@ class TeensyCore:
 
 
 class CommandReader:
-    """The core's own stream of command strings, to compare with `hardware.protocol.teensy_stream.command_stream`.
+    """The core's own stream of command strings, for comparison with `aerodima.hardware.protocol.teensy_stream`.
 
     Attributes:
         rejected: strings dropped since the start.
@@ -263,7 +263,7 @@ class CommandReader:
 
 
 def crc8(data: bytes) -> int:
-    """The core's checksum; see `hardware.protocol.teensy.crc8`."""
+    """The core's checksum; see `aerodima.hardware.protocol.teensy.crc8`."""
     return int(library().ad_crc8(data, len(data)))
 
 

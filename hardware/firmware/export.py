@@ -6,10 +6,10 @@ import shutil
 from dataclasses import asdict
 from pathlib import Path
 
-from hardware.firmware.build import SKETCH, core_sources, firmware_hash
-from hardware.firmware.settings import FirmwareSettings, milliseconds
-from hardware.protocol.teensy import StringForm
-from workbench.errors import HardwareError
+from aerodima.hardware.firmware.build import SKETCH, core_sources, firmware_hash
+from aerodima.hardware.firmware.settings import FirmwareSettings, milliseconds
+from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.workbench.errors import HardwareError
 
 _HOST_ONLY = ("c_interface.h", "c_interface.cpp")
 

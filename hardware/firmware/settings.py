@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hardware.motor_settings import MotorSettings
-from hardware.protocol.ak70 import check_motor_id
-from hardware.protocol.ak70_profiles import FirmwareProfile
-from hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
-from hardware.protocol.teensy import THROTTLE_PULSES, StringForm
-from hardware.wiring.base import WIRINGS
-from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
-from workbench.errors import HardwareError
-from workbench.parameter_files import load_section
-from workbench.quantity import QuantityModel, quantity
-from workbench.resources import model_path
+from aerodima.hardware.motor_settings import MotorSettings
+from aerodima.hardware.protocol.ak70 import check_motor_id
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
+from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, StringForm
+from aerodima.hardware.wiring.base import WIRINGS
+from aerodima.hardware.wiring.drive_safety import DriveSafety, load_drive_safety
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.parameter_files import load_section
+from aerodima.workbench.quantity import QuantityModel, quantity
+from aerodima.workbench.resources import model_path
 
 
 class TeensyTiming(QuantityModel):

@@ -1,8 +1,8 @@
 """Firmware profiles of the AK70-10: which numbers the fields of its frames stand for (design section 14).
 
 The frames carry no version, so the profile is chosen by the user and checked at start-up
-(`hardware.profile_check`). Sources disagree: 25 N m is the manual V1.0.8, 24 and 24.8 N m are printed elsewhere for the
-same motor, and the sample code of the manual has another position range.
+(`aerodima.hardware.profile_check`). Sources disagree: 25 N m is the manual V1.0.8, 24 and 24.8 N m are printed
+elsewhere for the same motor, and the sample code of the manual has another position range.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from workbench.errors import HardwareError
+from aerodima.workbench.errors import HardwareError
 
 FAULT_NAMES: Mapping[int, str] = MappingProxyType(
     {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from workbench.errors import HardwareError
+from aerodima.workbench.errors import HardwareError
 
 STANDARD_IDS, EXTENDED_IDS = 1 << 11, 1 << 29
 """How many identifiers 11 and 29 bits make (ISO 11898-1)."""

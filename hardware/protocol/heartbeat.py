@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.teensy import TeensyStatus
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.teensy import TeensyStatus
 
 BEAT_ID, ANSWER_ID = 0x7A0, 0x7A1
 _MAGIC = 0xAD

@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
-from hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError
 
 PACKED = struct.Struct("<BBffff")
 _NATIVE_BYTES = struct.calcsize("@BBffff")

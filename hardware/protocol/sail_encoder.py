@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from hardware.protocol.can_frame import FrameError
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.workbench.errors import HardwareError
 
 _TURN = 2.0 * math.pi
 

@@ -22,8 +22,8 @@ import math
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 
-from hardware.protocol.ak70 import MitCommand, check_motor_id
-from hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.ak70 import MitCommand, check_motor_id
+from aerodima.hardware.protocol.can_frame import FrameError
 
 END = b"|"
 SERVO_PULSES = (950, 1500, 2050)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.teensy import END, StringForm, TeensyCommand, TeensyReply, decode_command, decode_reply
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.teensy import END, StringForm, TeensyCommand, TeensyReply, decode_command, decode_reply
 
 _LONGEST_PART = 200
 """Bytes between two `|`; more is noise."""

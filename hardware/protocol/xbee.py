@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError
 
 START, ESCAPE = 0x7E, 0x7D
 _MASK = 0x20

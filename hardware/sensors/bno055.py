@@ -17,7 +17,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.can_frame import FrameError
 
 RATE = 100.0
 """Hz of the fusion (data sheet table 3-14)."""

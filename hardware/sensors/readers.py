@@ -6,8 +6,8 @@ import math
 import time
 from collections.abc import Callable
 
-from hardware.protocol.can_frame import FrameError
-from hardware.sensors.bno055 import (
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.sensors.bno055 import (
     CHIP_ID,
     RADIANS,
     RATE,
@@ -22,10 +22,10 @@ from hardware.sensors.bno055 import (
     make_sample_request,
     make_write,
 )
-from hardware.sensors.sensor_thread import SensorThread
-from hardware.sensors.ublox import GpsSample, GpsStream
-from hardware.transport.serial_link import SerialPort
-from workbench.errors import HardwareError
+from aerodima.hardware.sensors.sensor_thread import SensorThread
+from aerodima.hardware.sensors.ublox import GpsSample, GpsStream
+from aerodima.hardware.transport.serial_link import SerialPort
+from aerodima.workbench.errors import HardwareError
 
 _ANSWER_TIME = 0.05
 _MODE_CHANGE = 0.03

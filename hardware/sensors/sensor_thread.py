@@ -7,8 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
-from hardware.transport.serial_link import SerialPort
-from hardware.wiring.base import SourceFault
+from aerodima.hardware.transport.serial_link import SerialPort
+from aerodima.hardware.wiring.base import SourceFault
 
 _RECONNECT = 0.25
 _CLOSE = 0.5

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from datetime import time as time_of_day
 from typing import Any
 
-from hardware.protocol.can_frame import FrameError
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.workbench.errors import HardwareError
 
 _UBX, _NMEA = b"\xb5\x62", b"$"
 _NAV_PVT, _NAV_PVT_BYTES = b"\x01\x07", 92

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import can
 
-from hardware.protocol.can_frame import MOST_BYTES, CanFrame
-from hardware.transport.can_settings import CanSettings, open_bus
-from hardware.transport.outbox import Outbox
-from hardware.transport.traffic_log import TrafficLog
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.can_frame import MOST_BYTES, CanFrame
+from aerodima.hardware.transport.can_settings import CanSettings, open_bus
+from aerodima.hardware.transport.outbox import Outbox
+from aerodima.hardware.transport.traffic_log import TrafficLog
+from aerodima.workbench.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05
 _RECEIVER_SILENT = 0.5

@@ -10,7 +10,7 @@ from typing import Any
 
 import can
 
-from workbench.errors import HardwareError
+from aerodima.workbench.errors import HardwareError
 
 BITRATE = 1_000_000
 """bit/s of the tail motors (manual V1.0.8)."""

@@ -21,8 +21,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from hardware.transport.can_settings import CanSettings
-from workbench.errors import HardwareError
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.workbench.errors import HardwareError
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
 _LONGEST_WAIT = 65.0

@@ -6,7 +6,7 @@ import threading
 import time
 from collections import deque
 
-from hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.can_frame import CanFrame
 
 _STALE_AFTER = 0.05
 """A command that has waited that long is not sent any more, s: five cycles of the loop."""

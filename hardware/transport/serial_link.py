@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from workbench.errors import HardwareError
+from aerodima.workbench.errors import HardwareError
 
 _READ_TIMEOUT = 0.02
 """s; a read returns with the first byte, so that only a silent port waits that long: 50 times a second."""

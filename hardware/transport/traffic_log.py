@@ -10,7 +10,7 @@ from typing import BinaryIO, cast
 
 import can
 
-from workbench.errors import HardwareError
+from aerodima.workbench.errors import HardwareError
 
 _CONTAINER_BYTES = 2048
 """A block goes to the disk when it holds that much: about 20 frames, a tenth of a second of two motors at 100 Hz."""

@@ -1,4 +1,4 @@
-"""The watchdog process: `python -m hardware.watchdog SETTINGS`, started by `hardware.watchdog.process`, never by hand.
+"""The watchdog process: `python -m aerodima.hardware.watchdog SETTINGS`, started by `WatchdogProcess`.
 
 SETTINGS is JSON: `can` (the fields of `CanSettings`), `motor_ids`, `report` (a file, or null). Standard input is the
 pipe from the drive process; standard output carries one line when it is ready, one when it has acted.
@@ -16,14 +16,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from hardware.latency import WATCHDOG_PRIORITY
-from hardware.transport.can_settings import CanSettings
-from hardware.watchdog.control_group import leave_control_group
-from hardware.watchdog.guard import ANSWER, Guard, Word
-from hardware.watchdog.line import ExitLine, open_line
-from hardware.watchdog.settings import WatchdogTiming, load_watchdog_timing
-from workbench.errors import UserError
-from workbench.realtime import prefer_realtime
+from aerodima.hardware.latency import WATCHDOG_PRIORITY
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.watchdog.control_group import leave_control_group
+from aerodima.hardware.watchdog.guard import ANSWER, Guard, Word
+from aerodima.hardware.watchdog.line import ExitLine, open_line
+from aerodima.hardware.watchdog.settings import WatchdogTiming, load_watchdog_timing
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.realtime import prefer_realtime
 
 _LOOK = 0.005
 """How often it looks at the clock, s."""

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import time
 
-from hardware.motor_group import FramePort
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
-from hardware.protocol.teensy import TeensyStatus
-from hardware.watchdog.settings import WatchdogTiming
-from hardware.wiring.devices import Watchdog
-from workbench.errors import HardwareError
+from aerodima.hardware.motor_group import FramePort
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
+from aerodima.hardware.protocol.teensy import TeensyStatus
+from aerodima.hardware.watchdog.settings import WatchdogTiming
+from aerodima.hardware.wiring.devices import Watchdog
+from aerodima.workbench.errors import HardwareError
 
 
 class BusWatch:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from hardware.watchdog.settings import WatchdogTiming
+from aerodima.hardware.watchdog.settings import WatchdogTiming
 
 
 class Word(Enum):

@@ -1,4 +1,4 @@
-"""A drive process to be killed: `python -m hardware.watchdog.holder SETTINGS` enters the motors and holds them.
+"""Drive process to kill: `python -m aerodima.hardware.watchdog.holder SETTINGS` enters the motors and holds them.
 
 SETTINGS is JSON: `scenario` (resolved), `ports`, `report`, `wiring`. It prints `holding` and the id of its watchdog
 once the motors hold, with
@@ -12,19 +12,19 @@ import sys
 import time
 from pathlib import Path
 
-from hardware.motor_group import MotorGroup
-from hardware.protocol.heartbeat import ANSWER_ID
-from hardware.transport.can_bus import CanBus
-from hardware.transport.device_lock import can_address, lock_devices
-from hardware.watchdog.bus_watch import BusWatch, Watchdogs
-from hardware.watchdog.process import WatchdogProcess
-from hardware.watchdog.settings import load_watchdog_timing
-from hardware.wiring.car_ports import ports_from_dict
-from hardware.wiring.devices import Watchdog
-from hardware.wiring.mounting import load_mounting
-from hardware.wiring.open_ports import tail_motors
-from workbench.errors import HardwareError, UserError
-from workbench.scenario import scenario_from_dict
+from aerodima.hardware.motor_group import MotorGroup
+from aerodima.hardware.protocol.heartbeat import ANSWER_ID
+from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.hardware.transport.device_lock import can_address, lock_devices
+from aerodima.hardware.watchdog.bus_watch import BusWatch, Watchdogs
+from aerodima.hardware.watchdog.process import WatchdogProcess
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.wiring.car_ports import ports_from_dict
+from aerodima.hardware.wiring.devices import Watchdog
+from aerodima.hardware.wiring.mounting import load_mounting
+from aerodima.hardware.wiring.open_ports import tail_motors
+from aerodima.workbench.errors import HardwareError, UserError
+from aerodima.workbench.scenario import scenario_from_dict
 
 PERIOD = 0.01
 SETTLING = 50

@@ -9,10 +9,10 @@ from typing import Protocol
 
 import can
 
-from hardware.protocol.ak70 import make_exit
-from hardware.protocol.can_frame import CanFrame
-from hardware.transport.can_settings import CanSettings, open_bus
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.ak70 import make_exit
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.transport.can_settings import CanSettings, open_bus
+from aerodima.workbench.errors import HardwareError
 
 _BITRATES = {
     10_000: "S0",

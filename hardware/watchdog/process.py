@@ -11,12 +11,12 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from hardware.protocol.ak70 import check_motor_id
-from hardware.transport.can_settings import CanSettings
-from hardware.transport.device_lock import DeviceLock
-from hardware.watchdog.guard import ANSWER, Word
-from hardware.watchdog.settings import load_watchdog_timing
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.ak70 import check_motor_id
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.device_lock import DeviceLock
+from aerodima.hardware.watchdog.guard import ANSWER, Word
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.workbench.errors import HardwareError
 
 _START_TIME = 15.0
 
@@ -61,7 +61,7 @@ class WatchdogProcess:
             "report": None if report is None else str(report.resolve()),
         }
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "hardware.watchdog", json.dumps(content)],
+            [sys.executable, "-P", "-m", "aerodima.hardware.watchdog", json.dumps(content)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # what is meant for the terminal or the session of the drive is not for it

@@ -11,17 +11,17 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from hardware.emulator.folder import is_emulated_port
-from hardware.firmware.build import firmware_hash
-from hardware.protocol.teensy import StringForm
-from hardware.watchdog.settings import load_watchdog_timing
-from hardware.wiring.base import WIRINGS, WiringName
-from hardware.wiring.car_ports import CarPorts
-from workbench.atomic_write import write_atomically
-from workbench.errors import HardwareError
-from workbench.logs.schema import software_versions
-from workbench.quantity import explain
-from workbench.resources import model_path
+from aerodima.hardware.emulator.folder import is_emulated_port
+from aerodima.hardware.firmware.build import firmware_hash
+from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.wiring.base import WIRINGS, WiringName
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.quantity import explain
+from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/watchdog_test/1"
 

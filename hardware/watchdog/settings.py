@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from workbench.parameter_files import load_section
-from workbench.quantity import QuantityModel, quantity
-from workbench.resources import model_path
+from aerodima.workbench.parameter_files import load_section
+from aerodima.workbench.quantity import QuantityModel, quantity
+from aerodima.workbench.resources import model_path
 
 
 class WatchdogTiming(QuantityModel):

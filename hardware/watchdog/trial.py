@@ -20,19 +20,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hardware.motor_group import MotorGroup
-from hardware.protocol.teensy import StringForm, TeensyStatus
-from hardware.teensy_link import TeensyFault, TeensyLink
-from hardware.transport.device_lock import lock_devices
-from hardware.transport.serial_link import SerialLink
-from hardware.watchdog.holder import PERIOD, SETTLING
-from hardware.watchdog.record import WatchdogTest, new_record, write_record
-from hardware.wiring.base import WiringName
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.mounting import load_mounting
-from hardware.wiring.open_ports import tail_motors
-from workbench.errors import HardwareError
-from workbench.scenario import Scenario
+from aerodima.hardware.motor_group import MotorGroup
+from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
+from aerodima.hardware.teensy_link import TeensyFault, TeensyLink
+from aerodima.hardware.transport.device_lock import lock_devices
+from aerodima.hardware.transport.serial_link import SerialLink
+from aerodima.hardware.watchdog.holder import PERIOD, SETTLING
+from aerodima.hardware.watchdog.record import WatchdogTest, new_record, write_record
+from aerodima.hardware.wiring.base import WiringName
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.mounting import load_mounting
+from aerodima.hardware.wiring.open_ports import tail_motors
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import Scenario
 
 QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
 _START_TIME, _ACT_TIME = 30.0, 2.0
@@ -140,7 +140,9 @@ def _holding(
         "wiring": wiring,
     }
     holder = subprocess.Popen(
-        [sys.executable, "-m", "hardware.watchdog.holder", json.dumps(content)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-P", "-m", "aerodima.hardware.watchdog.holder", json.dumps(content)],
+        stdout=subprocess.PIPE,
+        text=True,
     )
     give_up = threading.Timer(_START_TIME, holder.kill)
     give_up.start()

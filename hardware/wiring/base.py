@@ -14,10 +14,10 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
-from hardware.protocol.car_report import Asks
-from hardware.protocol.radio import OperatorCommand
-from hardware.radio_link import IDLE
-from workbench.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import OperatorCommand
+from aerodima.hardware.radio_link import IDLE
+from aerodima.workbench.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 
 WiringName = Literal["direct_can", "teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
@@ -51,7 +51,7 @@ class CarCommand:
 
     Attributes:
         steering_angle: rad, positive to the left. throttle: -1 to 1.
-        tail_pitch, tail_roll: (5,) as `workbench.ports.TAIL_COMMAND`.
+        tail_pitch, tail_roll: (5,) as `aerodima.workbench.ports.TAIL_COMMAND`.
     """
 
     steering_angle: float = 0.0
@@ -75,10 +75,10 @@ class CarReading:
     """What is known after a cycle, as the station's output ports give it. Values hold their last sample.
 
     Attributes:
-        tail_state: (6,) `workbench.ports.TAIL_STATE`, rad and rad/s.
-        tail_torque: (2,) N m. imu: (9,) `workbench.ports.IMU`. speed: (1,) m/s.
-        status: (13,) `workbench.ports.STATUS`: ages in s (infinite before the first sample), fault codes, armed.
-        operator: the operator's last command, for driving by radio.
+        tail_state: (6,) `aerodima.workbench.ports.TAIL_STATE`, rad and rad/s.
+        tail_torque: (2,) N m. imu: (9,) `aerodima.workbench.ports.IMU`. speed: (1,) m/s.
+        status: (13,) `aerodima.workbench.ports.STATUS`: ages in s (infinite before the first sample), fault codes,
+        armed. operator: the operator's last command, for driving by radio.
         fault_text: the worst fault in words, empty while there is none.
     """
 

@@ -16,13 +16,13 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from hardware.protocol.ak70_profiles import FirmwareProfile, firmware_profile
-from hardware.protocol.teensy import StringForm
-from hardware.protocol.xbee import BROADCAST
-from hardware.transport.can_settings import BITRATE, CanSettings
-from hardware.transport.serial_link import SerialSettings
-from workbench.errors import HardwareError
-from workbench.quantity import explain
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile, firmware_profile
+from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.protocol.xbee import BROADCAST
+from aerodima.hardware.transport.can_settings import BITRATE, CanSettings
+from aerodima.hardware.transport.serial_link import SerialSettings
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.quantity import explain
 
 SCHEMA = "aerodima/ports/1"
 
@@ -32,7 +32,7 @@ class _Part(BaseModel):
 
 
 class CanPort(_Part):
-    """A CAN adapter as python-can names it, see `hardware.transport.can_settings.CanSettings`."""
+    """A CAN adapter as python-can names it, see `aerodima.hardware.transport.can_settings.CanSettings`."""
 
     interface: str
     channel: str

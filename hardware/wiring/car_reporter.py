@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hardware.protocol.car_report import PERIOD, Asks, CarReport, make_report
-from hardware.radio_link import RadioLink
-from hardware.wiring.base import CarReading
-from workbench.ports import IMU, STATUS, STATUS_SOURCES, TAIL_STATE, TAIL_TORQUE
+from aerodima.hardware.protocol.car_report import PERIOD, Asks, CarReport, make_report
+from aerodima.hardware.radio_link import RadioLink
+from aerodima.hardware.wiring.base import CarReading
+from aerodima.workbench.ports import IMU, STATUS, STATUS_SOURCES, TAIL_STATE, TAIL_TORQUE
 
 _REST_FIRST = "put the switch in IDLE first"
 _UNKNOWN_FAULT = 255

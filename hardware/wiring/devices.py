@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from hardware.motor_group import FramePort
-from hardware.radio_link import RadioLink
-from hardware.sensors.bno055 import Bno055Sample
-from hardware.sensors.sensor_thread import SensorThread
-from hardware.sensors.ublox import GpsSample
-from hardware.teensy_link import TeensyLink
-from hardware.transport.serial_link import SerialLink
+from aerodima.hardware.motor_group import FramePort
+from aerodima.hardware.radio_link import RadioLink
+from aerodima.hardware.sensors.bno055 import Bno055Sample
+from aerodima.hardware.sensors.sensor_thread import SensorThread
+from aerodima.hardware.sensors.ublox import GpsSample
+from aerodima.hardware.teensy_link import TeensyLink
+from aerodima.hardware.transport.serial_link import SerialLink
 
 
 class Watchdog(Protocol):
-    """What switches the motors off when this process dies; `hardware.watchdog.process.WatchdogProcess` is one."""
+    """What switches the motors off when this process dies, as a `WatchdogProcess` does."""
 
     @property
     def healthy(self) -> bool:

@@ -1,6 +1,6 @@
 """Wiring `direct_can`: the motors on a CAN adapter of the computer, the Teensy for servo, throttle and sail only.
 
-The Teensy does not command the motors here, so a process of its own watches this one (`hardware.watchdog`). In
+The Teensy does not command the motors here, so a process of its own watches this one (`aerodima.hardware.watchdog`). In
 `direct_can` nothing else does: when both die together the motors hold their last command. In `watched_can` the Teensy
 is on the same bus and switches them off when the heartbeat on it stops.
 """
@@ -11,21 +11,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
-from hardware.motor_group import FramePort, exit_frames
-from hardware.protocol.heartbeat import ANSWER_ID
-from hardware.transport.can_bus import CanBus
-from hardware.transport.can_settings import CanSettings
-from hardware.transport.device_lock import DeviceLock, Say, tell_on_stderr
-from hardware.watchdog.bus_watch import BusWatch, Watchdogs
-from hardware.watchdog.settings import load_watchdog_timing
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.devices import Devices, Watchdog
-from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
-from hardware.wiring.mounting import Mounting, load_mounting
-from hardware.wiring.open_ports import closing_on_error, lock_car, open_common, tail_motors
-from hardware.wiring.wired_car import WiredCar
-from workbench.errors import HardwareError
-from workbench.scenario import Scenario
+from aerodima.hardware.motor_group import FramePort, exit_frames
+from aerodima.hardware.protocol.heartbeat import ANSWER_ID
+from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.device_lock import DeviceLock, Say, tell_on_stderr
+from aerodima.hardware.watchdog.bus_watch import BusWatch, Watchdogs
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.devices import Devices, Watchdog
+from aerodima.hardware.wiring.drive_safety import DriveSafety, load_drive_safety
+from aerodima.hardware.wiring.mounting import Mounting, load_mounting
+from aerodima.hardware.wiring.open_ports import closing_on_error, lock_car, open_common, tail_motors
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import Scenario
 
 StartWatchdog = Callable[[CanSettings, DeviceLock], Watchdog]
 

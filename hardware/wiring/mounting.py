@@ -12,13 +12,13 @@ from functools import cache
 import numpy as np
 from pydantic import field_validator
 
-from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from hardware.sensors.bno055 import Bno055Sample
-from hardware.teensy_link import pulse
-from workbench.errors import HardwareError
-from workbench.parameter_files import load_section
-from workbench.quantity import QuantityModel, quantity
-from workbench.resources import model_path
+from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
+from aerodima.hardware.sensors.bno055 import Bno055Sample
+from aerodima.hardware.teensy_link import pulse
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.parameter_files import load_section
+from aerodima.workbench.quantity import QuantityModel, quantity
+from aerodima.workbench.resources import model_path
 
 AXES = {
     f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)] for axis in "xyz" for sign, factor in (("+", 1), ("-", -1))
@@ -56,7 +56,7 @@ class Mounting(QuantityModel):
     # -- read by the car's computer
 
     def imu_reading(self, sample: Bno055Sample) -> np.ndarray:
-        """(9,) as `workbench.ports.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2; in body axes."""
+        """(9,) as `ports.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2; in body axes."""
         R_WB = sample.rotation @ self.chip_to_body.T
         return np.array(
             [

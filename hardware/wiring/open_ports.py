@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hardware.firmware.settings import MotorLimits, motor_limits
-from hardware.motor_group import FramePort, check_distinct_ids
-from hardware.motor_settings import MotorSettings, load_motor_safety, motor_settings
-from hardware.radio_link import RadioLink
-from hardware.sensors.readers import gps_thread, imu_thread
-from hardware.teensy_link import TeensyLink
-from hardware.transport.can_settings import CanSettings
-from hardware.transport.device_lock import DeviceLock, Say, can_address, lock_devices
-from hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
-from hardware.wiring.car_ports import CarPorts, MountedMotor
-from hardware.wiring.devices import Devices
-from hardware.wiring.drive_safety import DriveSafety
-from hardware.wiring.mounting import Mounting, load_mounting
-from workbench.errors import HardwareError
-from workbench.scenario import Scenario
+from aerodima.hardware.firmware.settings import MotorLimits, motor_limits
+from aerodima.hardware.motor_group import FramePort, check_distinct_ids
+from aerodima.hardware.motor_settings import MotorSettings, load_motor_safety, motor_settings
+from aerodima.hardware.radio_link import RadioLink
+from aerodima.hardware.sensors.readers import gps_thread, imu_thread
+from aerodima.hardware.teensy_link import TeensyLink
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.device_lock import DeviceLock, Say, can_address, lock_devices
+from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
+from aerodima.hardware.wiring.car_ports import CarPorts, MountedMotor
+from aerodima.hardware.wiring.devices import Devices
+from aerodima.hardware.wiring.drive_safety import DriveSafety
+from aerodima.hardware.wiring.mounting import Mounting, load_mounting
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import Scenario
 
 _SENSOR_TIMEOUT = 0.01
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from hardware.motor_group import FramePort
-from hardware.protocol.can_frame import CanFrame
-from hardware.teensy_link import TeensyLink
-from hardware.wiring.mounting import Mounting
+from aerodima.hardware.motor_group import FramePort
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.teensy_link import TeensyLink
+from aerodima.hardware.wiring.mounting import Mounting
 
 _HEARD = 400
 """Frames that are kept: two seconds of two motors."""

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hardware.transport.device_lock import Say, tell_on_stderr
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.devices import Devices
-from hardware.wiring.drive_safety import DriveSafety, load_drive_safety
-from hardware.wiring.mounting import Mounting, load_mounting
-from hardware.wiring.open_ports import closing_on_error, lock_car, open_common, tail_motors
-from hardware.wiring.wired_car import WiredCar
-from workbench.scenario import Scenario
+from aerodima.hardware.transport.device_lock import Say, tell_on_stderr
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.devices import Devices
+from aerodima.hardware.wiring.drive_safety import DriveSafety, load_drive_safety
+from aerodima.hardware.wiring.mounting import Mounting, load_mounting
+from aerodima.hardware.wiring.open_ports import closing_on_error, lock_car, open_common, tail_motors
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.scenario import Scenario
 
 
 def teensy_bridge(

@@ -9,26 +9,26 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.motor_group import MotorGroup
-from hardware.motor_settings import MotorSettings
-from hardware.motor_state import ENERGISED, MotorFault
-from hardware.protocol.ak70 import MitCommand
-from hardware.protocol.can_frame import CanFrame
-from hardware.protocol.car_report import Asks
-from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from hardware.radio_link import IDLE
-from hardware.sensors.bno055 import Bno055Sample
-from hardware.sensors.sensor_thread import SensorThread
-from hardware.sensors.ublox import GpsSample
-from hardware.teensy_link import TeensyFault
-from hardware.wiring.base import CarCommand, CarReading, SourceFault, WiringName
-from hardware.wiring.car_reporter import CarReporter
-from hardware.wiring.devices import Devices
-from hardware.wiring.drive_safety import DriveSafety
-from hardware.wiring.mounting import Mounting
-from hardware.wiring.recent import ListeningPort, SailRate
-from workbench.errors import HardwareError
-from workbench.ports import IMU, STATUS
+from aerodima.hardware.motor_group import MotorGroup
+from aerodima.hardware.motor_settings import MotorSettings
+from aerodima.hardware.motor_state import ENERGISED, MotorFault
+from aerodima.hardware.protocol.ak70 import MitCommand
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
+from aerodima.hardware.radio_link import IDLE
+from aerodima.hardware.sensors.bno055 import Bno055Sample
+from aerodima.hardware.sensors.sensor_thread import SensorThread
+from aerodima.hardware.sensors.ublox import GpsSample
+from aerodima.hardware.teensy_link import TeensyFault
+from aerodima.hardware.wiring.base import CarCommand, CarReading, SourceFault, WiringName
+from aerodima.hardware.wiring.car_reporter import CarReporter
+from aerodima.hardware.wiring.devices import Devices
+from aerodima.hardware.wiring.drive_safety import DriveSafety
+from aerodima.hardware.wiring.mounting import Mounting
+from aerodima.hardware.wiring.recent import ListeningPort, SailRate
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import IMU, STATUS
 
 _LAST_STRINGS = 5
 """Strings with throttle 0 and exit that are sent at the end, one every 10 ms."""

@@ -1,6 +1,7 @@
 """The whole calibration: cars with tails, weighed by the fitted figures of the plan, and a check at a fine step.
 
-Figures and outcomes that the plan holds out take no part: they are the test (`optimisation.calibration.validation`).
+Figures and outcomes that the plan holds out take no part: they are the test
+(`aerodima.optimisation.calibration.validation`).
 """
 
 from collections.abc import Callable, Sequence
@@ -10,19 +11,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from optimisation.calibration.data import Datum, fitted, plan_data
-from optimisation.calibration.design import FloatArray, Runner, Target, run_cars
-from optimisation.calibration.draw import Draw, draw_cars
-from optimisation.calibration.plan import CalibrationPlan
-from optimisation.calibration.prior import Prior
-from optimisation.calibration.runs import RunStore, car_values
-from optimisation.calibration.tails import TailSampling, run_tails
-from optimisation.calibration.weights import normalised, systematic_sample
-from optimisation.sweep.engine import Engine
-from workbench.ensemble import Value
-from workbench.errors import UserError
-from workbench.published import flip_bracket
-from workbench.scenario import load_scenario
+from aerodima.optimisation.calibration.data import Datum, fitted, plan_data
+from aerodima.optimisation.calibration.design import FloatArray, Runner, Target, run_cars
+from aerodima.optimisation.calibration.draw import Draw, draw_cars
+from aerodima.optimisation.calibration.plan import CalibrationPlan
+from aerodima.optimisation.calibration.prior import Prior
+from aerodima.optimisation.calibration.runs import RunStore, car_values
+from aerodima.optimisation.calibration.tails import TailSampling, run_tails
+from aerodima.optimisation.calibration.weights import normalised, systematic_sample
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.workbench.ensemble import Value
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.published import flip_bracket
+from aerodima.workbench.scenario import load_scenario
 
 BASE_SCENARIO = "turn_swing"
 SHIPPED_DIGITS = 3

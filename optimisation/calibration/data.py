@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from optimisation.calibration.plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
-from optimisation.calibration.runs import Wanted
-from workbench.ensemble import Value
-from workbench.published import (
+from aerodima.optimisation.calibration.plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
+from aerodima.optimisation.calibration.runs import Wanted
+from aerodima.workbench.ensemble import Value
+from aerodima.workbench.published import (
     PublishedFigures,
     TurnMetrics,
     flip_bracket,

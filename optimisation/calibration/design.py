@@ -7,13 +7,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from optimisation.calibration.data import Datum, Turn, log_likelihood
-from optimisation.calibration.edge import Edge, closeness
-from optimisation.calibration.prior import Prior
-from optimisation.calibration.runs import RunStore, Wanted, car_values, flips_in_the_turn, survives
-from optimisation.sweep.engine import Engine
-from workbench.published import FlipBracket
-from workbench.scenario import Scenario
+from aerodima.optimisation.calibration.data import Datum, Turn, log_likelihood
+from aerodima.optimisation.calibration.edge import Edge, closeness
+from aerodima.optimisation.calibration.prior import Prior
+from aerodima.optimisation.calibration.runs import RunStore, Wanted, car_values, flips_in_the_turn, survives
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.workbench.published import FlipBracket
+from aerodima.workbench.scenario import Scenario
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]

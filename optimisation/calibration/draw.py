@@ -6,9 +6,10 @@ the group that meets it is narrow: some hundredths of what the group may be. So 
 
 1. All but its group and its tail, from candidates of the prior, with probability q ~ prior x surrogate likelihood of
    the figures, that of the tailed runs averaged over tails.
-2. A few pilot runs say where its window lies (`optimisation.calibration.edge`), and its group is drawn uniformly from
+2. A few pilot runs say where its window lies (`aerodima.optimisation.calibration.edge`), and its group is drawn
+uniformly from
    an interval that holds the window. It is a member when its own runs at the drawn group meet the bracket.
-3. It is run with a few tails (`optimisation.calibration.tails`), one of which becomes its own.
+3. It is run with a few tails (`aerodima.optimisation.calibration.tails`), one of which becomes its own.
 
 Its weight is prior density x width of the interval x likelihood of the figures without tail x mean likelihood of those
 with tail / q: importance sampling, so that an error of the surrogates costs effective samples, not accuracy. (One
@@ -22,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from optimisation.calibration.data import Datum
-from optimisation.calibration.design import (
+from aerodima.optimisation.calibration.data import Datum
+from aerodima.optimisation.calibration.design import (
     BELOW,
     LEVELS,
     Design,
@@ -34,11 +35,11 @@ from optimisation.calibration.design import (
     critical_groups,
     run_through,
 )
-from optimisation.calibration.edge import Edge
-from optimisation.calibration.plan import Round, Size
-from optimisation.calibration.prior import Prior
-from optimisation.calibration.surrogate import FlipSurrogate, Surrogate, fit, surrogate_log_likelihood
-from optimisation.calibration.tails import (
+from aerodima.optimisation.calibration.edge import Edge
+from aerodima.optimisation.calibration.plan import Round, Size
+from aerodima.optimisation.calibration.prior import Prior
+from aerodima.optimisation.calibration.surrogate import FlipSurrogate, Surrogate, fit, surrogate_log_likelihood
+from aerodima.optimisation.calibration.tails import (
     LEAST_RUNS,
     Tails,
     TailSampling,
@@ -48,8 +49,8 @@ from optimisation.calibration.tails import (
     no_tails,
     tail_surrogates,
 )
-from optimisation.calibration.weights import effective_size, normalised, systematic_sample
-from workbench.errors import UserError
+from aerodima.optimisation.calibration.weights import effective_size, normalised, systematic_sample
+from aerodima.workbench.errors import UserError
 
 POOL = 2**14
 """Candidates of the prior that surrogates choose from."""

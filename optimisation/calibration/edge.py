@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from optimisation.calibration.runs import flips_in_the_turn, survives
+from aerodima.optimisation.calibration.runs import flips_in_the_turn, survives
 
 FloatArray = NDArray[np.float64]
 

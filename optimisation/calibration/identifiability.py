@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from optimisation.calibration.draw import Draw
-from optimisation.calibration.prior import Prior
-from optimisation.calibration.weights import normalised
+from aerodima.optimisation.calibration.draw import Draw
+from aerodima.optimisation.calibration.prior import Prior
+from aerodima.optimisation.calibration.weights import normalised
 
 FloatArray = NDArray[np.float64]
 

@@ -9,20 +9,20 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from optimisation.calibration.calibrate import Calibration, member_frame, member_name
-from optimisation.calibration.design import Runner
-from optimisation.calibration.identifiability import directions, sensitivities, shrinkage
-from optimisation.calibration.page import calibration_page
-from optimisation.calibration.plan import assumed_elsewhere, fitted_names
-from optimisation.calibration.runs import RunStore
-from optimisation.calibration.shipped import Shipped, shipped_car
-from optimisation.calibration.validation import LEVELS, as_table, validate
-from optimisation.calibration.weights import systematic_sample
-from optimisation.sweep.engine import Engine
-from workbench.atomic_write import write_atomically
-from workbench.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
-from workbench.errors import UserError
-from workbench.logs.schema import software_versions
+from aerodima.optimisation.calibration.calibrate import Calibration, member_frame, member_name
+from aerodima.optimisation.calibration.design import Runner
+from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
+from aerodima.optimisation.calibration.page import calibration_page
+from aerodima.optimisation.calibration.plan import assumed_elsewhere, fitted_names
+from aerodima.optimisation.calibration.runs import RunStore
+from aerodima.optimisation.calibration.shipped import Shipped, shipped_car
+from aerodima.optimisation.calibration.validation import LEVELS, as_table, validate
+from aerodima.optimisation.calibration.weights import systematic_sample
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import software_versions
 
 REPORT = "index.html"
 PRIOR_SAMPLE = 4096

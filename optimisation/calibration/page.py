@@ -4,22 +4,22 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from optimisation.calibration.calibrate import Calibration, member_frame
-from optimisation.calibration.identifiability import Direction
-from optimisation.calibration.plan import assumed_elsewhere, fitted_names
-from optimisation.calibration.plots import (
+from aerodima.optimisation.calibration.calibrate import Calibration, member_frame
+from aerodima.optimisation.calibration.identifiability import Direction
+from aerodima.optimisation.calibration.plan import assumed_elsewhere, fitted_names
+from aerodima.optimisation.calibration.plots import (
     plot_directions,
     plot_group,
     plot_posterior,
     plot_sensitivities,
     plot_validation,
 )
-from optimisation.calibration.shipped import Shipped
-from optimisation.calibration.validation import Outcome, Validated
-from workbench.ensemble import Ensemble
-from workbench.published import SIGNALS
-from workbench.report.page import Markup, Section, bullets, figure, finding, page, paragraph, table
-from workbench.report.words import metric_name, metric_unit
+from aerodima.optimisation.calibration.shipped import Shipped
+from aerodima.optimisation.calibration.validation import Outcome, Validated
+from aerodima.workbench.ensemble import Ensemble
+from aerodima.workbench.published import SIGNALS
+from aerodima.workbench.report.page import Markup, Section, bullets, figure, finding, page, paragraph, table
+from aerodima.workbench.report.words import metric_name, metric_unit
 
 DETERMINED = 0.2
 """A combination counts as determined when its variance fell below this share of the prior's."""

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from workbench.errors import ScenarioError
-from workbench.parameter_files import ParameterEntry, read_yaml
-from workbench.published import TurnMetrics
-from workbench.quantity import explain, nearest
-from workbench.resources import model_path, models_dir
-from workbench.scenario import SECTIONS, load_parameter_entries
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.parameter_files import ParameterEntry, read_yaml
+from aerodima.workbench.published import TurnMetrics
+from aerodima.workbench.quantity import explain, nearest
+from aerodima.workbench.resources import model_path, models_dir
+from aerodima.workbench.scenario import SECTIONS, load_parameter_entries
 
 PLAN_SCHEMA = "aerodima/calibration-plan/2"
 

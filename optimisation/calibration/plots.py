@@ -7,10 +7,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from optimisation.calibration.identifiability import FLIP_SPEED, Direction
-from optimisation.calibration.validation import Validated
-from workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
-from workbench.report.words import metric_name
+from aerodima.optimisation.calibration.identifiability import FLIP_SPEED, Direction
+from aerodima.optimisation.calibration.validation import Validated
+from aerodima.workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
+from aerodima.workbench.report.words import metric_name
 
 COLUMNS = 5
 BINS = 12

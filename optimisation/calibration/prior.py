@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from optimisation.calibration.plan import Plausible, prior_ranges
-from workbench.plants.car_model import chassis_centre
-from workbench.scenario import Scenario
+from aerodima.optimisation.calibration.plan import Plausible, prior_ranges
+from aerodima.workbench.plants.car_model import chassis_centre
+from aerodima.workbench.scenario import Scenario
 
 FloatArray = NDArray[np.float64]
 

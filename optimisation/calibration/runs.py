@@ -16,13 +16,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from optimisation.sweep.engine import Engine
-from optimisation.sweep.task import RunTask, tipped_before_turn
-from workbench.atomic_write import make_folder
-from workbench.ensemble import Value
-from workbench.errors import UserError
-from workbench.logs.schema import software_versions
-from workbench.scenario import Scenario, load_scenario
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.optimisation.sweep.task import RunTask, tipped_before_turn
+from aerodima.workbench.atomic_write import make_folder
+from aerodima.workbench.ensemble import Value
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario import Scenario, load_scenario
 
 RUNS_SCHEMA = "aerodima/calibration-runs/2"
 RUNS = "runs.jsonl"

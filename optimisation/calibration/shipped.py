@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimisation.calibration.calibrate import Calibration, log_posterior
-from optimisation.calibration.design import FloatArray, Runner
-from optimisation.calibration.prior import Prior
+from aerodima.optimisation.calibration.calibrate import Calibration, log_posterior
+from aerodima.optimisation.calibration.design import FloatArray, Runner
+from aerodima.optimisation.calibration.prior import Prior
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
-from optimisation.calibration.data import Datum, FloatArray, Turn, log_likelihood
-from optimisation.calibration.design import Runner, run_turns
-from optimisation.calibration.prior import Prior
-from optimisation.calibration.surrogate import Surrogate, fit, surrogate_log_likelihood
-from optimisation.calibration.weights import normalised, systematic_sample
-from workbench.errors import UserError
+from aerodima.optimisation.calibration.data import Datum, FloatArray, Turn, log_likelihood
+from aerodima.optimisation.calibration.design import Runner, run_turns
+from aerodima.optimisation.calibration.prior import Prior
+from aerodima.optimisation.calibration.surrogate import Surrogate, fit, surrogate_log_likelihood
+from aerodima.optimisation.calibration.weights import normalised, systematic_sample
+from aerodima.workbench.errors import UserError
 
 CANDIDATES = 64
 """Tails of the prior that those of a car are drawn from; a few have a sail longer than the tail."""

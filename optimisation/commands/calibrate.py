@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from workbench.batch.dask_cluster import THREAD_VARIABLES
-from workbench.help_sections import THESIS
+from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
+from aerodima.workbench.help_sections import THESIS
 
 
 def register(app: typer.Typer) -> None:
@@ -29,13 +29,13 @@ def calibrate(
     # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars are drawn, and an
     # interrupted calibration would not go on with its own runs.
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    from optimisation.calibration.calibrate import calibrate as carry_out
-    from optimisation.calibration.output import write_calibration
-    from optimisation.calibration.plan import load_plan
-    from optimisation.calibration.runs import RunStore
-    from optimisation.sweep.engine import open_engine
-    from workbench.batch import WORKER_RECORD
-    from workbench.demo import terminal
+    from aerodima.optimisation.calibration.calibrate import calibrate as carry_out
+    from aerodima.optimisation.calibration.output import write_calibration
+    from aerodima.optimisation.calibration.plan import load_plan
+    from aerodima.optimisation.calibration.runs import RunStore
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.demo import terminal
 
     chosen = load_plan(plan)
     if seed is not None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import COEFFICIENTS
+from aerodima.workbench.help_sections import COEFFICIENTS
 
 
 def register(app: typer.Typer) -> None:
@@ -23,7 +23,7 @@ def coverage(
     Example: aerodima rig campaign static --out holds, aerodima fit static holds/*.parquet --out fits,
     aerodima coverage fits
     """
-    from optimisation.coverage import coverage as measure
+    from aerodima.optimisation.coverage import coverage as measure
 
     table = measure(fits)
     path = fits / "coverage.csv"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import SWINGS
+from aerodima.workbench.help_sections import SWINGS
 
 
 def register(app: typer.Typer) -> None:
@@ -32,12 +32,12 @@ def feedback(
     Make them at the highest friction or speed that the swing survives by itself: there they know a car on two wheels.
     Example: aerodima feedback thesis_8_rad_per_s --set manoeuvre.speed=3.61 --out tracked.yaml
     """
-    from optimisation.swing.feedback import with_feedback
-    from workbench.atomic_write import refuse_existing
-    from workbench.controllers.law_of_scenario import find_swing, refuse_other_car
-    from workbench.errors import SwingFileError
-    from workbench.scenario import load_scenario
-    from workbench.swing_file import write_swing
+    from aerodima.optimisation.swing.feedback import with_feedback
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.controllers.law_of_scenario import find_swing, refuse_other_car
+    from aerodima.workbench.errors import SwingFileError
+    from aerodima.workbench.scenario import load_scenario
+    from aerodima.workbench.swing_file import write_swing
 
     refuse_existing(out, force, SwingFileError)
     plain = find_swing(swing)

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
-from optimisation.commands import fit_batch_report as report
-from workbench.help_sections import COEFFICIENTS
+from aerodima.optimisation.commands import fit_batch_report as report
+from aerodima.workbench.help_sections import COEFFICIENTS
 
 Logs = Annotated[list[Path], typer.Argument(help="Logs (Parquet), or data files.")]
 Out = Annotated[Path, typer.Option(help="Folder for CSV, YAML, PNG and report.html.")]
@@ -76,9 +76,9 @@ def static(
 
     Example: aerodima fit static logs/*.parquet --out fits --set maxon.torque_constant=0.40
     """
-    from optimisation.identify.hold_mean import DRIFTS, HOLD_LOSSES
-    from optimisation.identify.log_fits import fit_static_log
-    from optimisation.identify.static import UNITS
+    from aerodima.optimisation.identify.hold_mean import DRIFTS, HOLD_LOSSES
+    from aerodima.optimisation.identify.log_fits import fit_static_log
+    from aerodima.optimisation.identify.static import UNITS
 
     for name in freeze or []:
         report.choice("--freeze", name, tuple(UNITS))
@@ -110,8 +110,8 @@ def friction(
 
     Example: aerodima fit friction bar_*.parquet --out fits
     """
-    from optimisation.identify.log_fits import fit_friction_log
-    from optimisation.identify.swing_fit import friction_names
+    from aerodima.optimisation.identify.log_fits import fit_friction_log
+    from aerodima.optimisation.identify.swing_fit import friction_names
 
     options, chosen = _options(loss, bound, rig, set_, free)
     options.require_known(friction_names(stribeck))
@@ -143,8 +143,8 @@ def added_mass(
 
     Example: aerodima fit added-mass flick_*.parquet --out fits
     """
-    from optimisation.identify.added_mass import BOUNDS, DEFAULT_SEEDS, require_seed
-    from optimisation.identify.log_fits import fit_added_mass_log
+    from aerodima.optimisation.identify.added_mass import BOUNDS, DEFAULT_SEEDS, require_seed
+    from aerodima.optimisation.identify.log_fits import fit_added_mass_log
 
     seeds = tuple(dict.fromkeys(seed or DEFAULT_SEEDS))
     for name in seeds:
@@ -174,7 +174,7 @@ def robot_tail(
 
     Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
     """
-    from optimisation.identify.log_fits import fit_robot_tail_log
+    from aerodima.optimisation.identify.log_fits import fit_robot_tail_log
 
     shaped: Any = report.choice("--shape", shape, ("constant", "line", "bins"))
     options, chosen = _options(loss, bound, rig, set_, free)
@@ -188,7 +188,7 @@ def springs(logs: Logs, out: Out, loss: LossOption = "squares", workers: Workers
 
     Example: aerodima fit springs front_tyre.csv rear_tyre.csv --out fits
     """
-    from optimisation.identify.log_fits import fit_spring_file
+    from aerodima.optimisation.identify.log_fits import fit_spring_file
 
     options, _ = _options(loss)
     work = partial(fit_spring_file, loss=options.loss)
@@ -210,9 +210,9 @@ def throttle(
     """
     import pandas as pd
 
-    from optimisation.identify.throttle import SteadyRule, fit_throttle, read_drive, steady_points
-    from optimisation.report import write_report
-    from workbench.errors import UserError
+    from aerodima.optimisation.identify.throttle import SteadyRule, fit_throttle, read_drive, steady_points
+    from aerodima.optimisation.report import write_report
+    from aerodima.workbench.errors import UserError
 
     options, _ = _options(loss)
     rule = SteadyRule(window=window, drift=drift)
@@ -244,8 +244,8 @@ def _options(
     **more: Any,
 ) -> tuple[Any, dict[str, Any]]:
     """The `FitOptions` of a command, and what of them tells results apart; what is as ever is not in it."""
-    from optimisation.identify.options import FitOptions
-    from optimisation.robust import LOSSES
+    from aerodima.optimisation.identify.options import FitOptions
+    from aerodima.optimisation.robust import LOSSES
 
     chosen: Any = report.choice("--loss", loss, LOSSES)
     names = tuple(dict.fromkeys(name.strip() for name in free.split(",") if name.strip()))
@@ -262,10 +262,10 @@ def published(
 
     Example: aerodima fit published --out fits
     """
-    from optimisation.errors import FitError
-    from optimisation.identify.published_check import check_published
-    from optimisation.report import write_report
-    from workbench.atomic_write import make_folder
+    from aerodima.optimisation.errors import FitError
+    from aerodima.optimisation.identify.published_check import check_published
+    from aerodima.optimisation.report import write_report
+    from aerodima.workbench.atomic_write import make_folder
 
     make_folder(out, FitError)
     found = check_published(seeds)
@@ -294,11 +294,11 @@ def tail_size(
     Possible tails are swung and weighted by the published speeds; prior: models/identification/tail_size.yaml.
     Example: aerodima fit tail-size --out fits
     """
-    from optimisation.errors import FitError
-    from optimisation.identify.tail_size import find_tails, published_ranges
-    from optimisation.identify.tail_size_tables import report_tables
-    from optimisation.report import write_report
-    from workbench.atomic_write import make_folder
+    from aerodima.optimisation.errors import FitError
+    from aerodima.optimisation.identify.tail_size import find_tails, published_ranges
+    from aerodima.optimisation.identify.tail_size_tables import report_tables
+    from aerodima.optimisation.report import write_report
+    from aerodima.workbench.atomic_write import make_folder
 
     make_folder(out, FitError)
     with typer.progressbar(length=tails, label="swinging", file=sys.stderr) as bar:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import SWINGS
+from aerodima.workbench.help_sections import SWINGS
 
 
 def register(app: typer.Typer) -> None:
@@ -43,12 +43,12 @@ def leaderboard(
     import sys
     from dataclasses import replace
 
-    from optimisation.leaderboard.contestants import shipped_swings, standard_contestants
-    from optimisation.leaderboard.make import make_leaderboard
-    from optimisation.leaderboard.measure import QUICK, Plan
-    from optimisation.sweep.engine import open_engine
-    from workbench.batch import WORKER_RECORD
-    from workbench.ensemble import load_ensemble
+    from aerodima.optimisation.leaderboard.contestants import shipped_swings, standard_contestants
+    from aerodima.optimisation.leaderboard.make import make_leaderboard
+    from aerodima.optimisation.leaderboard.measure import QUICK, Plan
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.ensemble import load_ensemble
 
     swings = swing if swing is not None else shipped_swings()
     standard_contestants(swings)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from workbench.help_sections import SWINGS
+from aerodima.workbench.help_sections import SWINGS
 
 
 def register(app: typer.Typer) -> None:
@@ -62,14 +62,14 @@ def swing(
     """
     from contextlib import nullcontext
 
-    from optimisation.errors import SwingError
-    from optimisation.sweep.engine import SerialEngine, open_engine
-    from optimisation.swing.optimise import Options, optimise_swing
-    from optimisation.swing.transcription import OBJECTIVES
-    from workbench.atomic_write import make_folder, refuse_existing
-    from workbench.controllers.law_of_scenario import find_swing
-    from workbench.scenario import load_scenario
-    from workbench.swing_file import write_swing
+    from aerodima.optimisation.errors import SwingError
+    from aerodima.optimisation.sweep.engine import SerialEngine, open_engine
+    from aerodima.optimisation.swing.optimise import Options, optimise_swing
+    from aerodima.optimisation.swing.transcription import OBJECTIVES
+    from aerodima.workbench.atomic_write import make_folder, refuse_existing
+    from aerodima.workbench.controllers.law_of_scenario import find_swing
+    from aerodima.workbench.scenario import load_scenario
+    from aerodima.workbench.swing_file import write_swing
 
     chosen: Any = objective
     solver_name: Any = solver
@@ -118,7 +118,7 @@ def _refuse_unwritable(folder: Path) -> None:
     """A search takes minutes: that its result cannot be written is said before it."""
     import tempfile
 
-    from optimisation.errors import SwingError
+    from aerodima.optimisation.errors import SwingError
 
     try:
         with tempfile.TemporaryFile(dir=folder):

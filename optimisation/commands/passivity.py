@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import SWINGS
+from aerodima.workbench.help_sections import SWINGS
 
 
 def register(app: typer.Typer) -> None:
@@ -29,11 +29,11 @@ def passivity(
     """
     import sys
 
-    from optimisation.leaderboard.make import open_runs
-    from optimisation.leaderboard.memory import RememberingEngine
-    from optimisation.leaderboard.passivity import SPEEDS, measure_passivity, write_passivity
-    from optimisation.sweep.engine import open_engine
-    from workbench.batch import WORKER_RECORD
+    from aerodima.optimisation.leaderboard.make import open_runs
+    from aerodima.optimisation.leaderboard.memory import RememberingEngine
+    from aerodima.optimisation.leaderboard.passivity import SPEEDS, measure_passivity, write_passivity
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.workbench.batch import WORKER_RECORD
 
     say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
     record = out / WORKER_RECORD

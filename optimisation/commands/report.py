@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import THESIS
+from aerodima.workbench.help_sections import THESIS
 
 
 def register(app: typer.Typer) -> None:
@@ -28,11 +28,11 @@ def report(
     force: Annotated[bool, typer.Option("--force", help="Drop the runs that are in the folder.")] = False,
 ) -> None:
     """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
-    from optimisation.reproduction.report import write_report
-    from optimisation.sweep.engine import open_engine
-    from workbench.batch import WORKER_RECORD
-    from workbench.demo import terminal
-    from workbench.ensemble import load_ensemble
+    from aerodima.optimisation.reproduction.report import write_report
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.demo import terminal
+    from aerodima.workbench.ensemble import load_ensemble
 
     chosen = load_ensemble(ensemble)
     say = terminal()

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from workbench.help_sections import SWINGS
+from aerodima.workbench.help_sections import SWINGS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from optimisation.sweep.studies.report import Findings
-    from optimisation.sweep.study import Study
+    from aerodima.optimisation.sweep.studies.report import Findings
+    from aerodima.optimisation.sweep.study import Study
 
 Out = Annotated[Path, typer.Option(help="Folder for tables, plots and index.html; a stopped study goes on in it.")]
 Settings = Annotated[
@@ -56,12 +56,12 @@ def run(
 
     Example: aerodima sweep run study.yaml --out sweeps/study
     """
-    from optimisation.sweep.engine import open_engine
-    from optimisation.sweep.run_study import run_study
-    from optimisation.sweep.store import TABLE
-    from optimisation.sweep.study import load_study, plan_runs
-    from workbench.batch import WORKER_RECORD
-    from workbench.demo import terminal
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.optimisation.sweep.run_study import run_study
+    from aerodima.optimisation.sweep.store import TABLE
+    from aerodima.optimisation.sweep.study import load_study, plan_runs
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.demo import terminal
 
     loaded = load_study(study)
     plan_runs(loaded)
@@ -84,7 +84,7 @@ def turn(
 
     Example: aerodima sweep turn --out sweeps/turn
     """
-    from optimisation.sweep.studies.turn import read_turn, turn_study
+    from aerodima.optimisation.sweep.studies.turn import read_turn, turn_study
 
     _report(turn_study(settings or (), ensemble, members), read_turn, out, workers, scheduler, force)
 
@@ -102,7 +102,7 @@ def tail(
 
     Example: aerodima sweep tail --out sweeps/tail
     """
-    from optimisation.sweep.studies.tail import read_tail, tail_study
+    from aerodima.optimisation.sweep.studies.tail import read_tail, tail_study
 
     _report(tail_study(settings or (), ensemble, members), read_tail, out, workers, scheduler, force)
 
@@ -120,7 +120,7 @@ def mount(
 
     Example: aerodima sweep mount --out sweeps/mount
     """
-    from optimisation.sweep.studies.mount import mount_study, read_mount
+    from aerodima.optimisation.sweep.studies.mount import mount_study, read_mount
 
     _report(mount_study(settings or (), ensemble, members), read_mount, out, workers, scheduler, force)
 
@@ -138,7 +138,7 @@ def trigger(
 
     Example: aerodima sweep trigger --out sweeps/trigger
     """
-    from optimisation.sweep.studies.trigger import read_trigger, trigger_study
+    from aerodima.optimisation.sweep.studies.trigger import read_trigger, trigger_study
 
     _report(trigger_study(settings or (), ensemble, members), read_trigger, out, workers, scheduler, force)
 
@@ -163,8 +163,8 @@ def shapes(
     """
     from functools import partial
 
-    from optimisation.sweep.shape_goals import load_goals, published_goals
-    from optimisation.sweep.studies.shapes import read_shapes, shapes_study
+    from aerodima.optimisation.sweep.shape_goals import load_goals, published_goals
+    from aerodima.optimisation.sweep.studies.shapes import read_shapes, shapes_study
 
     table = published_goals() if goals is None else load_goals(goals)
     study = shapes_study(table, settings or (), ensemble, members)
@@ -186,7 +186,7 @@ def monte_carlo(
 
     Example: aerodima sweep monte-carlo --samples 32 --out sweeps/monte-carlo
     """
-    from optimisation.sweep.studies.monte_carlo import monte_carlo_study, read_monte_carlo
+    from aerodima.optimisation.sweep.studies.monte_carlo import monte_carlo_study, read_monte_carlo
 
     study = monte_carlo_study(samples, seed, settings or (), ensemble, members)
     _report(study, read_monte_carlo, out, workers, scheduler, force)
@@ -200,11 +200,11 @@ def _report(
     scheduler: str | None,
     force: bool,
 ) -> None:
-    from optimisation.sweep.engine import open_engine
-    from optimisation.sweep.studies.report import make_report
-    from optimisation.sweep.study import check_factors, plan_runs
-    from workbench.batch import WORKER_RECORD
-    from workbench.demo import terminal
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.optimisation.sweep.studies.report import make_report
+    from aerodima.optimisation.sweep.study import check_factors, plan_runs
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.demo import terminal
 
     check_factors(study, "--set")
     plan_runs(study)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from workbench.help_sections import SWINGS
+from aerodima.workbench.help_sections import SWINGS
 
 if TYPE_CHECKING:
-    from optimisation.sweep.threshold import Search, Threshold
+    from aerodima.optimisation.sweep.threshold import Search, Threshold
 
 ScenarioArgument = Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")]
 Settings = Annotated[
@@ -50,7 +50,7 @@ def speed(
 
     Example: aerodima threshold speed turn_none --to 4.5
     """
-    from optimisation.sweep.threshold import SPEED, Search
+    from aerodima.optimisation.sweep.threshold import SPEED, Search
 
     _search(scenario, settings, Search(SPEED, low, high, scan, tolerance), "m/s", workers, scheduler)
 
@@ -69,7 +69,7 @@ def friction(
 
     Example: aerodima threshold friction turn_swing --set manoeuvre.speed=4.44
     """
-    from optimisation.sweep.threshold import FRICTION, Search
+    from aerodima.optimisation.sweep.threshold import FRICTION, Search
 
     _search(scenario, settings, Search(FRICTION, low, high, scan, tolerance), "", workers, scheduler)
 
@@ -96,11 +96,11 @@ def survival(
 
     Example: aerodima threshold map turn_swing --out maps/swing
     """
-    from optimisation.sweep.engine import open_engine
-    from optimisation.sweep.studies.survival import survival_study, write_survival
-    from optimisation.sweep.study import Range
-    from workbench.batch import WORKER_RECORD
-    from workbench.demo import terminal
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.optimisation.sweep.studies.survival import survival_study, write_survival
+    from aerodima.optimisation.sweep.study import Range
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.demo import terminal
 
     axes = [Range(first=first, last=last, number=number) for first, last, number in (speeds, frictions)]
     study = survival_study(scenario, settings or [], *axes)
@@ -113,10 +113,10 @@ def survival(
 def _search(
     scenario: str, settings: list[str] | None, search: Search, unit: str, workers: int, scheduler: str | None
 ) -> None:
-    from optimisation.sweep.engine import open_engine
-    from optimisation.sweep.threshold import Case, find_thresholds
-    from workbench.demo import terminal
-    from workbench.scenario import load_scenario
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.optimisation.sweep.threshold import Case, find_thresholds
+    from aerodima.workbench.demo import terminal
+    from aerodima.workbench.scenario import load_scenario
 
     load_scenario(scenario, settings)
     say = terminal()
@@ -129,7 +129,7 @@ def _search(
 
 def describe(found: Threshold, unit: str) -> list[str]:
     """Lines that say what a search came to."""
-    from optimisation.sweep.threshold import TIPPED
+    from aerodima.optimisation.sweep.threshold import TIPPED
 
     search = found.search
     suffix = f" {unit}" if unit else ""

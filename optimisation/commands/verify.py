@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import SWINGS
+from aerodima.workbench.help_sections import SWINGS
 
 
 def register(app: typer.Typer) -> None:
@@ -39,16 +39,16 @@ def verify(
 
     Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
     """
-    from optimisation.errors import SwingError
-    from optimisation.sweep.engine import open_engine
-    from optimisation.swing.verify import verify_swing
-    from optimisation.swing.verify_report import PAGE, RUNS, VERDICT, write_verification
-    from workbench.atomic_write import refuse_existing
-    from workbench.batch import WORKER_RECORD
-    from workbench.controllers.law_of_scenario import find_swing, law_of_scenario, refuse_other_car
-    from workbench.ensemble import load_ensemble
-    from workbench.range_of_motion import make_range_of_motion
-    from workbench.scenario import load_scenario
+    from aerodima.optimisation.errors import SwingError
+    from aerodima.optimisation.sweep.engine import open_engine
+    from aerodima.optimisation.swing.verify import verify_swing
+    from aerodima.optimisation.swing.verify_report import PAGE, RUNS, VERDICT, write_verification
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.controllers.law_of_scenario import find_swing, law_of_scenario, refuse_other_car
+    from aerodima.workbench.ensemble import load_ensemble
+    from aerodima.workbench.range_of_motion import make_range_of_motion
+    from aerodima.workbench.scenario import load_scenario
 
     for name in (RUNS, VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)

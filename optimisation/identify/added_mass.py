@@ -13,20 +13,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from optimisation.errors import FitError
-from optimisation.identify.comparison import compare
-from optimisation.identify.options import FREE, FitOptions
-from optimisation.identify.published_tables import published
-from optimisation.identify.swing_fit import SwingModel
-from optimisation.identify.swing_log import SwingData
-from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
-from optimisation.least_squares import Problem
-from optimisation.parameters import Parameter
-from optimisation.pipeline import FitResult
-from workbench.aero.laws import SectionLaw
-from workbench.logs.schema import RunLog
-from workbench.plants.car import LEAST_INERTIA_LEFT
-from workbench.plants.rig import ADDED_MASS_PARTS, rig_law
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.comparison import compare
+from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.identify.published_tables import published
+from aerodima.optimisation.identify.swing_fit import SwingModel
+from aerodima.optimisation.identify.swing_log import SwingData
+from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
+from aerodima.optimisation.least_squares import Problem
+from aerodima.optimisation.parameters import Parameter
+from aerodima.optimisation.pipeline import FitResult
+from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.plants.car import LEAST_INERTIA_LEFT
+from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, rig_law
 
 Bounds = Literal["wide", "printed"]
 BOUNDS: tuple[Bounds, ...] = ("wide", "printed")

@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
-from optimisation.errors import FitError
-from optimisation.identify.published_tables import Flag, published
-from optimisation.pipeline import FitResult
-from optimisation.robust import LIMIT, spread
-from workbench.resources import model_path
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.published_tables import Flag, published
+from aerodima.optimisation.pipeline import FitResult
+from aerodima.optimisation.robust import LIMIT, spread
+from aerodima.workbench.resources import model_path
 
 PERCENTILES = (10.0, 90.0)
 """Shown beside every average, percent."""

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from optimisation.identify.aggregate import aggregate
-from optimisation.identify.static_balance import REACTIONS
-from optimisation.identify.static_log import COLUMNS, largest_reading
-from optimisation.identify.swing_fit import SwingModel
-from optimisation.pipeline import FitResult
-from workbench.aero.laws import SectionLaw
-from workbench.aero.published_coefficients import CHEETAH_LIMIT
-from workbench.logs.schema import RunLog
-from workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_law
-from workbench.rig_scenario import RigScenario
+from aerodima.optimisation.identify.aggregate import aggregate
+from aerodima.optimisation.identify.static_balance import REACTIONS
+from aerodima.optimisation.identify.static_log import COLUMNS, largest_reading
+from aerodima.optimisation.identify.swing_fit import SwingModel
+from aerodima.optimisation.pipeline import FitResult
+from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_law
+from aerodima.workbench.rig_scenario import RigScenario
 
 _POINTS = 200
 _TIME = "time after the release, s"

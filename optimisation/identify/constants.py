@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from optimisation.errors import FitError
-from optimisation.identify.log_rig import is_simulated, named_rig
-from optimisation.identify.options import FitOptions
-from optimisation.parameters import Parameter
-from workbench.logs.schema import RunLog
-from workbench.quantity import nearest, unit_of
-from workbench.rig_parameters import RigUncertaintyParameters
-from workbench.rig_scenario import RigScenario
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.log_rig import is_simulated, named_rig
+from aerodima.optimisation.identify.options import FitOptions
+from aerodima.optimisation.parameters import Parameter
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.quantity import nearest, unit_of
+from aerodima.workbench.rig_parameters import RigUncertaintyParameters
+from aerodima.workbench.rig_scenario import RigScenario
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.errors import FitError
-from optimisation.least_squares import Problem, solve_formula
-from optimisation.parameters import Parameter, Parameters
-from optimisation.pipeline import FitResult, fit
-from optimisation.robust import Loss
-from optimisation.uncertainty import independent_noise
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.least_squares import Problem, solve_formula
+from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.pipeline import FitResult, fit
+from aerodima.optimisation.robust import Loss
+from aerodima.optimisation.uncertainty import independent_noise
 
 
 def fit_line(

@@ -8,15 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from optimisation.identify.options import FREE, FitOptions
-from optimisation.pipeline import FitResult
-from optimisation.robust import Loss
-from workbench.logs.schema import read_run_log
+from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.pipeline import FitResult
+from aerodima.optimisation.robust import Loss
+from aerodima.workbench.logs.schema import read_run_log
 
 if TYPE_CHECKING:
-    from optimisation.identify.added_mass import Bounds as MassBounds
-    from optimisation.identify.robot_tail import Shape
-    from optimisation.identify.static import Bounds
+    from aerodima.optimisation.identify.added_mass import Bounds as MassBounds
+    from aerodima.optimisation.identify.robot_tail import Shape
+    from aerodima.optimisation.identify.static import Bounds
 
 
 def fit_static_log(
@@ -39,15 +39,15 @@ def fit_static_log(
     Raises:
         UserError: what is wrong with the log or the options.
     """
-    from optimisation.identify.static import fit_static
-    from optimisation.identify.static_log import static_data
+    from aerodima.optimisation.identify.static import fit_static
+    from aerodima.optimisation.identify.static_log import static_data
 
     return fit_static(static_data(read_run_log(path), rest, options), bounds, frozen, random_seeds)
 
 
 def fit_spring_file(path: str, *, loss: Loss = "squares") -> FitResult:
     """See `fit_spring`."""
-    from optimisation.identify.springs import fit_spring, read_spring_data
+    from aerodima.optimisation.identify.springs import fit_spring, read_spring_data
 
     return fit_spring(read_spring_data(Path(path)), path, loss)
 
@@ -58,8 +58,8 @@ def fit_friction_log(path: str, *, stribeck: bool = False, options: FitOptions =
     Raises:
         UserError: what is wrong with the log or the options.
     """
-    from optimisation.identify.friction import fit_friction
-    from optimisation.identify.swing_log import swing_data
+    from aerodima.optimisation.identify.friction import fit_friction
+    from aerodima.optimisation.identify.swing_log import swing_data
 
     log = read_run_log(path)
     kind = log.kind if log.kind in ("bar_swing", "robot_swing") else "bar_swing"
@@ -78,8 +78,8 @@ def fit_added_mass_log(
     Raises:
         UserError: what is wrong with the log or the options.
     """
-    from optimisation.identify.added_mass import fit_added_mass
-    from optimisation.identify.swing_log import swing_data
+    from aerodima.optimisation.identify.added_mass import fit_added_mass
+    from aerodima.optimisation.identify.swing_log import swing_data
 
     log = read_run_log(path)
     return fit_added_mass(swing_data(log, "swing", options=options), log, seeds=seeds, bounds=bounds, options=options)
@@ -87,7 +87,7 @@ def fit_added_mass_log(
 
 def fit_robot_tail_log(path: str, *, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
     """See `fit_robot_tail`."""
-    from optimisation.identify.robot_tail import fit_robot_tail
-    from optimisation.identify.swing_log import swing_data
+    from aerodima.optimisation.identify.robot_tail import fit_robot_tail
+    from aerodima.optimisation.identify.swing_log import swing_data
 
     return fit_robot_tail(swing_data(read_run_log(path), "robot_swing", options=options), shape, options)

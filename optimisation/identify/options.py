@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from optimisation.errors import FitError
-from optimisation.identify.hold_mean import Drift, HoldLoss
-from optimisation.parameters import Parameter
-from optimisation.robust import Loss
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.hold_mean import Drift, HoldLoss
+from aerodima.optimisation.parameters import Parameter
+from aerodima.optimisation.robust import Loss
 
 
 @dataclass(frozen=True)

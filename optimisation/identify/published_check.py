@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, replace
 
 import pandas as pd
 
-from optimisation.identify.aggregate import aggregate, recompute_averages
-from optimisation.identify.lines import fit_line
-from optimisation.identify.published_tables import (
+from aerodima.optimisation.identify.aggregate import aggregate, recompute_averages
+from aerodima.optimisation.identify.lines import fit_line
+from aerodima.optimisation.identify.published_tables import (
     Flag,
     flag_added_mass,
     flag_robot_tail,
@@ -16,8 +16,8 @@ from optimisation.identify.published_tables import (
     robot_tail_rows,
     static_rows,
 )
-from optimisation.identify.rig_constants import OUTLIER, RigConstants, fit_rig_constants
-from optimisation.pipeline import FitResult
+from aerodima.optimisation.identify.rig_constants import OUTLIER, RigConstants, fit_rig_constants
+from aerodima.optimisation.pipeline import FitResult
 
 
 @dataclass(frozen=True)

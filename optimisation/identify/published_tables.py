@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from workbench.resources import model_path
+from aerodima.workbench.resources import model_path
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from optimisation.identify.published_tables import static_rows
-from optimisation.identify.static_balance import StaticBalance
-from optimisation.least_squares import Problem, solve_rollout
-from optimisation.parameters import Parameter, Parameters
-from optimisation.pipeline import FitResult, fit
-from optimisation.robust import huber
-from optimisation.uncertainty import Noise
-from workbench.rig_scenario import load_rig_parameter_entries, rig_scenario_from_dict
+from aerodima.optimisation.identify.published_tables import static_rows
+from aerodima.optimisation.identify.static_balance import StaticBalance
+from aerodima.optimisation.least_squares import Problem, solve_rollout
+from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.pipeline import FitResult, fit
+from aerodima.optimisation.robust import huber
+from aerodima.optimisation.uncertainty import Noise
+from aerodima.workbench.rig_scenario import load_rig_parameter_entries, rig_scenario_from_dict
 
 OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""

@@ -7,15 +7,15 @@ from typing import Literal
 
 import numpy as np
 
-from optimisation.errors import FitError
-from optimisation.identify.options import FREE, FitOptions
-from optimisation.identify.swing_fit import SwingModel, normal_force_law
-from optimisation.identify.swing_log import SwingData
-from optimisation.identify.swing_model import Pendulum, Torque, air_torque, friction_torque
-from optimisation.least_squares import Problem
-from optimisation.parameters import Parameter
-from optimisation.pipeline import FitResult
-from workbench.rig_scenario import RigScenario
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.identify.swing_fit import SwingModel, normal_force_law
+from aerodima.optimisation.identify.swing_log import SwingData
+from aerodima.optimisation.identify.swing_model import Pendulum, Torque, air_torque, friction_torque
+from aerodima.optimisation.least_squares import Problem
+from aerodima.optimisation.parameters import Parameter
+from aerodima.optimisation.pipeline import FitResult
+from aerodima.workbench.rig_scenario import RigScenario
 
 Shape = Literal["constant", "line", "bins"]
 BIN = 2.0

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from optimisation.errors import FitError
-from optimisation.identify.csv_columns import read_columns
-from optimisation.identify.lines import fit_line
-from optimisation.pipeline import FitResult
-from optimisation.robust import Loss
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.csv_columns import read_columns
+from aerodima.optimisation.identify.lines import fit_line
+from aerodima.optimisation.pipeline import FitResult
+from aerodima.optimisation.robust import Loss
 
 DISPLACEMENT, FORCE = "displacement_m", "force_n"
 LARGEST_DISPLACEMENT = 0.5

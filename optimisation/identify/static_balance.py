@@ -2,8 +2,8 @@
 
 The tail hangs from the bar at `angle` in a steady wind that blows towards -y, turned by psi3 about z (design section
 4). All of the exposed tail sees the same relative wind, so one section at the middle of the exposed length carries
-the force of any number of equal sections. Force law and jet are those of `workbench.aero`; a test compares with the
-rig's plant.
+the force of any number of equal sections. Force law and jet are those of `aerodima.workbench.aero`; a test compares
+with the rig's plant.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from pydrake.math import cos, sin
 
-from optimisation.errors import FitError
-from workbench.aero.jet import Jet
-from workbench.aero.laws import float_of
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout
-from workbench.plants.rig_model import bar_layout, pivot_position, tail_layout
-from workbench.rig_scenario import RigScenario
+from aerodima.optimisation.errors import FitError
+from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.laws import float_of
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.plants.rig_model import bar_layout, pivot_position, tail_layout
+from aerodima.workbench.rig_scenario import RigScenario
 
 Vector3 = tuple[float, float, float]
 REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")

@@ -15,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.errors import FitError
-from optimisation.identify.constants import BIASES, constant_parameters
-from optimisation.identify.hold_mean import HoldMean, hold_mean, residual_warnings
-from optimisation.identify.hold_offset import HoldOffset, stated_offset
-from optimisation.identify.log_rig import LARGEST_SPEED, differences, rig_of, wind_speed
-from optimisation.identify.options import FREE, FitOptions
-from optimisation.identify.published_tables import published
-from optimisation.identify.static_balance import REACTIONS, StaticBalance
-from optimisation.parameters import Parameter
-from optimisation.uncertainty import correlation_time
-from workbench.errors import LogError
-from workbench.logs.conditioning import OFFSETS
-from workbench.logs.resting import stated_rest
-from workbench.logs.schema import RunLog
-from workbench.rig_scenario import RigScenario
-from workbench.signals import check_signals
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.constants import BIASES, constant_parameters
+from aerodima.optimisation.identify.hold_mean import HoldMean, hold_mean, residual_warnings
+from aerodima.optimisation.identify.hold_offset import HoldOffset, stated_offset
+from aerodima.optimisation.identify.log_rig import LARGEST_SPEED, differences, rig_of, wind_speed
+from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.identify.published_tables import published
+from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
+from aerodima.optimisation.parameters import Parameter
+from aerodima.optimisation.uncertainty import correlation_time
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.conditioning import OFFSETS
+from aerodima.workbench.logs.resting import stated_rest
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.signals import check_signals
 
 COLUMNS = dict(
     zip(

@@ -1,4 +1,4 @@
-"""Coefficient files from fits, in the format that the aerodynamics read (`workbench.aero.coefficient_files`)."""
+"""Coefficient files from fits, in the format of `aerodima.workbench.aero.coefficient_files`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from optimisation.errors import FitError
-from optimisation.identify.aggregate import aggregate
-from optimisation.pipeline import FitResult
-from workbench.aero.coefficient_files import coefficients_from_dict
-from workbench.aero.published_coefficients import CHEETAH_LIMIT, ROBOT_LIMIT, SCHEMA
-from workbench.atomic_write import write_atomically
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.aggregate import aggregate
+from aerodima.optimisation.pipeline import FitResult
+from aerodima.workbench.aero.coefficient_files import coefficients_from_dict
+from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT, ROBOT_LIMIT, SCHEMA
+from aerodima.workbench.atomic_write import write_atomically
 
 _ANGLE_STEP = 1.0
 """Holds within half of this (degrees) of each other are one node."""

@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.identify.constants import shifted
-from optimisation.identify.options import FREE, FitOptions
-from optimisation.identify.static_log import speed_accuracy
-from optimisation.identify.swing_log import SwingData, motor_torque
-from optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out, torque_response
-from optimisation.least_squares import Problem, Solution, solve_rollout
-from optimisation.parameters import Parameter, Parameters
-from optimisation.pipeline import FitResult, fit
-from optimisation.priors import fit_with_priors
-from optimisation.robust import Loss
-from optimisation.uncertainty import Noise, serial_noise
-from workbench.aero.coefficients import SpeedLine, SpeedTable
-from workbench.aero.laws import NormalForceLaw
+from aerodima.optimisation.identify.constants import shifted
+from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.identify.static_log import speed_accuracy
+from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
+from aerodima.optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out, torque_response
+from aerodima.optimisation.least_squares import Problem, Solution, solve_rollout
+from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.pipeline import FitResult, fit
+from aerodima.optimisation.priors import fit_with_priors
+from aerodima.optimisation.robust import Loss
+from aerodima.optimisation.uncertainty import Noise, serial_noise
+from aerodima.workbench.aero.coefficients import SpeedLine, SpeedTable
+from aerodima.workbench.aero.laws import NormalForceLaw
 
 Values = Mapping[str, float]
 _START_ANGLE, _START_RATE = 0.02, 1.0

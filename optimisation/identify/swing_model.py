@@ -1,8 +1,8 @@
 """A rig as a pendulum with one degree of freedom, fast enough to be rolled out hundreds of times in a fit.
 
 inertia x acceleration = weight + air + motor - friction, about the motor axis, positive downstream. Inertia and weight
-come from the rig's plant, the force of the air from `workbench.aero`; a test compares the acceleration with the
-plant's.
+come from the rig's plant, the force of the air from `aerodima.workbench.aero`; a test compares the acceleration with
+the plant's.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimisation.errors import FitError
-from workbench.aero.laws import SectionLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout
-from workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_jet, rig_law
-from workbench.plants.rig_model import bar_layout, cheetah_tail_properties, pivot_position, tail_layout
-from workbench.rig_scenario import RigScenario
+from aerodima.optimisation.errors import FitError
+from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_jet, rig_law
+from aerodima.workbench.plants.rig_model import bar_layout, cheetah_tail_properties, pivot_position, tail_layout
+from aerodima.workbench.rig_scenario import RigScenario
 
 Torque = Callable[[float, float], float]
 """Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""

@@ -13,9 +13,9 @@ from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from optimisation.sweep.engine import Engine
-from optimisation.sweep.task import RunTask, tipped_before_turn
-from optimisation.sweep.threshold import Case
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.optimisation.sweep.task import RunTask, tipped_before_turn
+from aerodima.optimisation.sweep.threshold import Case
 
 
 @dataclass(frozen=True)

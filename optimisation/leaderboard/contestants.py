@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from workbench.controllers.law_of_scenario import find_swing
-from workbench.resources import models_dir
-from workbench.swing_file import SwingFile
+from aerodima.workbench.controllers.law_of_scenario import find_swing
+from aerodima.workbench.resources import models_dir
+from aerodima.workbench.swing_file import SwingFile
 
 FIXED_SPEEDS = (5.5, 6.0, 6.5, 7.0, 7.5, 9.0)
 """rad/s; with `FIXED_RELEASES` those among which the best fixed speed is looked for."""

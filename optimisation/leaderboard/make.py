@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from optimisation.leaderboard.measure import SCENARIO, Leaderboard, Plan, measure
-from optimisation.leaderboard.memory import RememberingEngine
-from optimisation.leaderboard.page import write_leaderboard
-from optimisation.sweep.engine import Engine
-from optimisation.sweep.store import open_store
-from optimisation.sweep.threshold import SPEED
-from workbench.ensemble import Member
-from workbench.logs.schema import software_versions
-from workbench.scenario import default_values, load_scenario
+from aerodima.optimisation.leaderboard.measure import SCENARIO, Leaderboard, Plan, measure
+from aerodima.optimisation.leaderboard.memory import RememberingEngine
+from aerodima.optimisation.leaderboard.page import write_leaderboard
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.optimisation.sweep.store import open_store
+from aerodima.optimisation.sweep.threshold import SPEED
+from aerodima.workbench.ensemble import Member
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario import default_values, load_scenario
 
 Say = Callable[[str], None]
 
@@ -79,8 +79,8 @@ def _identity() -> dict[str, Any]:
 
 
 def _replays(out: Path, board: Leaderboard, plan: Plan, say: Say) -> dict[str, str]:
-    from workbench.replay.page import write_replay_html
-    from workbench.trial import run_trial
+    from aerodima.workbench.replay.page import write_replay_html
+    from aerodima.workbench.trial import run_trial
 
     films = {}
     (out / "replays").mkdir(parents=True, exist_ok=True)

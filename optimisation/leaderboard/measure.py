@@ -15,8 +15,8 @@ from typing import Any
 
 import pandas as pd
 
-from optimisation.leaderboard.climb import Climb, Reached, climb, is_clean
-from optimisation.leaderboard.contestants import (
+from aerodima.optimisation.leaderboard.climb import Climb, Reached, climb, is_clean
+from aerodima.optimisation.leaderboard.contestants import (
     FIXED_RELEASES,
     FIXED_SPEEDS,
     SWINGING,
@@ -27,14 +27,14 @@ from optimisation.leaderboard.contestants import (
     standard_contestants,
     trackings_of,
 )
-from optimisation.leaderboard.memory import RememberingEngine
-from optimisation.sweep.store import make_frame
-from optimisation.sweep.task import RunTask
-from optimisation.sweep.threshold import FRICTION, SPEED, Case
-from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
-from optimisation.swing.perturbations import perturbations
-from workbench.ensemble import Member
-from workbench.scenario import load_scenario
+from aerodima.optimisation.leaderboard.memory import RememberingEngine
+from aerodima.optimisation.sweep.store import make_frame
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.optimisation.sweep.threshold import FRICTION, SPEED, Case
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
+from aerodima.optimisation.swing.perturbations import perturbations
+from aerodima.workbench.ensemble import Member
+from aerodima.workbench.scenario import load_scenario
 
 SCENARIO = "turn_fast"
 OWN_CAR = Member("own car", 0.0, {})

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
-from optimisation.sweep.engine import Done, Engine
-from optimisation.sweep.store import ResultStore
-from optimisation.sweep.task import RunTask
-from workbench.controllers.law_of_scenario import find_swing
+from aerodima.optimisation.sweep.engine import Done, Engine
+from aerodima.optimisation.sweep.store import ResultStore
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.workbench.controllers.law_of_scenario import find_swing
 
 Say = Callable[[str], None]
 

@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.leaderboard.measure import Leaderboard
-from optimisation.leaderboard.summary import summarise_board
-from optimisation.swing.full_car import LEAST_HEADING, SPIN
-from workbench.atomic_write import write_atomically
-from workbench.ensemble import weighted_quantiles
-from workbench.errors import UserError
-from workbench.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
-from workbench.report.page import Markup, Section, bullets, figure, link, page, paragraph, table
+from aerodima.optimisation.leaderboard.measure import Leaderboard
+from aerodima.optimisation.leaderboard.summary import summarise_board
+from aerodima.optimisation.swing.full_car import LEAST_HEADING, SPIN
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.ensemble import weighted_quantiles
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
+from aerodima.workbench.report.page import Markup, Section, bullets, figure, link, page, paragraph, table
 
 _COLOURS = (BLACK, BLUE, VERMILION, ORANGE, GREEN, PURPLE, SKY, GREY)
 _MARKERS = "osd^vP*X"

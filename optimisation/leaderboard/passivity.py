@@ -12,14 +12,14 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.leaderboard.climb import climb, is_clean
-from optimisation.leaderboard.contestants import HELD, NO_TAIL, SWINGING, THESIS, Contestant, fixed_law
-from optimisation.leaderboard.measure import FRICTION_CLIMB, SCENARIO
-from optimisation.sweep.engine import Engine
-from optimisation.sweep.store import make_frame
-from optimisation.sweep.threshold import SPEED, Case
-from workbench.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
-from workbench.scenario import load_scenario
+from aerodima.optimisation.leaderboard.climb import climb, is_clean
+from aerodima.optimisation.leaderboard.contestants import HELD, NO_TAIL, SWINGING, THESIS, Contestant, fixed_law
+from aerodima.optimisation.leaderboard.measure import FRICTION_CLIMB, SCENARIO
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.optimisation.sweep.store import make_frame
+from aerodima.optimisation.sweep.threshold import SPEED, Case
+from aerodima.workbench.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
+from aerodima.workbench.scenario import load_scenario
 
 SPEEDS = (3.6, 4.5, 5.25, 6.0)
 """m/s."""

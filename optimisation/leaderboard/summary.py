@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from optimisation.leaderboard.contestants import THESIS, Contestant
-from optimisation.leaderboard.measure import OUTCOMES, Leaderboard
-from optimisation.sweep.store import make_frame
-from optimisation.swing.full_car import LEAST_HEADING
-from workbench.ensemble import weighted_quantiles
+from aerodima.optimisation.leaderboard.contestants import THESIS, Contestant
+from aerodima.optimisation.leaderboard.measure import OUTCOMES, Leaderboard
+from aerodima.optimisation.sweep.store import make_frame
+from aerodima.optimisation.swing.full_car import LEAST_HEADING
+from aerodima.workbench.ensemble import weighted_quantiles
 
 ROUNDING = 1e-9
 """Of a gain."""

@@ -9,9 +9,9 @@
 divided by its weights. Which one fits where was measured (design section 12).
 """
 
-from optimisation.least_squares.algebraic import solve_algebraic, solve_formula
-from optimisation.least_squares.levenberg_marquardt import solve_rollout
-from optimisation.least_squares.problem import Attempt, Problem, Solution, Solver, finite_residual, solve
+from aerodima.optimisation.least_squares.algebraic import solve_algebraic, solve_formula
+from aerodima.optimisation.least_squares.levenberg_marquardt import solve_rollout
+from aerodima.optimisation.least_squares.problem import Attempt, Problem, Solution, Solver, finite_residual, solve
 
 __all__ = [
     "Attempt",

@@ -9,9 +9,9 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
-from optimisation.errors import FitError
-from optimisation.least_squares.levenberg_marquardt import solve_rollout
-from optimisation.least_squares.problem import Attempt, Problem, finite_differences, finite_residual
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.least_squares.levenberg_marquardt import solve_rollout
+from aerodima.optimisation.least_squares.problem import Attempt, Problem, finite_differences, finite_residual
 
 _FEW_STEPS = 8
 

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 from pydrake.solvers import ChooseBestSolver, ClarabelSolver, MakeSolver, MathematicalProgram, SolverInterface
 
-from optimisation.errors import FitError
-from optimisation.least_squares.problem import Attempt, Problem, finite_differences, finite_residual
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.least_squares.problem import Attempt, Problem, finite_differences, finite_residual
 
 _DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20
 """Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton step. First: after a

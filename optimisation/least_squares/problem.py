@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimisation.errors import FitError
-from optimisation.parameters import Parameters
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.parameters import Parameters
 
 Residual = Callable[[np.ndarray], np.ndarray]
 Jacobian = Callable[[np.ndarray], np.ndarray]

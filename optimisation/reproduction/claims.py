@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
-from optimisation.calibration.data import Datum, yaw_rate_of
-from optimisation.calibration.plan import SPEED_IN_TURN
-from optimisation.identify.aggregate import recompute_averages
-from optimisation.identify.published_check import robot_tail_line
-from optimisation.identify.published_tables import published, robot_tail_rows
-from optimisation.reproduction.evidence import NO_FLICK_THROTTLE, Evidence, basis_of
-from optimisation.reproduction.rows import (
+from aerodima.optimisation.calibration.data import Datum, yaw_rate_of
+from aerodima.optimisation.calibration.plan import SPEED_IN_TURN
+from aerodima.optimisation.identify.aggregate import recompute_averages
+from aerodima.optimisation.identify.published_check import robot_tail_line
+from aerodima.optimisation.identify.published_tables import published, robot_tail_rows
+from aerodima.optimisation.reproduction.evidence import NO_FLICK_THROTTLE, Evidence, basis_of
+from aerodima.optimisation.reproduction.rows import (
     CLOSE,
     Row,
     change_row,
@@ -18,8 +18,15 @@ from optimisation.reproduction.rows import (
     recomputed_row,
     share_row,
 )
-from workbench.published import FILTERED, SIGNALS, PublishedFigures, TurnMetrics, flip_bracket, published_figures
-from workbench.report.words import metric_name, metric_unit
+from aerodima.workbench.published import (
+    FILTERED,
+    SIGNALS,
+    PublishedFigures,
+    TurnMetrics,
+    flip_bracket,
+    published_figures,
+)
+from aerodima.workbench.report.words import metric_name, metric_unit
 
 MISSING = (
     ("Fig. 6.8", "throttle to steady speed", "the data of the figure are not in the text; the line is assumed"),

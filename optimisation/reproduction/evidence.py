@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from optimisation.calibration.data import Datum, plan_data
-from optimisation.calibration.plan import load_plan
-from optimisation.calibration.runs import RunStore, Wanted, flips_in_the_turn, survives
-from optimisation.reproduction.rows import Basis
-from optimisation.sweep.engine import Engine
-from workbench.ensemble import Member
-from workbench.published import flip_bracket, published_figures
-from workbench.scenario import load_parameter_entries
+from aerodima.optimisation.calibration.data import Datum, plan_data
+from aerodima.optimisation.calibration.plan import load_plan
+from aerodima.optimisation.calibration.runs import RunStore, Wanted, flips_in_the_turn, survives
+from aerodima.optimisation.reproduction.rows import Basis
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.workbench.ensemble import Member
+from aerodima.workbench.published import flip_bracket, published_figures
+from aerodima.workbench.scenario import load_parameter_entries
 
 NO_FLICK_THROTTLE = 0.55
 """Throttle of the run of thesis section 7.2.2 in which the tail did not swing (models/published/constants.csv)."""

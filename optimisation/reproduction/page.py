@@ -7,16 +7,28 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.calibration.data import turn_of
-from optimisation.identify.published_tables import published
-from optimisation.reproduction.evidence import Evidence
-from optimisation.reproduction.rows import CLOSE, LEVELS, SURE, WIDEST, Basis, Row, Verdict
-from optimisation.reproduction.survival import survival_section
-from workbench.ensemble import Ensemble, weighted_quantiles
-from workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
-from workbench.published import SIGNALS, flip_bracket, metric_column, published_figures
-from workbench.report.page import Cell, Markup, Section, bullets, figure, finding, link, noted, page, paragraph, table
-from workbench.report.words import metric_name, metric_unit
+from aerodima.optimisation.calibration.data import turn_of
+from aerodima.optimisation.identify.published_tables import published
+from aerodima.optimisation.reproduction.evidence import Evidence
+from aerodima.optimisation.reproduction.rows import CLOSE, LEVELS, SURE, WIDEST, Basis, Row, Verdict
+from aerodima.optimisation.reproduction.survival import survival_section
+from aerodima.workbench.ensemble import Ensemble, weighted_quantiles
+from aerodima.workbench.plots.style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
+from aerodima.workbench.published import SIGNALS, flip_bracket, metric_column, published_figures
+from aerodima.workbench.report.page import (
+    Cell,
+    Markup,
+    Section,
+    bullets,
+    figure,
+    finding,
+    link,
+    noted,
+    page,
+    paragraph,
+    table,
+)
+from aerodima.workbench.report.words import metric_name, metric_unit
 
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "direction only", "not reproduced", "not computable")
 SHOWN = (

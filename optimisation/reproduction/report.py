@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pandas as pd
 
-from optimisation.calibration.runs import RunStore
-from optimisation.calibration.validation import as_table, compare
-from optimisation.reproduction.claims import all_rows
-from optimisation.reproduction.evidence import Evidence, gather
-from optimisation.reproduction.page import reproduction_page
-from optimisation.reproduction.survival import PAIRS, survival_table
-from optimisation.sweep.engine import Engine
-from workbench.atomic_write import write_atomically
-from workbench.ensemble import Ensemble
-from workbench.errors import UserError
-from workbench.published import flip_bracket
+from aerodima.optimisation.calibration.runs import RunStore
+from aerodima.optimisation.calibration.validation import as_table, compare
+from aerodima.optimisation.reproduction.claims import all_rows
+from aerodima.optimisation.reproduction.evidence import Evidence, gather
+from aerodima.optimisation.reproduction.page import reproduction_page
+from aerodima.optimisation.reproduction.survival import PAIRS, survival_table
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.ensemble import Ensemble
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.published import flip_bracket
 
 PAGE, TABLE, FIGURES, SURVIVAL = "index.html", "rows.csv", "figures.csv", "survival.csv"
 
@@ -75,8 +75,8 @@ def _replays(
     ensemble: Ensemble, evidence: Evidence, out: Path, say: Callable[[str], None], settings: tuple[str, ...]
 ) -> dict[str, str]:
     """Replays of the best member: both sides of the tailless bracket, the swung tail, the held one; words -> file."""
-    from workbench.replay.page import write_replay_html
-    from workbench.trial import run_trial
+    from aerodima.workbench.replay.page import write_replay_html
+    from aerodima.workbench.trial import run_trial
 
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
     shown = (

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.ensemble import weighted_quantiles
+from aerodima.workbench.ensemble import weighted_quantiles
 
 Verdict = Literal["reproduced", "direction only", "not reproduced", "not computable"]
 

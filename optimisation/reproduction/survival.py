@@ -5,10 +5,10 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from optimisation.calibration.runs import flips_in_the_turn, survives
-from optimisation.reproduction.evidence import Evidence
-from workbench.plots.style import MODE_STYLES
-from workbench.report.page import Section, finding, paragraph, table
+from aerodima.optimisation.calibration.runs import flips_in_the_turn, survives
+from aerodima.optimisation.reproduction.evidence import Evidence
+from aerodima.workbench.plots.style import MODE_STYLES
+from aerodima.workbench.report.page import Section, finding, paragraph, table
 
 MODES = ("none", "held", "swing")
 SPEEDS = (3.33, 3.61, 4.0, 4.44, 4.72, 5.28, 6.1)

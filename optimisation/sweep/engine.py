@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from optimisation.sweep.task import WORKER_LOST, RunTask, evaluate, failed_row
-from workbench import batch
-from workbench.errors import UserError
+from aerodima.optimisation.sweep.task import WORKER_LOST, RunTask, evaluate, failed_row
+from aerodima.workbench import batch
+from aerodima.workbench.errors import UserError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -80,8 +80,8 @@ def open_engine(
     record: Path | None = None,
     memory: float | None = None,
 ) -> Iterator[RunEngine]:
-    """`workbench.batch.open_engine`, ready to simulate."""
+    """`aerodima.workbench.batch.open_engine`, ready to simulate."""
     with batch.open_engine(
-        workers, scheduler, say=say, record=record, memory=memory, module="workbench.trial"
+        workers, scheduler, say=say, record=record, memory=memory, module="aerodima.workbench.trial"
     ) as engine:
         yield RunEngine(engine)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from optimisation.sweep.engine import SweepError
-from workbench.quantity import nearest
-from workbench.resources import model_path
-from workbench.scenario import load_scenario
+from aerodima.optimisation.sweep.engine import SweepError
+from aerodima.workbench.quantity import nearest
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import load_scenario
 
 GOAL_AREA = 5e-3
 """m2; area of the CFD goals, eq. 5.1."""

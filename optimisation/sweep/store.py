@@ -19,9 +19,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from optimisation.sweep.engine import SweepError
-from workbench.atomic_write import make_folder, write_atomically
-from workbench.batch import WORKER_RECORD
+from aerodima.optimisation.sweep.engine import SweepError
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.batch import WORKER_RECORD
 
 TABLE, CSV, MARK, PARTS, LOCK, TIMING = "table.parquet", "table.csv", "study.json", "parts", ".lock", "timing.json"
 STORE_SCHEMA = "aerodima/sweep/1"

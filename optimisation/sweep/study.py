@@ -11,13 +11,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy.stats import norm, qmc
 
-from optimisation.sweep.engine import SweepError
-from optimisation.sweep.task import RunTask
-from workbench.ensemble import Member, load_ensemble
-from workbench.errors import ScenarioError
-from workbench.parameter_files import read_yaml
-from workbench.quantity import explain, nearest
-from workbench.scenario import SECTIONS, Scenario, load_scenario
+from aerodima.optimisation.sweep.engine import SweepError
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.workbench.ensemble import Member, load_ensemble
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.parameter_files import read_yaml
+from aerodima.workbench.quantity import explain, nearest
+from aerodima.workbench.scenario import SECTIONS, Scenario, load_scenario
 
 STUDY_SCHEMA = "aerodima/study/1"
 MOST_RUNS = 100_000

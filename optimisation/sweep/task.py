@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from workbench.errors import UserError
-from workbench.logs.schema import software_versions
-from workbench.scenario import Scenario, load_scenario
-from workbench.summary import RunSummary
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.summary import RunSummary
 
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
@@ -71,14 +71,14 @@ def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> d
 
 
 def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
-    from workbench.trial import STOPPED, run_trial
+    from aerodima.workbench.trial import STOPPED, run_trial
 
     trial = run_trial(scenario, signals=task.signals)
     row = {"run": task.name, **_numbers(trial.summary), "stopped_at_flip_s": trial.run_log.extra.get(STOPPED)}
     if task.signals == "all":
         row |= _impulses(trial.summary)
         if trial.run_log.has_tail:
-            from workbench.tail_impulses import tail_yaw_impulses
+            from aerodima.workbench.tail_impulses import tail_yaw_impulses
 
             yaw = tail_yaw_impulses(trial.run_log)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}

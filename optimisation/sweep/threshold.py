@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.sweep.engine import Engine, SerialEngine, SweepError
-from optimisation.sweep.task import RunTask, tipped_before_turn
-from workbench.scenario import load_scenario
+from aerodima.optimisation.sweep.engine import Engine, SerialEngine, SweepError
+from aerodima.optimisation.sweep.task import RunTask, tipped_before_turn
+from aerodima.workbench.scenario import load_scenario
 
 SPEED, FRICTION = "manoeuvre.speed", "car.tyre_friction"
 TIPPED = "tipped over before its turn"

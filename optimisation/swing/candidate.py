@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.errors import SwingError
-from optimisation.swing.full_car import FRICTION_STEP, LEAST_HEADING, critical_friction, drive, outcome, varied
-from workbench.range_of_motion import ground_clearance
-from workbench.scenario import Scenario, default_values, scenario_from_dict
-from workbench.swing_file import SwingFile
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.full_car import FRICTION_STEP, LEAST_HEADING, critical_friction, drive, outcome, varied
+from aerodima.workbench.range_of_motion import ground_clearance
+from aerodima.workbench.scenario import Scenario, default_values, scenario_from_dict
+from aerodima.workbench.swing_file import SwingFile
 
 HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02
 """What a candidate must have on top, so that another step of the plant does not undo it; the second with several cars,

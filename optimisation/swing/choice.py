@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from optimisation.sweep.engine import Engine, SerialEngine
-from optimisation.swing.candidate import Car, Reference, shares
-from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, unbroken_friction, varied
-from optimisation.swing.options import Told
-from workbench.scenario import scenario_from_dict
-from workbench.swing_file import SwingFile
+from aerodima.optimisation.sweep.engine import Engine, SerialEngine
+from aerodima.optimisation.swing.candidate import Car, Reference, shares
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, unbroken_friction, varied
+from aerodima.optimisation.swing.options import Told
+from aerodima.workbench.scenario import scenario_from_dict
+from aerodima.workbench.swing_file import SwingFile
 
 FINALISTS = 2
 """Swings that are driven at the fine step, the most promising first."""

@@ -17,18 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from optimisation.errors import SwingError
-from optimisation.swing.planar import INPUTS, linearise
-from optimisation.swing.planar import STATES as PLANAR_STATES
-from optimisation.swing.profile import turn_profile
-from optimisation.swing.reduced_car import ReducedCar
-from workbench.controllers.swing_law import SwingState
-from workbench.controllers.swing_reference import SwingReference
-from workbench.controllers.swing_tracker_law import SwingTracker, TrackerMemory
-from workbench.controllers.tail_law import Observation
-from workbench.scenario import Scenario, scenario_from_dict
-from workbench.swing_file import Feedback, FeedbackState, SwingFile
-from workbench.trial import run_trial
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.planar import INPUTS, linearise
+from aerodima.optimisation.swing.planar import STATES as PLANAR_STATES
+from aerodima.optimisation.swing.profile import turn_profile
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.controllers.swing_reference import SwingReference
+from aerodima.workbench.controllers.swing_tracker_law import SwingTracker, TrackerMemory
+from aerodima.workbench.controllers.tail_law import Observation
+from aerodima.workbench.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.swing_file import Feedback, FeedbackState, SwingFile
+from aerodima.workbench.trial import run_trial
 
 FEEDBACK_NAMES: tuple[FeedbackState, ...] = ("car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate")
 _PLANAR_ORDER = tuple(PLANAR_STATES.index(name) for name in ("roll", "roll_rate", "tail_roll", "tail_roll_rate"))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from optimisation.swing.solve import Solution, solve
-from optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, Problem
+from aerodima.optimisation.swing.solve import Solution, solve
+from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, Problem
 
 FloatArray = NDArray[np.float64]
 

@@ -15,25 +15,25 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.errors import SwingError
-from optimisation.sweep.engine import Engine
-from optimisation.sweep.threshold import FRICTION
-from optimisation.swing import planar, spatial
-from optimisation.swing.feedback import with_feedback
-from optimisation.swing.full_car import drive, frictions, profile_of, varied
-from optimisation.swing.mesh import refine
-from optimisation.swing.options import Options, Told
-from optimisation.swing.polish import polished
-from optimisation.swing.reduced_car import ReducedCar
-from optimisation.swing.result import even_swing, swing_file
-from optimisation.swing.search import Search, begin, keep, resumed, run
-from optimisation.swing.solve import Solution, best_of, multi_start
-from optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
-from workbench.ensemble import load_ensemble
-from workbench.logs.schema import software_versions
-from workbench.range_of_motion import make_range_of_motion
-from workbench.scenario import Scenario, default_values
-from workbench.swing_file import Provenance, SwingFile
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.optimisation.sweep.threshold import FRICTION
+from aerodima.optimisation.swing import planar, spatial
+from aerodima.optimisation.swing.feedback import with_feedback
+from aerodima.optimisation.swing.full_car import drive, frictions, profile_of, varied
+from aerodima.optimisation.swing.mesh import refine
+from aerodima.optimisation.swing.options import Options, Told
+from aerodima.optimisation.swing.polish import polished
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.result import even_swing, swing_file
+from aerodima.optimisation.swing.search import Search, begin, keep, resumed, run
+from aerodima.optimisation.swing.solve import Solution, best_of, multi_start
+from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
+from aerodima.workbench.ensemble import load_ensemble
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.range_of_motion import make_range_of_motion
+from aerodima.workbench.scenario import Scenario, default_values
+from aerodima.workbench.swing_file import Provenance, SwingFile
 
 __all__ = ["Options", "optimise_swing"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 
-from optimisation.swing.solve import SolverName
-from optimisation.swing.transcription import Objective
+from aerodima.optimisation.swing.solve import SolverName
+from aerodima.optimisation.swing.transcription import Objective
 
 Told = Callable[[str], None]
 """Takes progress, line by line."""

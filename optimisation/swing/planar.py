@@ -27,7 +27,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.reduced_car import ReducedCar
 
 Array = NDArray  # float64, or complex128 in a complex step
 

@@ -22,19 +22,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.errors import SwingError
-from optimisation.sweep.engine import Engine, SerialEngine
-from optimisation.swing.candidate import Candidate, Car, Score, score
-from optimisation.swing.choice import choose
-from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
-from optimisation.swing.options import Options, Told
-from optimisation.swing.shape import changed, changes
-from workbench.atomic_write import write_atomically
-from workbench.errors import SwingFileError
-from workbench.range_of_motion import RangeOfMotion, make_range_of_motion
-from workbench.scenario import Scenario, scenario_from_dict
-from workbench.swing_curve import swing_at
-from workbench.swing_file import SwingFile
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.sweep.engine import Engine, SerialEngine
+from aerodima.optimisation.swing.candidate import Candidate, Car, Score, score
+from aerodima.optimisation.swing.choice import choose
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
+from aerodima.optimisation.swing.options import Options, Told
+from aerodima.optimisation.swing.shape import changed, changes
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.range_of_motion import RangeOfMotion, make_range_of_motion
+from aerodima.workbench.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.swing_curve import swing_at
+from aerodima.workbench.swing_file import SwingFile
 
 FloatArray = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from optimisation.errors import SwingError
-from optimisation.swing import spatial
-from optimisation.swing.planar import INPUTS
-from optimisation.swing.reduced_car import ReducedCar
-from workbench.logs.columns import WHEELS
-from workbench.logs.schema import RunLog
-from workbench.turn_signals import turn_sign
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing import spatial
+from aerodima.optimisation.swing.planar import INPUTS
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.turn_signals import turn_sign
 
 SMOOTHING = 0.03
 """Width of the moving average over signals that carry tyre and suspension vibration, s; the reduced models have none

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.errors import SwingError
-from optimisation.swing.reduced_car import ReducedCar
-from optimisation.swing.solve import Solution
-from optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, TORQUE, Problem, SwingLimits
-from workbench.logs.schema import software_versions
-from workbench.scenario import Scenario
-from workbench.swing_file import SCHEMA, SwingFile, swing_from_dict
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.solve import Solution
+from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, TORQUE, Problem, SwingLimits
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.swing_file import SCHEMA, SwingFile, swing_from_dict
 
 HOLD = {"kp": 17.0, "kd": 5.0}
 """Gains of the wait: those of the thesis' hold (Table 6.4)."""

@@ -6,14 +6,14 @@ import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from optimisation.errors import SwingError
-from optimisation.swing.full_car import Outcome, drive, drive_all, outcome, varied
-from optimisation.swing.options import Options, Told
-from optimisation.swing.planar import lift_roll
-from optimisation.swing.reduced_car import ReducedCar
-from workbench.atomic_write import write_atomically
-from workbench.scenario import Scenario
-from workbench.swing_file import SwingFile, car_mismatches, read_swing, write_swing
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.full_car import Outcome, drive, drive_all, outcome, varied
+from aerodima.optimisation.swing.options import Options, Told
+from aerodima.optimisation.swing.planar import lift_roll
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.swing_file import SwingFile, car_mismatches, read_swing, write_swing
 
 LOWER, MOST_LOWER = 0.92, 8
 """A search that does not survive begins at less friction or speed by this factor, at most so many times."""

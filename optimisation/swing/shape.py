@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from optimisation.errors import SwingError
-from workbench.swing_file import SwingFile, swing_from_dict
+from aerodima.optimisation.errors import SwingError
+from aerodima.workbench.swing_file import SwingFile, swing_from_dict
 
 FloatArray = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
-from optimisation.errors import SwingError
-from optimisation.swing.start import random_start
-from optimisation.swing.transcription import (
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.start import random_start
+from aerodima.optimisation.swing.transcription import (
     ACCELERATION,
     ANGLE,
     RATE,

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.swing.planar import (
+from aerodima.optimisation.swing.planar import (
     SIDE_BLEND,
     axis_point_height,
     lift_state,
@@ -25,7 +25,7 @@ from optimisation.swing.planar import (
     suspension_moment,
     wheel_height,
 )
-from optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.reduced_car import ReducedCar
 
 Array = NDArray
 Vector = tuple[Any, Any, Any]

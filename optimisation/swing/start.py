@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, TORQUE, Problem
+from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, TORQUE, Problem
 
 FloatArray = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from workbench.plots.style import BLACK, GREY, TURN_SHADE, VERMILION, new_figure, styled
-from workbench.scenario import Scenario
-from workbench.swing_curve import swing_at
-from workbench.swing_file import SwingFile
+from aerodima.workbench.plots.style import BLACK, GREY, TURN_SHADE, VERMILION, new_figure, styled
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.swing_curve import swing_at
+from aerodima.workbench.swing_file import SwingFile
 
 FloatArray = NDArray[np.float64]
 TICKS = 0.1

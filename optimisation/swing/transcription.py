@@ -17,10 +17,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.errors import SwingError
-from optimisation.swing.profile import TurnProfile
-from optimisation.swing.reduced_car import ReducedCar
-from workbench.range_of_motion import RangeOfMotion
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.profile import TurnProfile
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.workbench.range_of_motion import RangeOfMotion
 
 Objective = Literal["friction", "speed", "roll", "effort"]
 OBJECTIVES: tuple[Objective, ...] = ("friction", "speed", "roll", "effort")

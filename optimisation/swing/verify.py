@@ -14,19 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from optimisation.errors import SwingError
-from optimisation.sweep.engine import Engine, SerialEngine
-from optimisation.sweep.store import make_frame
-from optimisation.sweep.task import RunTask
-from optimisation.swing.full_car import FINE_STEP, LEAST_HEADING
-from workbench.controllers.swing_law import SwingState
-from workbench.ensemble import Ensemble
-from workbench.logs.schema import RunLog
-from workbench.range_of_motion import RangeOfMotion, ground_clearance
-from workbench.scenario import Scenario, load_scenario
-from workbench.swing_curve import swing_at
-from workbench.swing_file import SwingFile
-from workbench.trial import Trial, run_trial
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.sweep.engine import Engine, SerialEngine
+from aerodima.optimisation.sweep.store import make_frame
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.optimisation.swing.full_car import FINE_STEP, LEAST_HEADING
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.ensemble import Ensemble
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.range_of_motion import RangeOfMotion, ground_clearance
+from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.swing_curve import swing_at
+from aerodima.workbench.swing_file import SwingFile
+from aerodima.workbench.trial import Trial, run_trial
 
 REFERENCE_SETTINGS = ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=8.0")
 LOWER_FRICTION, MOST_LOWER = 0.05, 6

@@ -10,19 +10,19 @@ import numpy as np
 import yaml
 from matplotlib.figure import Figure
 
-from optimisation.errors import SwingError
-from optimisation.swing.full_car import LEAST_HEADING
-from optimisation.swing.tip_path import plot_tip_path
-from optimisation.swing.verify import Verification
-from workbench.atomic_write import make_folder, write_atomically
-from workbench.controllers.swing_law import SwingState
-from workbench.logs.schema import RunLog, software_versions
-from workbench.plots.style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
-from workbench.report.page import Markup, Section, bullets, figure, page, paragraph, preformatted, table
-from workbench.scenario import scenario_from_dict
-from workbench.swing_curve import swing_at
-from workbench.swing_file import SwingFile
-from workbench.turn_signals import turn_window
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.full_car import LEAST_HEADING
+from aerodima.optimisation.swing.tip_path import plot_tip_path
+from aerodima.optimisation.swing.verify import Verification
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.logs.schema import RunLog, software_versions
+from aerodima.workbench.plots.style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
+from aerodima.workbench.report.page import Markup, Section, bullets, figure, page, paragraph, preformatted, table
+from aerodima.workbench.scenario import scenario_from_dict
+from aerodima.workbench.swing_curve import swing_at
+from aerodima.workbench.swing_file import SwingFile
+from aerodima.workbench.turn_signals import turn_window
 
 SCHEMA = "aerodima/verification/1"
 RUNS, VERDICT, PAGE = "verification.csv", "verification.yaml", "report.html"

@@ -14,12 +14,12 @@ from pydrake.multibody.tree import RevoluteJoint, RigidBody, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from aerodima.workbench.aero.added_mass import add_added_mass
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder
 from tests.benchmarks.rows import BenchRow
-from workbench.aero.added_mass import add_added_mass
-from workbench.aero.coefficient_files import load_coefficients
-from workbench.aero.laws import SectionLaw
-from workbench.aero.sections import SectionLayout
-from workbench.aero.tail_force import add_to_builder
 
 _STEP = 2e-3
 _STEPS = 200

@@ -17,9 +17,9 @@ from pathlib import Path
 import can
 import numpy as np
 
+from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.realtime import permitted
 from tests.benchmarks.rows import BenchRow
-from workbench.logs.schema import RunLog, read_run_log
-from workbench.realtime import permitted
 
 _PROGRAM = str(Path(sys.executable).with_name("aerodima"))
 _SETTINGS = ("manoeuvre.straight_time=55", "manoeuvre.log_end=60", "simulation.step=0.004", "simulation.log_rate=250")

@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator
 import cantools
 from cantools.database.can import Database
 
-from hardware.protocol import ak70, radio, teensy
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
-from hardware.protocol.can_frame import CanFrame
-from hardware.protocol.teensy import StringForm
+from aerodima.hardware.protocol import ak70, radio, teensy
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.workbench.resources import model_path
 from tests.benchmarks.rows import BenchRow
-from workbench.resources import model_path
 
 _CALLS = 20_000
 _REPEATS = 7

@@ -23,9 +23,9 @@ def bench_memory_per_run() -> Iterator[BenchRow]:
 
 
 def _growth(name: str) -> tuple[str, float, bool]:
+    from aerodima.workbench.scenario import load_scenario
+    from aerodima.workbench.trial import run_trial
     from tests.workbench.test_lifetimes import python_systems_die
-    from workbench.scenario import load_scenario
-    from workbench.trial import run_trial
 
     scenario, process = load_scenario(name), psutil.Process()
     start = 0.0

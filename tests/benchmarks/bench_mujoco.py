@@ -9,11 +9,11 @@ from functools import partial
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.plants.car import add_car_plant
+from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.trial import run_trial
 from tests.benchmarks.mujoco_car import MujocoTurn, load_model
 from tests.benchmarks.rows import BenchRow
-from workbench.plants.car import add_car_plant
-from workbench.scenario import Scenario, load_scenario
-from workbench.trial import run_trial
 
 SCENARIO = "turn_none"
 SLOW, FAST = 2.5, 4.5

@@ -9,11 +9,11 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.plants.rig import Rig, add_rig_plant
+from aerodima.workbench.plants.rig_motion import RigMotion, no_torque
+from aerodima.workbench.rig_logs import simulate_static_log
+from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 from tests.benchmarks.rows import BenchRow
-from workbench.plants.rig import Rig, add_rig_plant
-from workbench.plants.rig_motion import RigMotion, no_torque
-from workbench.rig_logs import simulate_static_log
-from workbench.rig_scenario import RigScenario, load_rig_scenario
 
 _REPEATS = 5
 _START = (1.5, 0.0)

@@ -14,14 +14,14 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from aerodima.workbench.event_order import Stage
+from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.logs.schema import run_metadata, signals_equal
+from aerodima.workbench.plants.car import add_car_plant
+from aerodima.workbench.run import assemble, run_scenario
+from aerodima.workbench.scenario import Scenario, load_scenario
 from tests.benchmarks.rows import BenchRow
-from workbench.event_order import Stage
-from workbench.logs.journal import JournalWriter
-from workbench.logs.recorder import RunRecorder, recorded_columns
-from workbench.logs.schema import run_metadata, signals_equal
-from workbench.plants.car import add_car_plant
-from workbench.run import assemble, run_scenario
-from workbench.scenario import Scenario, load_scenario
 
 REPEATS = 5
 """Runs of each kind, in turns so that all meet the same disturbances; one more of each, first, is not counted."""

@@ -12,11 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from workbench.actuators.drive import shaft_gain
-from workbench.actuators.servo import knuckle_angles
-from workbench.plants.car_model import axle_statics, chassis_inertial, gearbox_height, unsprung_mass, wheel_rates
-from workbench.scenario import Scenario
-from workbench.tail_impulses import FLIP_TILT
+from aerodima.workbench.actuators.drive import shaft_gain
+from aerodima.workbench.actuators.servo import knuckle_angles
+from aerodima.workbench.plants.car_model import (
+    axle_statics,
+    chassis_inertial,
+    gearbox_height,
+    unsprung_mass,
+    wheel_rates,
+)
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.tail_impulses import FLIP_TILT
 
 IMPEDANCE = 0.1
 """Of a tyre contact: the smaller, the more its force is that of a spring and damper and nothing else."""

@@ -14,17 +14,17 @@ import sys
 import time
 from pathlib import Path
 
-from hardware.drive.guard import CarGuard, Stage
-from hardware.drive.loop import PERIOD, wait_until
-from hardware.drive.pilots import ManualPilot
-from hardware.latency import prefer_latency
-from hardware.protocol.radio import RadioMode
-from hardware.wiring.base import CarCommand
-from hardware.wiring.car_ports import read_ports
-from hardware.wiring.drive_safety import load_drive_safety
-from hardware.wiring.teensy_bridge import teensy_bridge
-from workbench.errors import HardwareError
-from workbench.scenario import load_scenario
+from aerodima.hardware.drive.guard import CarGuard, Stage
+from aerodima.hardware.drive.loop import PERIOD, wait_until
+from aerodima.hardware.drive.pilots import ManualPilot
+from aerodima.hardware.latency import prefer_latency
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.wiring.base import CarCommand
+from aerodima.hardware.wiring.car_ports import read_ports
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import load_scenario
 
 _REST = 0.3
 """s that a stopped car stays stopped, in which the operator hears of it."""

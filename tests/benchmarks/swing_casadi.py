@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from optimisation.swing import planar
-from optimisation.swing.solve import FEASIBLE, OPTIMALITY, bounds_of, linear_rows
-from optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, TORQUE, Problem
+from aerodima.optimisation.swing import planar
+from aerodima.optimisation.swing.solve import FEASIBLE, OPTIMALITY, bounds_of, linear_rows
+from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, TORQUE, Problem
 
 
 @dataclass(frozen=True)

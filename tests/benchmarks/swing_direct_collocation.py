@@ -18,9 +18,18 @@ from pydrake.solvers import SnoptSolver, SolverOptions
 from pydrake.systems import framework, scalar_conversion
 from pydrake.trajectories import PiecewisePolynomial
 
-from optimisation.swing import planar
-from optimisation.swing.solve import FEASIBLE, OPTIMALITY
-from optimisation.swing.transcription import ACCELERATION, ANGLE, COMPLEX_STEP, RATE, ROLL, ROLL_RATE, Member, Problem
+from aerodima.optimisation.swing import planar
+from aerodima.optimisation.swing.solve import FEASIBLE, OPTIMALITY
+from aerodima.optimisation.swing.transcription import (
+    ACCELERATION,
+    ANGLE,
+    COMPLEX_STEP,
+    RATE,
+    ROLL,
+    ROLL_RATE,
+    Member,
+    Problem,
+)
 
 _DRAKE: Any = framework  # the stubs know neither the templates nor arrays of variables
 _TEMPLATE: Any = scalar_conversion.TemplateSystem

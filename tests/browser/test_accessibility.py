@@ -11,14 +11,25 @@ import pytest
 
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
-from hardware.protocol.car_report import CarReport
-from hardware.protocol.radio import EmergencyStop, OperatorCommand, RadioMode
-from optimisation.pipeline import Estimate, FitResult
-from optimisation.report import write_report
+from aerodima.hardware.protocol.car_report import CarReport
+from aerodima.hardware.protocol.radio import EmergencyStop, OperatorCommand, RadioMode
+from aerodima.optimisation.pipeline import Estimate, FitResult
+from aerodima.optimisation.report import write_report
+from aerodima.workbench.plots.style import new_figure
+from aerodima.workbench.report.page import (
+    Section,
+    bullets,
+    figure,
+    finding,
+    folded,
+    link,
+    page,
+    paragraph,
+    preformatted,
+    table,
+)
 from tests.browser.contrast import contrasts, too_faint
 from tests.hardware.console.test_server import Served, eventually
-from workbench.plots.style import new_figure
-from workbench.report.page import Section, bullets, figure, finding, folded, link, page, paragraph, preformatted, table
 
 pytestmark = pytest.mark.realtime
 

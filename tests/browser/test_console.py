@@ -12,10 +12,10 @@ import pytest
 
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
-from hardware.drive.loop import PERIOD
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.drive.loop import PERIOD
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.workbench.logs.schema import RunLog, read_run_log
 from tests.browser.console_session import GAMEPADS, TRIES, ConsoleSession, OperatorPage, wait_for
-from workbench.logs.schema import RunLog, read_run_log
 
 pytestmark = [pytest.mark.slow, pytest.mark.emulated]
 

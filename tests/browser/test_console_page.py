@@ -16,9 +16,9 @@ import pytest
 
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
-from hardware.console.server import open_socket
-from hardware.protocol.car_report import CarReport
-from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.console.server import open_socket
+from aerodima.hardware.protocol.car_report import CarReport
+from aerodima.hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from tests.browser.console_session import GAMEPADS
 from tests.hardware.console.test_server import ARMED, Served, eventually
 

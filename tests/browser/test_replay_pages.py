@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay import write_replay_html
+from aerodima.workbench.report.comparison_page import comparison_page
+from aerodima.workbench.run import run_scenario
+from aerodima.workbench.scenario import load_scenario
 from tests.browser.contrast import too_faint
-from workbench.logs.schema import RunLog
-from workbench.replay import write_replay_html
-from workbench.report.comparison_page import comparison_page
-from workbench.run import run_scenario
-from workbench.scenario import load_scenario
 
 pytestmark = pytest.mark.realtime
 

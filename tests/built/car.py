@@ -7,17 +7,17 @@ from xml.etree import ElementTree
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.car_air import free_sail, sail_law
+from aerodima.workbench.controllers.manoeuvre import ThrottleLine
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.plants.car import CarPlant, add_car_plant
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.rig_campaign import campaign_tasks, load_campaign
+from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_20_HZ
+from aerodima.workbench.statements import Value, parameter_entry
 from tests.built.registry import check
-from workbench.aero.laws import NormalForceLaw
-from workbench.car_air import free_sail, sail_law
-from workbench.controllers.manoeuvre import ThrottleLine
-from workbench.errors import UserError
-from workbench.plants.car import CarPlant, add_car_plant
-from workbench.resources import model_path
-from workbench.rig_campaign import campaign_tasks, load_campaign
-from workbench.scenario import Scenario, load_scenario
-from workbench.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_20_HZ
-from workbench.statements import Value, parameter_entry
 
 
 @cache

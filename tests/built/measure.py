@@ -7,10 +7,10 @@ follows from its values.
 import re
 import sys
 
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.statements import FILE, Value, load_statements
 from tests.built.found import CHECKS, RUNS
-from workbench.errors import ModelError
-from workbench.resources import model_path
-from workbench.statements import FILE, Value, load_statements
 
 
 def written(value: Value) -> str:

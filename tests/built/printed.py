@@ -3,10 +3,10 @@
 import math
 from dataclasses import fields
 
+from aerodima.workbench.demo import DemoPlan
+from aerodima.workbench.published import TurnMetrics, flip_bracket, published_figures
+from aerodima.workbench.statements import Value
 from tests.built.registry import check
-from workbench.demo import DemoPlan
-from workbench.published import TurnMetrics, flip_bracket, published_figures
-from workbench.statements import Value
 
 
 @check

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from workbench.statements import Value
+from aerodima.workbench.statements import Value
 
 Find = Callable[[], Value]
 CHECKS: dict[str, Find] = {}

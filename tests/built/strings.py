@@ -3,11 +3,11 @@
 import struct
 from dataclasses import fields
 
-from hardware.protocol import ak70, radio, teensy
-from hardware.protocol.ak70 import MitCommand
-from hardware.protocol.sail_encoder import AEAT_6012
+from aerodima.hardware.protocol import ak70, radio, teensy
+from aerodima.hardware.protocol.ak70 import MitCommand
+from aerodima.hardware.protocol.sail_encoder import AEAT_6012
+from aerodima.workbench.statements import Value
 from tests.built.registry import check
-from workbench.statements import Value
 
 
 @check

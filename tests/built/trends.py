@@ -6,14 +6,14 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.reproduction.evidence import throttle_speed
-from optimisation.sweep.studies.turn import TAIL_SPEEDS, TAILED_SPEEDS, TAILLESS_SPEEDS
+from aerodima.optimisation.reproduction.evidence import throttle_speed
+from aerodima.optimisation.sweep.studies.turn import TAIL_SPEEDS, TAILED_SPEEDS, TAILLESS_SPEEDS
+from aerodima.workbench.published import TurnMetrics
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.statements import Value
+from aerodima.workbench.trial import Trial, run_trial
 from tests.built.registry import RUNS, SLOW, slow
 from tests.built.turns import ROUNDING, TAILED, TAILLESS, trial
-from workbench.published import TurnMetrics
-from workbench.scenario import load_scenario
-from workbench.statements import Value
-from workbench.trial import Trial, run_trial
 
 WITHOUT = tuple(speed for speed in TAILLESS_SPEEDS if speed < TAILLESS + ROUNDING)
 WITH = tuple(speed for speed in TAILED_SPEEDS if speed < TAILED + ROUNDING)

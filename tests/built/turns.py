@@ -10,15 +10,15 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from aerodima.workbench.logs.columns import AXLES
+from aerodima.workbench.published import Platform, TurnMetrics, published_figures
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.signals import IMU_FILTER, low_pass
+from aerodima.workbench.statements import Value
+from aerodima.workbench.summary import KM_PER_H
+from aerodima.workbench.trial import Trial, run_trial
+from aerodima.workbench.turn_signals import TurnSignals, turn_signals
 from tests.built.registry import RUNS, run
-from workbench.logs.columns import AXLES
-from workbench.published import Platform, TurnMetrics, published_figures
-from workbench.scenario import load_scenario
-from workbench.signals import IMU_FILTER, low_pass
-from workbench.statements import Value
-from workbench.summary import KM_PER_H
-from workbench.trial import Trial, run_trial
-from workbench.turn_signals import TurnSignals, turn_signals
 
 TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H
 """Fastest turns that the simulated car of the thesis survived without and with its tail, m/s (ERRATA E37)."""

@@ -3,10 +3,10 @@
 import math
 from collections import deque
 
-from hardware.motor_group import MotorGroup
-from hardware.motor_settings import load_motor_safety, motor_settings
-from hardware.motor_state import MotorState
-from hardware.protocol.ak70 import (
+from aerodima.hardware.motor_group import MotorGroup
+from aerodima.hardware.motor_settings import load_motor_safety, motor_settings
+from aerodima.hardware.motor_state import MotorState
+from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
     MitReply,
@@ -14,11 +14,11 @@ from hardware.protocol.ak70 import (
     is_special,
     make_reply,
 )
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8
-from hardware.protocol.can_frame import CanFrame
-from workbench.parameter_files import load_parameter_file
-from workbench.parameters import TailMotorParameters
-from workbench.resources import model_path
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.workbench.parameter_files import load_parameter_file
+from aerodima.workbench.parameters import TailMotorParameters
+from aerodima.workbench.resources import model_path
 
 PERIOD = 0.01
 PROFILE = AK70_10_V1_0_8

@@ -6,9 +6,9 @@ import threading
 import time
 import tty
 
-from hardware.protocol.ak70 import decode_reply, make_command, make_enter, make_exit
-from hardware.protocol.can_frame import CanFrame
-from hardware.protocol.teensy import (
+from aerodima.hardware.protocol.ak70 import decode_reply, make_command, make_enter, make_exit
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.teensy import (
     MotorReport,
     MotorRequest,
     StringForm,
@@ -16,7 +16,7 @@ from hardware.protocol.teensy import (
     TeensyStatus,
     make_reply,
 )
-from hardware.protocol.teensy_stream import command_stream
+from aerodima.hardware.protocol.teensy_stream import command_stream
 from tests.hardware.fake_motors import PROFILE, FakeMotor
 
 

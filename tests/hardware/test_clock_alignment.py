@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from hardware.clock_alignment import ClockAlignment
+from aerodima.hardware.clock_alignment import ClockAlignment
 
 
 def test_delays_are_taken_out_up_to_the_shortest_one():

@@ -9,12 +9,12 @@ import math
 
 import pytest
 
-from hardware.motor_group import MotorGroup, check_distinct_ids, exit_frames
-from hardware.motor_state import MotorFault, MotorState
-from hardware.protocol.ak70 import MitCommand, make_exit
-from hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.motor_group import MotorGroup, check_distinct_ids, exit_frames
+from aerodima.hardware.motor_state import MotorFault, MotorState
+from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_motors import PERIOD, Bench, FakePort, hold, settings
-from workbench.errors import HardwareError
 
 RUN = hold(0.0)
 

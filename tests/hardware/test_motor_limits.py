@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from hardware.motor_limits import check_command, limit_command, pd_torque, to_motor
-from hardware.motor_settings import load_motor_safety
-from hardware.protocol.ak70 import MitCommand, make_command
-from hardware.protocol.ak70_profiles import AK70_10_24_N_M, MANUAL_SAMPLE_CODE
-from hardware.protocol.can_frame import FrameError
+from aerodima.hardware.motor_limits import check_command, limit_command, pd_torque, to_motor
+from aerodima.hardware.motor_settings import load_motor_safety
+from aerodima.hardware.protocol.ak70 import MitCommand, make_command
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_24_N_M, MANUAL_SAMPLE_CODE
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.workbench.errors import HardwareError, ScenarioError
 from tests.hardware.fake_motors import PROFILE, Bench, hold, settings, tail_motor_parameters
-from workbench.errors import HardwareError, ScenarioError
 
 ROLL = settings()
 

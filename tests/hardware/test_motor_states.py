@@ -5,11 +5,19 @@ from itertools import pairwise
 
 import pytest
 
-from hardware.motor import Motor
-from hardware.motor_state import MotorFault, MotorState
-from hardware.protocol.ak70 import NEUTRAL, MitCommand, decode_command, make_enter, make_exit, make_neutral, make_zero
+from aerodima.hardware.motor import Motor
+from aerodima.hardware.motor_state import MotorFault, MotorState
+from aerodima.hardware.protocol.ak70 import (
+    NEUTRAL,
+    MitCommand,
+    decode_command,
+    make_enter,
+    make_exit,
+    make_neutral,
+    make_zero,
+)
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_motors import PERIOD, PROFILE, Bench, FakePort, hold, settings
-from workbench.errors import HardwareError
 
 ENTER, EXIT = make_enter(2), make_exit(2)
 

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hardware import held_car
-from hardware.first_contact import run_motor_test
-from hardware.wiring import wired_car
-from hardware.wiring.base import CarCommand
+from aerodima.hardware import held_car
+from aerodima.hardware.first_contact import run_motor_test
+from aerodima.hardware.wiring import wired_car
+from aerodima.hardware.wiring.base import CarCommand
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.wiring.fake_devices import CarOnTheBench
-from workbench.errors import HardwareError
 
 
 class Bench(CarOnTheBench):

@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from hardware.profile_check import check_profile
-from hardware.protocol.ak70 import MitReply, make_reply
-from hardware.protocol.ak70_profiles import AK70_10_24_N_M, AK70_10_V1_0_8, MANUAL_SAMPLE_CODE
-from hardware.protocol.can_frame import CanFrame
-from workbench.errors import HardwareError
+from aerodima.hardware.profile_check import check_profile
+from aerodima.hardware.protocol.ak70 import MitReply, make_reply
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_24_N_M, AK70_10_V1_0_8, MANUAL_SAMPLE_CODE
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.workbench.errors import HardwareError
 
 BY_HAND = [(0.01 * i, 0.4 * math.sin(0.03 * i), 1.2 * math.cos(0.03 * i)) for i in range(200)]
 AT_REST = [(0.01 * i, 0.3, 0.0) for i in range(200)]

@@ -9,10 +9,16 @@ import tty
 
 import pytest
 
-from hardware.protocol.radio import OperatorCommand, RadioMode, make_command, make_emergency_stop, make_heartbeat
-from hardware.protocol.xbee import ReceivedPacket, make_received
-from hardware.radio_link import IDLE, RadioLink
-from hardware.transport.serial_link import SerialLink, SerialSettings
+from aerodima.hardware.protocol.radio import (
+    OperatorCommand,
+    RadioMode,
+    make_command,
+    make_emergency_stop,
+    make_heartbeat,
+)
+from aerodima.hardware.protocol.xbee import ReceivedPacket, make_received
+from aerodima.hardware.radio_link import IDLE, RadioLink
+from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings
 from tests.hardware.fake_can import wait_until
 
 pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock

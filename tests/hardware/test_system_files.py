@@ -8,12 +8,12 @@ import sys
 
 import pytest
 
-from hardware import system_files
-from hardware.latency import DRIVE_PRIORITY, WATCHDOG_PRIORITY
-from hardware.system_files import LIMITS, RULES, UNIT, udev_rules, write_system_files
-from hardware.watchdog.control_group import leave_control_group
-from hardware.wiring.car_ports import ports_from_dict
-from workbench.errors import HardwareError
+from aerodima.hardware import system_files
+from aerodima.hardware.latency import DRIVE_PRIORITY, WATCHDOG_PRIORITY
+from aerodima.hardware.system_files import LIMITS, RULES, UNIT, udev_rules, write_system_files
+from aerodima.hardware.watchdog.control_group import leave_control_group
+from aerodima.hardware.wiring.car_ports import ports_from_dict
+from aerodima.workbench.errors import HardwareError
 
 PORTS = {
     "schema": "aerodima/ports/1",
@@ -95,7 +95,15 @@ def test_it_stays_where_it_is_without_the_service_or_the_right(tmp_path):
 def test_the_command_says_how_to_install(tmp_path):
     ports = tmp_path / "car.json"
     ports.write_text(json.dumps(PORTS))
-    command = [sys.executable, "-m", "workbench.cli", "install-files", str(tmp_path / "system"), "--ports", str(ports)]
+    command = [
+        sys.executable,
+        "-m",
+        "aerodima.workbench.cli",
+        "install-files",
+        str(tmp_path / "system"),
+        "--ports",
+        str(ports),
+    ]
     found = subprocess.run(command, capture_output=True, text=True)
     assert found.returncode == 0, found.stderr
     assert f"sudo install -m 644 {tmp_path / 'system' / UNIT} /etc/systemd/system/" in found.stdout

@@ -5,17 +5,17 @@ import time
 
 import pytest
 
-from hardware.motor_group import MotorGroup
-from hardware.motor_state import MotorFault, MotorState
-from hardware.protocol.ak70 import make_enter, make_exit, make_neutral, make_zero
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES, MotorRequest, StringForm, TeensyStatus
-from hardware.teensy_link import TeensyFault, TeensyLink, pulse
-from hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
+from aerodima.hardware.motor_group import MotorGroup
+from aerodima.hardware.motor_state import MotorFault, MotorState
+from aerodima.hardware.protocol.ak70 import make_enter, make_exit, make_neutral, make_zero
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES, MotorRequest, StringForm, TeensyStatus
+from aerodima.hardware.teensy_link import TeensyFault, TeensyLink, pulse
+from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import wait_until
 from tests.hardware.fake_motors import PERIOD, PROFILE, hold, settings
 from tests.hardware.fake_teensy import FakeTeensy
-from workbench.errors import HardwareError
 
 pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
 

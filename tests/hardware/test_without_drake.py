@@ -4,11 +4,11 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 import importlib, pkgutil
-import hardware.protocol, hardware.transport
-for package in (hardware.protocol, hardware.transport):
+import aerodima.hardware.protocol, aerodima.hardware.transport
+for package in (aerodima.hardware.protocol, aerodima.hardware.transport):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
-import hardware.motor_group, hardware.profile_check
+import aerodima.hardware.motor_group, aerodima.hardware.profile_check
 from tests.hardware.fake_motors import Bench, hold
 
 bench = Bench().to_running(hold(0.0))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from optimisation.active_bounds import reach_inside
-from optimisation.least_squares import Problem, Solution, solve_rollout
-from optimisation.parameters import Parameter, Parameters
-from optimisation.pipeline import FitResult, fit
-from optimisation.report import in_words
-from optimisation.uncertainty import Noise, uncertainty
+from aerodima.optimisation.active_bounds import reach_inside
+from aerodima.optimisation.least_squares import Problem, Solution, solve_rollout
+from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.pipeline import FitResult, fit
+from aerodima.optimisation.report import in_words
+from aerodima.optimisation.uncertainty import Noise, uncertainty
 
 
 def fitted(y: np.ndarray, x: np.ndarray, low: float = -math.inf, high: float = math.inf) -> FitResult:

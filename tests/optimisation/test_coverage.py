@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from optimisation.coverage import coverage
-from optimisation.errors import FitError
-from optimisation.fit_batch import fit_logs
-from optimisation.identify.log_fits import fit_static_log
-from workbench.rig_campaign import campaign_tasks, load_campaign
-from workbench.rig_campaign_run import run_campaign
+from aerodima.optimisation.coverage import coverage
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit_batch import fit_logs
+from aerodima.optimisation.identify.log_fits import fit_static_log
+from aerodima.workbench.rig_campaign import campaign_tasks, load_campaign
+from aerodima.workbench.rig_campaign_run import run_campaign
 
 
 @pytest.mark.slow

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from optimisation.fit_batch import WORKER_KILLED, fit_logs
-from optimisation.identify.log_fits import fit_spring_file
-from optimisation.pipeline import FitResult
+from aerodima.optimisation.fit_batch import WORKER_KILLED, fit_logs
+from aerodima.optimisation.identify.log_fits import fit_spring_file
+from aerodima.optimisation.pipeline import FitResult
 
 
 def fit_or_die(path: str, *, poison: Path) -> FitResult:
@@ -68,6 +68,6 @@ def test_fits_of_another_version_are_made_again(tmp_path: Path, monkeypatch: pyt
     log.write_text("\n".join(["displacement_m,force_n", *rows]))
     for reused in (0, 1):
         assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused
-    monkeypatch.setattr("optimisation.fit_batch.software_versions", lambda: {"project": "0.0.0"})
+    monkeypatch.setattr("aerodima.optimisation.fit_batch.software_versions", lambda: {"project": "0.0.0"})
     for reused in (0, 1):
         assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused

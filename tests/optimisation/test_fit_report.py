@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from optimisation.fit_figures import figures_of
-from optimisation.identify.surfaces import write_sets
-from optimisation.pipeline import Estimate, FitResult, parameter_names
-from optimisation.report import in_words, write_report
-from workbench.aero.coefficient_files import load_coefficients
-from workbench.errors import ModelError
+from aerodima.optimisation.fit_figures import figures_of
+from aerodima.optimisation.identify.surfaces import write_sets
+from aerodima.optimisation.pipeline import Estimate, FitResult, parameter_names
+from aerodima.optimisation.report import in_words, write_report
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.errors import ModelError
 
 
 def result(name: str, *names: str, rms: float = 0.1, curves: dict | None = None) -> FitResult:

@@ -13,21 +13,21 @@ import yaml
 from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
-from optimisation.errors import FitError
-from optimisation.identify.added_mass import added_mass_model, added_mass_parameter
-from optimisation.identify.friction import fit_friction
-from optimisation.identify.options import FitOptions
-from optimisation.identify.static import fit_static
-from optimisation.identify.static_log import static_data
-from optimisation.identify.swing_log import swing_data
-from optimisation.residual_check import chance_of, check_residual
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.added_mass import added_mass_model, added_mass_parameter
+from aerodima.optimisation.identify.friction import fit_friction
+from aerodima.optimisation.identify.options import FitOptions
+from aerodima.optimisation.identify.static import fit_static
+from aerodima.optimisation.identify.static_log import static_data
+from aerodima.optimisation.identify.swing_log import swing_data
+from aerodima.optimisation.residual_check import chance_of, check_residual
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.logs.importers import import_log
+from aerodima.workbench.logs.mapping import mapping_from
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.rig_logs import simulate_static_log
+from aerodima.workbench.rig_scenario import load_rig_scenario
 from tests.optimisation.identify import other_lab as lab
-from workbench.cli import build_app
-from workbench.logs.importers import import_log
-from workbench.logs.mapping import mapping_from
-from workbench.logs.schema import RunLog
-from workbench.rig_logs import simulate_static_log
-from workbench.rig_scenario import load_rig_scenario
 
 CONSTANT_AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from optimisation.errors import FitError
-from optimisation.least_squares import Problem, Solver, solve, solve_algebraic, solve_formula, solve_rollout
-from optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.least_squares import Problem, Solver, solve, solve_algebraic, solve_formula, solve_rollout
+from aerodima.optimisation.parameters import Parameter, Parameters
 
 METHODS = [solve_algebraic, solve_rollout, solve_formula]
 TIME = np.linspace(0.0, 3.0, 40)

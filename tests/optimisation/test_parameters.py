@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from optimisation.errors import FitError
-from optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.parameters import Parameter, Parameters
 
 
 def test_bounds_that_exclude_the_seed_are_refused_with_name_value_and_bounds() -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimisation.identify.lines import fit_line
-from optimisation.least_squares import Problem, solve, solve_rollout
-from optimisation.parameters import Parameter, Parameters
-from optimisation.robust import huber, solve_huber, spread
+from aerodima.optimisation.identify.lines import fit_line
+from aerodima.optimisation.least_squares import Problem, solve, solve_rollout
+from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.robust import huber, solve_huber, spread
 
 SLOPE, OFFSET = ("slope", "1"), ("offset", "1")
 

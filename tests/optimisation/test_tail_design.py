@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from optimisation.errors import FitError
-from optimisation.tail_design import design_tail
-from workbench.plants.tail import arm_inertia
-from workbench.scenario import load_scenario
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.tail_design import design_tail
+from aerodima.workbench.plants.tail import arm_inertia
+from aerodima.workbench.scenario import load_scenario
 
 SCENARIO = load_scenario("turn_designed")
 

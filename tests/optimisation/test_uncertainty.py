@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from optimisation.least_squares import Problem, Solution, solve, solve_algebraic, solve_rollout
-from optimisation.parameters import Parameter, Parameters
-from optimisation.pipeline import fit
-from optimisation.uncertainty import Noise, correlation_time, independent_noise, serial_noise, uncertainty
+from aerodima.optimisation.least_squares import Problem, Solution, solve, solve_algebraic, solve_rollout
+from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.pipeline import fit
+from aerodima.optimisation.uncertainty import Noise, correlation_time, independent_noise, serial_noise, uncertainty
 
 
 def line(y: np.ndarray, t: np.ndarray, *more: Parameter) -> Problem:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from workbench.logs.columns import car_run_columns, sensor_columns
-from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.logs.columns import car_run_columns, sensor_columns
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 
 STEP = 0.002
 DURATION = 4.0

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from workbench.metrics import Impulses, Outcome, RunMetrics, TurnMetrics
-from workbench.summary import RunSummary
+from aerodima.workbench.metrics import Impulses, Outcome, RunMetrics, TurnMetrics
+from aerodima.workbench.summary import RunSummary
 
 
 def made_up_summary(

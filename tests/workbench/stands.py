@@ -4,12 +4,12 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from workbench.logs.columns import WHEELS
-from workbench.plants.sdf_model import SdfModel
-from workbench.ports import STATION_INPUTS
-from workbench.scenario import Scenario
-from workbench.station import make_car_station, simulated_car
-from workbench.truth import CONTACT_TRUTH
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.plants.sdf_model import SdfModel
+from aerodima.workbench.ports import STATION_INPUTS
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.station import make_car_station, simulated_car
+from aerodima.workbench.truth import CONTACT_TRUTH
 
 
 class CarStand:

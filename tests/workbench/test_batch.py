@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from workbench.batch import check_workers, run_batch
-from workbench.errors import UserError
+from aerodima.workbench.batch import check_workers, run_batch
+from aerodima.workbench.errors import UserError
 
 
 @pytest.mark.parametrize("workers", [1, 2])

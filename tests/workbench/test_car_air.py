@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.car_air import free_sail, sail_law, sail_layout, wind_model
-from workbench.coefficient_names import robot_tail_sets
-from workbench.errors import ModelError, ScenarioError
-from workbench.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.car_air import free_sail, sail_law, sail_layout, wind_model
+from aerodima.workbench.coefficient_names import robot_tail_sets
+from aerodima.workbench.errors import ModelError, ScenarioError
+from aerodima.workbench.scenario import load_scenario, scenario_from_dict
 
 POLAR = "speed_m_per_s,angle_rad,cd,cl,source\n" + "".join(
     f"{speed},{angle},1.2,0.3,made up\n" for angle in (0.0, 0.5) for speed in (5.0, 10.0)
@@ -150,7 +150,7 @@ def test_shipped_scenarios_of_sail_and_wind():
 def test_names_are_checked_without_drake():
     code = (
         "import sys; sys.modules['pydrake'] = None\n"
-        "from workbench.scenario import load_scenario\n"
+        "from aerodima.workbench.scenario import load_scenario\n"
         "load_scenario('turn_swing', ['tail.coefficients=robot_tail_line'])"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=60)

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from workbench.help_sections import SECTIONS
+from aerodima.workbench.help_sections import SECTIONS
 
 PROBE = '''
 import time
 import typer
-from workbench.errors import ScenarioError, UserError
+from aerodima.workbench.errors import ScenarioError, UserError
 
 
 def register(app):
@@ -57,7 +57,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
 @pytest.fixture
 def aerodima(environment: dict[str, str]) -> Run:
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "workbench.cli", *arguments]
+        command = [sys.executable, "-m", "aerodima.workbench.cli", *arguments]
         return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
 
     return run
@@ -130,7 +130,7 @@ def listen_to_ctrl_c() -> None:
 
 
 def test_ctrl_c_is_one_line_and_status_130(environment: dict[str, str]) -> None:
-    command = [sys.executable, "-m", "workbench.cli", "probe", "wait"]
+    command = [sys.executable, "-m", "aerodima.workbench.cli", "probe", "wait"]
     with subprocess.Popen(
         command,
         env=environment,
@@ -149,7 +149,11 @@ def test_ctrl_c_is_one_line_and_status_130(environment: dict[str, str]) -> None:
 def test_package_that_fails_to_register_is_named(environment: dict[str, str], tmp_path: Path) -> None:
     (tmp_path / "probe_commands.py").write_text("raise ImportError('no module named gears')")
     done = subprocess.run(
-        [sys.executable, "-m", "workbench.cli", "--help"], env=environment, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "aerodima.workbench.cli", "--help"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.returncode == 1
     assert "no module named gears" in done.stderr

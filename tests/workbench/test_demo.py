@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from workbench.cli import build_app
-from workbench.demo import DemoPlan, demo_runs, do_run, make_demo
-from workbench.errors import UserError
-from workbench.logs.schema import read_run_log
-from workbench.metrics import metrics_of, tail_impulses
-from workbench.published import metric_column
-from workbench.resources import model_path
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.demo import DemoPlan, demo_runs, do_run, make_demo
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics import metrics_of, tail_impulses
+from aerodima.workbench.published import metric_column
+from aerodima.workbench.resources import model_path
 
 pytestmark = pytest.mark.slow
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from workbench import doctor
-from workbench.cli import build_app
+from aerodima.workbench import doctor
+from aerodima.workbench.cli import build_app
 
 
 def finding(subject: str) -> doctor.Finding:

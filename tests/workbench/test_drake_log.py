@@ -8,14 +8,14 @@ import sys
 
 import pytest
 
-from workbench.drake_log import drop_message
-from workbench.plants.car import HALF_SPACE_WARNING
+from aerodima.workbench.drake_log import drop_message
+from aerodima.workbench.plants.car import HALF_SPACE_WARNING
 
 BUILD_CAR = """
 import logging
 from pydrake.systems.framework import DiagramBuilder
-from workbench.plants import car
-from workbench.scenario import load_scenario
+from aerodima.workbench.plants import car
+from aerodima.workbench.scenario import load_scenario
 {before}
 builder = DiagramBuilder()
 car.add_car_plant(builder, load_scenario("turn_swing"))

@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.ensemble import Member, ensemble_names, load_ensemble, weighted_quantiles
-from workbench.errors import EnsembleError
-from workbench.scenario import load_scenario
+from aerodima.workbench.ensemble import Member, ensemble_names, load_ensemble, weighted_quantiles
+from aerodima.workbench.errors import EnsembleError
+from aerodima.workbench.scenario import load_scenario
 
 TEXT = """schema: aerodima/ensemble/1
 name: two

@@ -7,19 +7,19 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
-from workbench.actuators.servo import SteeringServo
-from workbench.controllers.swing_law import SwingState
-from workbench.controllers.tail_controller import TailController
-from workbench.controllers.turn_driver import TurnDriver
-from workbench.event_order import LEAD, Stage, nominal_time, period_of
-from workbench.logs.recorder import RunRecorder
-from workbench.run import assemble
-from workbench.scenario import load_scenario
-from workbench.sensors.encoder import MotorEncoder
-from workbench.sensors.gps import GpsSpeed
-from workbench.sensors.imu import Imu
-from workbench.sensors.roll_estimator import RollEstimator
-from workbench.trial import run_trial
+from aerodima.workbench.actuators.servo import SteeringServo
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.controllers.tail_controller import TailController
+from aerodima.workbench.controllers.turn_driver import TurnDriver
+from aerodima.workbench.event_order import LEAD, Stage, nominal_time, period_of
+from aerodima.workbench.logs.recorder import RunRecorder
+from aerodima.workbench.run import assemble
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.sensors.encoder import MotorEncoder
+from aerodima.workbench.sensors.gps import GpsSpeed
+from aerodima.workbench.sensors.imu import Imu
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.trial import run_trial
 
 STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
 """s; the last one divides no frame, and no power of ten."""

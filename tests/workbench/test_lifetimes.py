@@ -6,10 +6,10 @@ import weakref
 import pytest
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from workbench.rig_run import assemble_rig
-from workbench.rig_scenario import load_rig_scenario
-from workbench.run import assemble
-from workbench.scenario import load_scenario
+from aerodima.workbench.rig_run import assemble_rig
+from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.run import assemble
+from aerodima.workbench.scenario import load_scenario
 
 
 class _One(LeafSystem):

@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
-from workbench.errors import LogError
-from workbench.metrics import (
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.metrics import (
     compare_to_published,
     highest_speed_survived,
     metrics_of,
@@ -15,8 +14,9 @@ from workbench.metrics import (
     outcome_of,
     published_figures,
 )
-from workbench.signals import IMU_FILTER, low_pass
-from workbench.turn_signals import turn_signals
+from aerodima.workbench.signals import IMU_FILTER, low_pass
+from aerodima.workbench.turn_signals import turn_signals
+from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
 
 TURN = (2.0, 2.64)
 PEAK = 2.0

@@ -5,12 +5,12 @@ from importlib import import_module
 
 import pytest
 
-from workbench import scenario as scenario_module
-from workbench.errors import ScenarioError
-from workbench.parameter_files import ParameterEntry, read_yaml
-from workbench.quantity import unit_of
-from workbench.resources import models_dir
-from workbench.scenario import SECTIONS, load_parameter_entries, scenario_from_dict
+from aerodima.workbench import scenario as scenario_module
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.parameter_files import ParameterEntry, read_yaml
+from aerodima.workbench.quantity import unit_of
+from aerodima.workbench.resources import models_dir
+from aerodima.workbench.scenario import SECTIONS, load_parameter_entries, scenario_from_dict
 
 GOOD = {"value": 6.0, "unit": "kg", "source": "assumed", "prior": [4.5, 8.0], "reason": "not published"}
 
@@ -126,11 +126,11 @@ def _spoilt(text: str) -> str:
 @pytest.mark.parametrize(
     ("module", "read", "file"),
     [
-        ("hardware.motor_settings", "load_motor_safety", "motor_safety"),
-        ("hardware.wiring.drive_safety", "load_drive_safety", "drive_safety"),
-        ("hardware.firmware.settings", "load_teensy_timing", "teensy_firmware"),
-        ("hardware.watchdog.settings", "load_watchdog_timing", "watchdog"),
-        ("hardware.emulator.script", "load_emulator_numbers", "emulator"),
+        ("aerodima.hardware.motor_settings", "load_motor_safety", "motor_safety"),
+        ("aerodima.hardware.wiring.drive_safety", "load_drive_safety", "drive_safety"),
+        ("aerodima.hardware.firmware.settings", "load_teensy_timing", "teensy_firmware"),
+        ("aerodima.hardware.watchdog.settings", "load_watchdog_timing", "watchdog"),
+        ("aerodima.hardware.emulator.script", "load_emulator_numbers", "emulator"),
     ],
 )
 def test_value_out_of_range_in_a_file_of_the_real_car_is_one_line(tmp_path, monkeypatch, module, read, file):

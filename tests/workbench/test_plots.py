@@ -11,12 +11,10 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from tests.workbench.made_up_runs import made_up_run
-from tests.workbench.made_up_summaries import made_up_summary
-from workbench.errors import LogError
-from workbench.logs.schema import RunLog
-from workbench.metrics import Impulses
-from workbench.plots import (
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics import Impulses
+from aerodima.workbench.plots import (
     plot_comparison,
     plot_impulses,
     plot_metrics,
@@ -25,7 +23,9 @@ from workbench.plots import (
     plot_triggers,
     plot_turn,
 )
-from workbench.plots.style import CAUSE_STYLES, MODE_STYLES, TURN_SHADE, png
+from aerodima.workbench.plots.style import CAUSE_STYLES, MODE_STYLES, TURN_SHADE, png
+from tests.workbench.made_up_runs import made_up_run
+from tests.workbench.made_up_summaries import made_up_summary
 
 SUMMARIES = [
     made_up_summary(mode, speed, result="flipped" if mode == "none" and speed > 3.5 else "survived")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from workbench.ports import IMU, STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_COMMAND, TAIL_STATE, PortFields
+from aerodima.workbench.ports import IMU, STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_COMMAND, TAIL_STATE, PortFields
 
 
 def test_station_ports_have_the_sizes_of_the_contract():

@@ -5,8 +5,8 @@ from typing import Literal
 import pytest
 from pydantic import ValidationError
 
-from workbench.errors import ScenarioError
-from workbench.quantity import NO_UNIT, QuantityModel, explain, nearest, quantity, unit_of
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.quantity import NO_UNIT, QuantityModel, explain, nearest, quantity, unit_of
 
 
 class Spring(QuantityModel):

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.errors import UserError
-from workbench.range_of_motion import (
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.range_of_motion import (
     PARTS,
     RangeOfMotion,
     ground_clearance,
@@ -18,7 +18,7 @@ from workbench.range_of_motion import (
     read_range_of_motion,
     write_range_of_motion,
 )
-from workbench.scenario import load_scenario
+from aerodima.workbench.scenario import load_scenario
 
 LIMIT = math.pi / 2
 
@@ -109,7 +109,7 @@ def test_file_comes_back_equal_and_a_bad_one_is_refused(tmp_path: Path, motion: 
 def test_command(tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
-    from workbench.cli import build_app
+    from aerodima.workbench.cli import build_app
 
     run: Callable = lambda *words: CliRunner().invoke(build_app(), ["range-of-motion", *map(str, words)])  # noqa: E731
     out = tmp_path / "map.csv"

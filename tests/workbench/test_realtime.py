@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from workbench import realtime
-from workbench.realtime import is_realtime, permitted, prefer_realtime, restore_ordinary
+from aerodima.workbench import realtime
+from aerodima.workbench.realtime import is_realtime, permitted, prefer_realtime, restore_ordinary
 
 
 def in_thread(work):

@@ -7,12 +7,12 @@ from html.parser import HTMLParser
 
 import pytest
 
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.published import FlipBracket, flip_bracket, published_figures, tyre_damping
+from aerodima.workbench.report import ReportFiles, findings, turn_report
+from aerodima.workbench.report.page import Section, bullets, folded, link, page, paragraph, picture, preformatted, table
+from aerodima.workbench.summary import RunSummary, summarise
 from tests.workbench.made_up_summaries import made_up_summary
-from workbench.logs.schema import RunLog
-from workbench.published import FlipBracket, flip_bracket, published_figures, tyre_damping
-from workbench.report import ReportFiles, findings, turn_report
-from workbench.report.page import Section, bullets, folded, link, page, paragraph, picture, preformatted, table
-from workbench.summary import RunSummary, summarise
 
 PUBLISHED = FlipBracket(survived=3.33, flipped=3.61)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from workbench import resources
-from workbench.errors import ModelError, UserError
-from workbench.resources import model_path, models_dir
+from aerodima.workbench import resources
+from aerodima.workbench.errors import ModelError, UserError
+from aerodima.workbench.resources import model_path, models_dir
 
 
 @pytest.fixture

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from workbench.errors import ScenarioError, UserError
-from workbench.logs.schema import read_run_log, signals_equal
-from workbench.rig_campaign import campaign_names, campaign_tasks, load_campaign
-from workbench.rig_campaign_run import _make, run_campaign
+from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.logs.schema import read_run_log, signals_equal
+from aerodima.workbench.rig_campaign import campaign_names, campaign_tasks, load_campaign
+from aerodima.workbench.rig_campaign_run import _make, run_campaign
 
 SHORT = ["experiment.duration=0.3", "experiment.wind_off=0.1"]
 SMALL = """\
@@ -148,7 +148,7 @@ def test_a_killed_worker_does_not_stop_the_campaign(small: Path, tmp_path: Path)
     command = [
         sys.executable,
         "-m",
-        "workbench.cli",
+        "aerodima.workbench.cli",
         "rig",
         "campaign",
         str(small),

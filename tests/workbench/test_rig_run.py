@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from workbench.errors import LogError, UserError
-from workbench.logs.schema import RunLog, signals_equal
-from workbench.plants.rig import Rig
-from workbench.rig_logs import RIG_COLUMN_NAMES
-from workbench.rig_run import run_rig
-from workbench.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.schema import RunLog, signals_equal
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.rig_logs import RIG_COLUMN_NAMES
+from aerodima.workbench.rig_run import run_rig
+from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 
 COUNT = 2 * math.pi / (512 * 4 * 26)
 ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8

@@ -8,16 +8,16 @@ from typing import Any
 
 import pytest
 
-from workbench.errors import ScenarioError
-from workbench.resources import model_path
-from workbench.rig_scenario import (
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.rig_scenario import (
     RIG_SECTIONS,
     load_rig_parameter_entries,
     load_rig_scenario,
     rig_scenario_from_dict,
     rig_scenario_names,
 )
-from workbench.scenario import scenario_from_dict
+from aerodima.workbench.scenario import scenario_from_dict
 
 RIG = rig_scenario_from_dict({})
 

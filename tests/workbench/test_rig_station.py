@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from workbench.errors import UserError
-from workbench.rig_ports import CHEETAH_RIG_INPUTS, RIG_OUTPUTS, ROBOT_RIG_INPUTS
-from workbench.rig_scenario import load_rig_scenario
-from workbench.rig_station import make_rig_station
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.rig_ports import CHEETAH_RIG_INPUTS, RIG_OUTPUTS, ROBOT_RIG_INPUTS
+from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.rig_station import make_rig_station
 
 
 class FakeInterface(LeafSystem):

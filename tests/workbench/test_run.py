@@ -8,12 +8,12 @@ import time
 import numpy as np
 import pytest
 
-from workbench.errors import LogError, UserError
-from workbench.logs.columns import car_run_columns, sensor_columns, truth_columns
-from workbench.logs.journal import journal_path, recover
-from workbench.logs.schema import read_run_log, signals_equal
-from workbench.run import run_scenario
-from workbench.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.columns import car_run_columns, sensor_columns, truth_columns
+from aerodima.workbench.logs.journal import journal_path, recover
+from aerodima.workbench.logs.schema import read_run_log, signals_equal
+from aerodima.workbench.run import run_scenario
+from aerodima.workbench.scenario import load_scenario, scenario_from_dict
 
 SHORT = ["manoeuvre.duration=0.5"]
 
@@ -177,7 +177,8 @@ def test_progress_is_told_ten_times_a_second(tmp_path):
 def test_run_that_is_killed_leaves_a_journal_that_becomes_a_log(run, tmp_path):
     path = tmp_path / "killed.parquet"
     code = (
-        "import sys; from workbench.run import run_scenario; from workbench.scenario import load_scenario;"
+        "import sys; from aerodima.workbench.run import run_scenario;"
+        "from aerodima.workbench.scenario import load_scenario;"
         "run_scenario(load_scenario('turn_swing', ['manoeuvre.duration=300.0']), sys.argv[1])"
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(path)])

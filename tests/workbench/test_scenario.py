@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from workbench.errors import ScenarioError, UserError
-from workbench.scenario import SECTIONS, Scenario, load_scenario, scenario_from_dict, scenario_names
+from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.scenario import SECTIONS, Scenario, load_scenario, scenario_from_dict, scenario_names
 
 
 def refusal(overrides: dict) -> str:

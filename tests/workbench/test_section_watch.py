@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from workbench.aero.tail_force import EXTRAPOLATED, SECTION_COLUMNS
-from workbench.section_watch import SectionWatch
+from aerodima.workbench.aero.tail_force import EXTRAPOLATED, SECTION_COLUMNS
+from aerodima.workbench.section_watch import SectionWatch
 
 
 def watched(watch, validity, reynolds, until):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from workbench.errors import LogError
-from workbench.signals import (
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.signals import (
     GPS_FILTER,
     IMU_FILTER,
     RIG_FILTER_10_HZ,

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from aerodima.workbench.actuators.servo import knuckle_angles
+from aerodima.workbench.controllers.manoeuvre import make_schedule
+from aerodima.workbench.controllers.tail_controller import TailController
+from aerodima.workbench.controllers.turn_driver import TurnDriver
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.ports import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
+from aerodima.workbench.run import assemble
+from aerodima.workbench.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.station import make_car_station, simulated_car
+from aerodima.workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH
 from tests.workbench.stands import CarStand
-from workbench.actuators.servo import knuckle_angles
-from workbench.controllers.manoeuvre import make_schedule
-from workbench.controllers.tail_controller import TailController
-from workbench.controllers.turn_driver import TurnDriver
-from workbench.errors import UserError
-from workbench.ports import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
-from workbench.run import assemble
-from workbench.scenario import load_scenario, scenario_from_dict
-from workbench.station import make_car_station, simulated_car
-from workbench.truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH
 
 INPUTS = {"steering_angle": 1, "throttle": 1, "tail_pitch_command": 5, "tail_roll_command": 5}
 OUTPUTS = {"tail_state": 6, "tail_torque": 2, "imu": 9, "speed": 1, "status": 13}

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
+from aerodima.workbench.aero.added_mass import added_mass_matrix
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.car_air import free_sail, sail_law
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
+from aerodima.workbench.ports import TAIL_STATE
+from aerodima.workbench.scenario import scenario_from_dict
+from aerodima.workbench.station import make_car_station
+from aerodima.workbench.truth import BODY_TRUTH, TAIL_TRUTH
 from tests.workbench.stands import CarStand
-from workbench.aero.added_mass import added_mass_matrix
-from workbench.aero.sections import SectionLayout
-from workbench.car_air import free_sail, sail_law
-from workbench.errors import ModelError
-from workbench.plants.tail import ADDED_MASS_PARTS
-from workbench.ports import TAIL_STATE
-from workbench.scenario import scenario_from_dict
-from workbench.station import make_car_station
-from workbench.truth import BODY_TRUTH, TAIL_TRUTH
 
 RHO, CN, AREA, ROOT, LENGTH = 1.225, 2.0, 0.12, 0.3, 0.6
 LARGE = {"length": ROOT + LENGTH, "mass": 0.15, "sail_mass_fraction": 0.6, "hub_mass": 0.05} | {
@@ -102,7 +102,7 @@ def test_half_cylinder_is_hollow_towards_the_left_as_it_is_drawn(wind, coefficie
 
 def test_published_table_takes_the_place_of_the_constant():
     # Table 11.7 and eqs. 4.29-4.31: C_N is read at the relative speed, here a cross wind on the whole sail.
-    from workbench.aero.coefficient_files import load_coefficients
+    from aerodima.workbench.aero.coefficient_files import load_coefficients
 
     car = stand({"coefficients": "robot_tail_weighted_average"}, wind={"mean_y": 7.0})
     coefficient = load_coefficients("robot_tail_weighted_average").law().coefficient(7.0)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.summary import published_for, summarise, summary_row, tail_mode_of, write_summary
 from tests.workbench.made_up_runs import made_up_run, times
 from tests.workbench.made_up_summaries import made_up_summary
-from workbench.errors import UserError
-from workbench.summary import published_for, summarise, summary_row, tail_mode_of, write_summary
 
 
 def test_swing_times_come_from_the_state_of_the_controller() -> None:

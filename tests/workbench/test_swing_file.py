@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from workbench.errors import SwingFileError
-from workbench.resources import model_path
-from workbench.swing_file import car_mismatches, gains_at, read_swing, swing_at, swing_from_dict, write_swing
+from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.swing_file import car_mismatches, gains_at, read_swing, swing_at, swing_from_dict, write_swing
 
 THESIS = "swings/thesis_8_rad_per_s.yaml"
 

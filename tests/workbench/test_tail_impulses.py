@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics import tail_impulses
+from aerodima.workbench.tail_impulses import tail_yaw_impulses
 from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, made_up_run, times
-from workbench.errors import LogError
-from workbench.logs.schema import RunLog
-from workbench.metrics import tail_impulses
-from workbench.tail_impulses import tail_yaw_impulses
 
 LENGTH, HEIGHT = 0.6, 0.24
 """Of the arm and of its axis above the ground, m."""

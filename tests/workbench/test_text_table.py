@@ -1,6 +1,6 @@
 """Tables of the terminal."""
 
-from workbench.text_table import shown_value, text_table
+from aerodima.workbench.text_table import shown_value, text_table
 
 
 def test_rounding_of_a_zero_is_a_zero_and_an_empty_text_is_none() -> None:

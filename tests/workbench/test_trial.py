@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
-from workbench.errors import UserError
-from workbench.run import run_scenario
-from workbench.scenario import load_scenario
-from workbench.summary import summarise
-from workbench.tail_impulses import FLIP_TILT
-from workbench.trial import STOPPED, run_trial
+from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.run import run_scenario
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.summary import summarise
+from aerodima.workbench.tail_impulses import FLIP_TILT
+from aerodima.workbench.trial import STOPPED, run_trial
 
 SHORT = ["manoeuvre.speed_ramp=0.8", "manoeuvre.turn_start=1.0", "manoeuvre.duration=2.1"]
 """Turn after 1 s instead of 2 s: the run of a test costs half."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from workbench.logs.columns import WHEELS
-from workbench.scenario import load_scenario
-from workbench.trial import run_trial
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.trial import run_trial
 
 STEP = 0.002
 G = 9.81

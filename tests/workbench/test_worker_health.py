@@ -14,8 +14,16 @@ from pathlib import Path
 import dask
 import pytest
 
-from workbench.batch import WORKER_RECORD, Engine, SerialEngine, dask_engine, open_engine, worker, worker_record
-from workbench.errors import UserError
+from aerodima.workbench.batch import (
+    WORKER_RECORD,
+    Engine,
+    SerialEngine,
+    dask_engine,
+    open_engine,
+    worker,
+    worker_record,
+)
+from aerodima.workbench.errors import UserError
 
 MEGABYTE = 1_000_000
 LIMIT = 400 * MEGABYTE

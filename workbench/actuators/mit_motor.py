@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from workbench.actuators.ak70 import mit_torque, torque_speed_limits
-from workbench.parameters import TailMotorParameters
-from workbench.ports import TAIL_COMMAND
+from aerodima.workbench.actuators.ak70 import mit_torque, torque_speed_limits
+from aerodima.workbench.parameters import TailMotorParameters
+from aerodima.workbench.ports import TAIL_COMMAND
 
 
 class MitMotor(LeafSystem):

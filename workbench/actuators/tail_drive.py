@@ -4,11 +4,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, System
 
-from workbench.actuators.ak70 import TailMotors
-from workbench.actuators.friction import smooth_friction
-from workbench.plants.tail import arm_inertia
-from workbench.scenario import Scenario
-from workbench.wiring import select
+from aerodima.workbench.actuators.ak70 import TailMotors
+from aerodima.workbench.actuators.friction import smooth_friction
+from aerodima.workbench.plants.tail import arm_inertia
+from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.wiring import select
 
 
 def add_tail_drive(

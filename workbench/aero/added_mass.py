@@ -45,10 +45,10 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from workbench.aero.sections import SectionLayout
-from workbench.aero.slide_keeper import SlideKeeper
-from workbench.aero.tail_force import connect_spatial_forces
-from workbench.errors import ModelError
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.slide_keeper import SlideKeeper
+from aerodima.workbench.aero.tail_force import connect_spatial_forces
+from aerodima.workbench.errors import ModelError
 
 _CONTINUOUS_RATE = 100.0
 _RATE_TIMES_STEP = 0.2

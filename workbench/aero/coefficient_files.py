@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from workbench.aero.coefficients import (
+from aerodima.workbench.aero.coefficients import (
     LEAST_DRAG,
     PolynomialSurface,
     RegularTable,
@@ -24,10 +24,10 @@ from workbench.aero.coefficients import (
     require_finite,
     require_increasing,
 )
-from workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.errors import ModelError
-from workbench.resources import models_dir
+from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.resources import models_dir
 
 SCHEMA = "aerodima/coefficients/1"
 _COMMON = {"schema", "name", "law", "kind", "source", "range", "quasi_steady_limit_m_per_s"}

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from workbench.aero.coefficient_files import CoefficientSet
-from workbench.aero.coefficients import PolynomialSurface
-from workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+from aerodima.workbench.aero.coefficient_files import CoefficientSet
+from aerodima.workbench.aero.coefficients import PolynomialSurface
+from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
 
 _COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 _LABELS = {"cd": "drag coefficient $C_D$", "cl": "lift coefficient $C_L$"}

@@ -14,8 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from workbench.aero.laws import Scalar, float_of
-from workbench.errors import ModelError
+from aerodima.workbench.aero.laws import Scalar, float_of
+from aerodima.workbench.errors import ModelError
 
 LEAST_DRAG = -0.05
 """Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published C_D is -0.012."""

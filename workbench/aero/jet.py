@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from pydrake.multibody.tree import BodyIndex, JointIndex
 
-from workbench.aero.sections import SectionLayout
-from workbench.errors import ModelError
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.errors import ModelError
 
 _SAMPLES_PER_JOINT = 181
 

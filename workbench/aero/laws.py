@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from pydrake.math import arctan2
 
-from workbench.errors import ModelError
+from aerodima.workbench.errors import ModelError
 
 Scalar = Any  # float or AutoDiffXd
 Vector = Sequence[Any]

@@ -10,9 +10,9 @@ from typing import Any
 
 from pydrake.math import arctan2
 
-from workbench.aero.coefficients import LEAST_DRAG, RegularTable
-from workbench.aero.laws import STILL, Scalar, Vector, dot
-from workbench.errors import ModelError
+from aerodima.workbench.aero.coefficients import LEAST_DRAG, RegularTable
+from aerodima.workbench.aero.laws import STILL, Scalar, Vector, dot
+from aerodima.workbench.errors import ModelError
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
 _LIFT_END = math.radians(10.0)

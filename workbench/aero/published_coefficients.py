@@ -1,7 +1,7 @@
 """Derives the embedded coefficient sets from the published tables; `models/coefficients/` holds what it writes.
 
 Weights follow thesis eqs. 4.29-4.31: w_i proportional to 1 / resnorm_i.
-`python -m workbench.aero.published_coefficients` writes the files again; a test keeps files and tables equal.
+`python -m aerodima.workbench.aero.published_coefficients` writes the files again; a test keeps files and tables equal.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from workbench.resources import model_path, models_dir
+from aerodima.workbench.resources import model_path, models_dir
 
 SCHEMA = "aerodima/coefficients/1"
 CHEETAH_LIMIT = 10.0

@@ -39,11 +39,11 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, RigidBody, SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
-from workbench.aero.sections import Air, SectionLayout
-from workbench.aero.tail_force import add_to_builder as add_tail_force
-from workbench.errors import ModelError
-from workbench.parameters import SHELL_DEPTH
+from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
+from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.parameters import SHELL_DEPTH
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.errors import ModelError
-from workbench.resources import model_path
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.resources import model_path
 
 
 @dataclass(frozen=True)

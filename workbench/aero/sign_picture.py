@@ -1,6 +1,6 @@
 """Draws `signs.png`, the sign picture of README.md, with forces that the laws themselves return.
 
-`python -m workbench.aero.sign_picture` writes it again.
+`python -m aerodima.workbench.aero.sign_picture` writes it again.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from workbench.aero.laws import NormalForceLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout
 
 PICTURE = Path(__file__).with_name("signs.png")
 _TAIL: dict[str, Any] = {"color": "0.25", "linewidth": 6.0, "solid_capstyle": "round"}

@@ -10,8 +10,8 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import InputPortIndex
 
-from workbench.aero.laws import dot
-from workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
+from aerodima.workbench.aero.laws import dot
+from aerodima.workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
 
 
 @system_template("SlideKeeper_")

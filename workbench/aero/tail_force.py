@@ -20,11 +20,11 @@ from pydrake.systems.framework import (
     System,
 )
 
-from workbench.aero.jet import Jet
-from workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, dot, float_of, length
-from workbench.aero.sections import Air, SectionLayout
-from workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
-from workbench.errors import ModelError
+from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, dot, float_of, length
+from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
+from aerodima.workbench.errors import ModelError
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0

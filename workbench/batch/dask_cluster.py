@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
-from workbench.errors import UserError
+from aerodima.workbench.errors import UserError
 
 if TYPE_CHECKING:
     from distributed import Client

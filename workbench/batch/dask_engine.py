@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
-from workbench.batch.worker import Worker, do_piece, get_ready
-from workbench.batch.worker_record import Standstill, WorkerRecord
-from workbench.errors import UserError
+from aerodima.workbench.batch.worker import Worker, do_piece, get_ready
+from aerodima.workbench.batch.worker_record import Standstill, WorkerRecord
+from aerodima.workbench.errors import UserError
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -8,8 +8,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from workbench.batch.worker_record import Say, Standstill, WorkerRecord
-from workbench.errors import UserError
+from aerodima.workbench.batch.worker_record import Say, Standstill, WorkerRecord
+from aerodima.workbench.errors import UserError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -113,8 +113,8 @@ def open_engine(
     Raises:
         UserError: wrong number of workers; no scheduler at that address, or one without workers.
     """
-    from workbench.batch.dask_cluster import local_cluster, quiet_logs, remote_cluster
-    from workbench.batch.dask_engine import DaskEngine
+    from aerodima.workbench.batch.dask_cluster import local_cluster, quiet_logs, remote_cluster
+    from aerodima.workbench.batch.dask_engine import DaskEngine
 
     if scheduler is None:
         check_workers(workers)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import COEFFICIENTS
+from aerodima.workbench.help_sections import COEFFICIENTS
 
 
 def register(app: typer.Typer) -> None:
@@ -25,7 +25,7 @@ def _group() -> None:
 
 def list_sets() -> None:
     """List the embedded sets with their measured range and source."""
-    from workbench.aero.coefficient_files import embedded_sets, load_coefficients
+    from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 
     for name in embedded_sets():
         coefficients = load_coefficients(name)
@@ -47,10 +47,10 @@ def plot(
 
     Example: aerodima coefficients plot cheetah_tail_1_major --out tail_1.png
     """
-    from workbench.aero.coefficient_files import load_coefficients
-    from workbench.aero.coefficient_plots import plot_coefficients
-    from workbench.atomic_write import write_atomically
-    from workbench.errors import ModelError
+    from aerodima.workbench.aero.coefficient_files import load_coefficients
+    from aerodima.workbench.aero.coefficient_plots import plot_coefficients
+    from aerodima.workbench.atomic_write import write_atomically
+    from aerodima.workbench.errors import ModelError
 
     coefficients = load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")

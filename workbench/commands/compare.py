@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import RUNS
+from aerodima.workbench.help_sections import RUNS
 
 
 def register(app: typer.Typer) -> None:
@@ -24,17 +24,17 @@ def compare(
 
     Example: aerodima compare none.parquet swing.parquet --html compare.html
     """
-    from workbench.atomic_write import refuse_existing, write_atomically
-    from workbench.errors import LogError, UserError
-    from workbench.logs.schema import read_run_log
-    from workbench.text_table import shown_value, text_table
+    from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+    from aerodima.workbench.errors import LogError, UserError
+    from aerodima.workbench.logs.schema import read_run_log
+    from aerodima.workbench.text_table import shown_value, text_table
 
     names = _names(runs)
     if html is not None:
         refuse_existing(html, force, UserError)
     run_logs = [read_run_log(path) for path in runs]
-    from workbench.metrics import jolt_line, metrics_of
-    from workbench.report.comparison_page import (
+    from aerodima.workbench.metrics import jolt_line, metrics_of
+    from aerodima.workbench.report.comparison_page import (
         MOST_RUNS,
         comparison_page,
         different_cars,
@@ -66,7 +66,7 @@ def _write(path: Path, text: str) -> None:
 
 def _names(runs: list[Path]) -> list[str]:
     """File names without ending; whole paths where these are not enough."""
-    from workbench.errors import LogError
+    from aerodima.workbench.errors import LogError
 
     if len(set(runs)) < len(runs):
         twice = next(path for path in runs if runs.count(path) > 1)

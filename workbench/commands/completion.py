@@ -27,6 +27,6 @@ def complete_swing(incomplete: str) -> list[str]:
 
 
 def _names(folder: str, incomplete: str) -> list[str]:
-    from workbench.resources import models_dir
+    from aerodima.workbench.resources import models_dir
 
     return sorted(path.stem for path in (models_dir() / folder).glob(f"{incomplete}*.yaml"))

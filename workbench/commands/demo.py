@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import RUNS
+from aerodima.workbench.help_sections import RUNS
 
 
 def register(app: typer.Typer) -> None:
@@ -27,7 +27,7 @@ def demo(
     """
     import time
 
-    from workbench.demo import DemoPlan, make_demo, terminal
+    from aerodima.workbench.demo import DemoPlan, make_demo, terminal
 
     start = time.monotonic()
     report = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, say=terminal())

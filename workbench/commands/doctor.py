@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from workbench.help_sections import CHECKS
+from aerodima.workbench.help_sections import CHECKS
 
 
 def register(app: typer.Typer) -> None:
@@ -14,8 +14,8 @@ def register(app: typer.Typer) -> None:
 
 def doctor() -> None:
     """Check Python, Drake, solvers, extras, browser, CAN, serial ports and disk; says how to get what is missing."""
-    from workbench.doctor import examine
-    from workbench.errors import UserError
+    from aerodima.workbench.doctor import examine
+    from aerodima.workbench.errors import UserError
 
     findings = examine()
     for finding in findings:

@@ -33,11 +33,11 @@ def import_(
 
     Example: aerodima log import swing.csv --mapping rig.yaml --out swing.parquet
     """
-    from workbench.atomic_write import refuse_existing
-    from workbench.errors import LogError
-    from workbench.logs.importers import import_log
-    from workbench.logs.mapping import load_mapping
-    from workbench.logs.schema import write_run_log
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.errors import LogError
+    from aerodima.workbench.logs.importers import import_log
+    from aerodima.workbench.logs.mapping import load_mapping
+    from aerodima.workbench.logs.schema import write_run_log
 
     refuse_existing(out, force, LogError)
     imported = import_log(files, None if mapping is None else load_mapping(mapping))
@@ -58,9 +58,9 @@ def export(
     force: ForceOption = False,
 ) -> None:
     """Write a run log for other programs. `aerodima log import` reads it back bit for bit."""
-    from workbench.errors import LogError
-    from workbench.logs.exporters import FORMATS, export_log
-    from workbench.logs.schema import read_run_log
+    from aerodima.workbench.errors import LogError
+    from aerodima.workbench.logs.exporters import FORMATS, export_log
+    from aerodima.workbench.logs.schema import read_run_log
 
     form = next((known for known in FORMATS if known == to), None)
     if form is None:
@@ -80,10 +80,10 @@ def condition(
 
     Example: aerodima log condition swing.parquet --recipe swing_recipe.yaml --out ready.parquet --plot ready.png
     """
-    from workbench.atomic_write import refuse_existing
-    from workbench.errors import LogError
-    from workbench.logs.recipe import apply_recipe, load_recipe
-    from workbench.logs.schema import read_run_log, write_run_log
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.errors import LogError
+    from aerodima.workbench.logs.recipe import apply_recipe, load_recipe
+    from aerodima.workbench.logs.schema import read_run_log, write_run_log
 
     if out.resolve() == log.resolve():
         raise LogError(f"--out {out}: is the log that is read; raw logs are kept")
@@ -94,7 +94,7 @@ def condition(
     result = apply_recipe(before, load_recipe(recipe))
     write_run_log(result.run_log, out, force)
     if plot is not None:
-        from workbench.logs.conditioning_plot import plot_conditioning, save_plot
+        from aerodima.workbench.logs.conditioning_plot import plot_conditioning, save_plot
 
         save_plot(plot_conditioning(before, result.run_log, result.rest), plot, force)
     typer.echo(f"{out}: {len(result.run_log.table)} rows, {len(result.run_log.table.columns)} columns")

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from workbench.commands import importing
-from workbench.help_sections import RUNS
+from aerodima.workbench.commands import importing
+from aerodima.workbench.help_sections import RUNS
 
 
 def register(app: typer.Typer) -> None:
@@ -32,9 +32,9 @@ def metrics(
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing output.")] = False,
 ) -> None:
     """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and filtered."""
-    from workbench.atomic_write import refuse_existing, write_atomically
-    from workbench.errors import LogError
-    from workbench.logs.schema import read_run_log
+    from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+    from aerodima.workbench.errors import LogError
+    from aerodima.workbench.logs.schema import read_run_log
 
     run_logs = {}
     for path in runs:
@@ -45,7 +45,7 @@ def metrics(
         refuse_existing(csv, force, LogError)
     import pandas as pd
 
-    from workbench.metrics import jolt_line, metrics_of
+    from aerodima.workbench.metrics import jolt_line, metrics_of
 
     found = {name: metrics_of(run_log) for name, run_log in run_logs.items()}
     rows = {name: metrics.as_row() for name, metrics in found.items()}
@@ -62,8 +62,8 @@ def metrics(
 
 def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """The table: what is of the run as a whole, then the eight metrics raw, then filtered."""
-    from workbench.published import FILTERED, SIGNALS
-    from workbench.text_table import shown_value, text_table
+    from aerodima.workbench.published import FILTERED, SIGNALS
+    from aerodima.workbench.text_table import shown_value, text_table
 
     known = all(row["signals"] == "truth" for row in rows.values())
     raw_signals = SIGNALS["simulated"] if known else "as the sensors reported them, where `signals` is sensors"
@@ -94,7 +94,7 @@ def recover(
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")] = False,
 ) -> None:
     """Make a log of what a cut-off run left behind."""
-    from workbench.logs.journal import recover as recover_journal
+    from aerodima.workbench.logs.journal import recover as recover_journal
 
     recovery = recover_journal(journal, out, force=force)
     state = "none was lost" if recovery.complete else "the last ones were lost with the process"

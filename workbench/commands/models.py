@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import CHECKS
+from aerodima.workbench.help_sections import CHECKS
 
 
 def register(app: typer.Typer) -> None:
@@ -29,8 +29,8 @@ def check(
     ] = False,
 ) -> None:
     """Check that models load, are physical, hide nothing, name their sources and equal the parameters."""
-    from workbench.errors import ModelError
-    from workbench.model_check import check_model_file, check_shipped_models, update_model_files
+    from aerodima.workbench.errors import ModelError
+    from aerodima.workbench.model_check import check_model_file, check_shipped_models, update_model_files
 
     if update:
         for path in update_model_files():

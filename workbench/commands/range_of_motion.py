@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import CHECKS
+from aerodima.workbench.help_sections import CHECKS
 
 
 def register(app: typer.Typer) -> None:
@@ -36,12 +36,12 @@ def range_of_motion(
     """
     from math import degrees
 
-    from workbench.atomic_write import refuse_existing, write_atomically
-    from workbench.errors import UserError
-    from workbench.plots.range_of_motion import plot_range_of_motion
-    from workbench.plots.style import png
-    from workbench.range_of_motion import PARTS, make_range_of_motion, write_range_of_motion
-    from workbench.scenario import load_scenario
+    from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.plots.range_of_motion import plot_range_of_motion
+    from aerodima.workbench.plots.style import png
+    from aerodima.workbench.range_of_motion import PARTS, make_range_of_motion, write_range_of_motion
+    from aerodima.workbench.scenario import load_scenario
 
     picture = out.with_suffix(".png")
     if picture == out:

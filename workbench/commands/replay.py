@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from workbench.help_sections import RUNS
+from aerodima.workbench.help_sections import RUNS
 
 if TYPE_CHECKING:
-    from workbench.logs.schema import RunLog
+    from aerodima.workbench.logs.schema import RunLog
 
 
 def register(app: typer.Typer) -> None:
@@ -31,9 +31,9 @@ def replay(
 
     Example: aerodima replay run.parquet --html run.html --strip run.png
     """
-    from workbench.atomic_write import refuse_existing
-    from workbench.errors import UserError
-    from workbench.logs.schema import read_run_log
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.logs.schema import read_run_log
 
     if strip is not None and strip.suffix.lower() != ".png":
         raise UserError(f"--strip {strip}: ending {strip.suffix!r}; allowed: .png")
@@ -41,15 +41,15 @@ def replay(
         if path is not None:
             refuse_existing(path, force, UserError)
     run_log = read_run_log(run)
-    from workbench.replay.reckoned_motion import replayable  # imports Drake
+    from aerodima.workbench.replay.reckoned_motion import replayable  # imports Drake
 
     run_log = replayable(run_log)
     if html is not None:
-        from workbench.replay.page import write_replay_html
+        from aerodima.workbench.replay.page import write_replay_html
 
         typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
     if strip is not None:
-        from workbench.replay.strip import write_strip
+        from aerodima.workbench.replay.strip import write_strip
 
         typer.echo(f"strip: {write_strip(run_log, strip, force=force)}")
     if port is not None or (html is None and strip is None):
@@ -58,9 +58,9 @@ def replay(
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:
     """Plays the run in Meshcat until Ctrl-C."""
-    from workbench.replay.caption import caption_of
-    from workbench.replay.recording import record_run
-    from workbench.replay.viewer import open_meshcat
+    from aerodima.workbench.replay.caption import caption_of
+    from aerodima.workbench.replay.recording import record_run
+    from aerodima.workbench.replay.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
     record_run(run_log, meshcat, rate)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import COEFFICIENTS
+from aerodima.workbench.help_sections import COEFFICIENTS
 
 Tail = Annotated[int | None, typer.Option(help="Cheetah tail: 1, 2 or 3.")]
 Axis = Annotated[str | None, typer.Option(help="major or minor: the width that faces the wind.")]
@@ -144,9 +144,9 @@ def campaign(
     import sys
     import time
 
-    from workbench.errors import UserError
-    from workbench.rig_campaign import campaign_tasks, load_campaign
-    from workbench.rig_campaign_run import run_campaign
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.rig_campaign import campaign_tasks, load_campaign
+    from aerodima.workbench.rig_campaign_run import run_campaign
 
     start = time.monotonic()
     tasks = campaign_tasks(load_campaign(name), seed, repeats, settings)
@@ -186,12 +186,12 @@ def _run(
     live: bool,
     force: bool,
 ) -> None:
-    from workbench.atomic_write import refuse_existing
-    from workbench.commands.runs import show_progress
-    from workbench.errors import LogError, UserError
-    from workbench.replay import open_meshcat
-    from workbench.rig_run import run_rig
-    from workbench.rig_scenario import load_rig_scenario
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.commands.runs import show_progress
+    from aerodima.workbench.errors import LogError, UserError
+    from aerodima.workbench.replay import open_meshcat
+    from aerodima.workbench.rig_run import run_rig
+    from aerodima.workbench.rig_scenario import load_rig_scenario
 
     refuse_existing(out, force, LogError)
     seeded = [] if seed is None else [f"seed={seed}"]
@@ -212,7 +212,7 @@ def _run(
     typer.echo(f"log: {out}")
 
 
-def summary_lines(log) -> list[str]:  # type: ignore[no-untyped-def]  # workbench.logs.schema.RunLog
+def summary_lines(log) -> list[str]:  # type: ignore[no-untyped-def]  # aerodima.workbench.logs.schema.RunLog
     """What an experiment came to, for the terminal."""
     from math import degrees
 

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from workbench.commands.completion import complete_scenario, complete_swing, completer
-from workbench.help_sections import RUNS
+from aerodima.workbench.commands.completion import complete_scenario, complete_swing, completer
+from aerodima.workbench.help_sections import RUNS
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from workbench.controllers.tail_law import TailLaw
-    from workbench.logs.schema import RunLog
-    from workbench.run import Progress
-    from workbench.scenario import Scenario
+    from aerodima.workbench.controllers.tail_law import TailLaw
+    from aerodima.workbench.logs.schema import RunLog
+    from aerodima.workbench.run import Progress
+    from aerodima.workbench.scenario import Scenario
 
 Speed = Annotated[float | None, typer.Option(help="Commanded speed, m/s.")]
 Tail = Annotated[
@@ -94,11 +94,11 @@ def turn(
         "--direction": ("manoeuvre.direction", direction),
     }
     if law is not None and swing is not None:
-        from workbench.errors import UserError
+        from aerodima.workbench.errors import UserError
 
         raise UserError("--law: allowed without --swing; each says what the tail does")
     if swing is None and (tracking is not None or other_car):
-        from workbench.errors import UserError
+        from aerodima.workbench.errors import UserError
 
         raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
     _run(scenario, flags, settings, log, replay, live, port, force, other_car, law)
@@ -157,9 +157,9 @@ def _run(
     law: str | None = None,
 ) -> None:
     # What can be wrong is looked at before Drake is imported, which takes seconds.
-    from workbench.atomic_write import make_folder, refuse_existing
-    from workbench.errors import LogError, UserError
-    from workbench.scenario import load_scenario
+    from aerodima.workbench.atomic_write import make_folder, refuse_existing
+    from aerodima.workbench.errors import LogError, UserError
+    from aerodima.workbench.scenario import load_scenario
 
     if port is not None and not live:
         raise UserError("--port: it names the port of the live view; allowed together with --live")
@@ -172,7 +172,7 @@ def _run(
     _refuse_cut_off_turn(scenario)
     tail_law = None if law is None else _own_law(law, scenario)
     if tail_law is None and not other_car:
-        from workbench.controllers.law_of_scenario import refuse_other_car
+        from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 
         refuse_other_car(scenario)
     if log is not None:
@@ -182,8 +182,8 @@ def _run(
             raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")
         refuse_existing(replay, force, UserError)
         make_folder(replay.parent, UserError)
-    from workbench.logs.journal import journal_path
-    from workbench.run import run_scenario
+    from aerodima.workbench.logs.journal import journal_path
+    from aerodima.workbench.run import run_scenario
 
     meshcat = _live_view(port) if live else None
     with tempfile.TemporaryDirectory() as folder:
@@ -209,7 +209,7 @@ def _run(
     if log is not None:
         typer.echo(f"log: {log}{new_folder}")
     if replay is not None:
-        from workbench.replay.page import write_replay_html
+        from aerodima.workbench.replay.page import write_replay_html
 
         write_replay_html(run_log, replay, force=force)
         typer.echo(f"replay: {replay}")
@@ -220,8 +220,8 @@ def _words_of(settings: list[str] | None) -> list[str]:
 
 
 def _own_law(place: str, scenario: Scenario) -> TailLaw:
-    from workbench.controllers.law_file import load_law
-    from workbench.errors import UserError
+    from aerodima.workbench.controllers.law_file import load_law
+    from aerodima.workbench.errors import UserError
 
     if scenario.tail.mode == "none":
         raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or --tail swing")
@@ -229,7 +229,7 @@ def _own_law(place: str, scenario: Scenario) -> TailLaw:
 
 
 def _live_view(port: int | None) -> Meshcat:
-    from workbench.replay.viewer import open_meshcat
+    from aerodima.workbench.replay.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
     typer.echo(f"watch: {meshcat.web_url()}", err=True)
@@ -238,7 +238,7 @@ def _live_view(port: int | None) -> Meshcat:
 
 def _refuse_cut_off_turn(scenario: Scenario) -> None:
     """A run that ends before its turn does has no metrics to print."""
-    from workbench.errors import UserError
+    from aerodima.workbench.errors import UserError
 
     manoeuvre = scenario.manoeuvre
     end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
@@ -262,8 +262,8 @@ def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal."""
     from math import degrees
 
-    from workbench.metrics import jolt_line, metrics_of
-    from workbench.turn_signals import turn_signals
+    from aerodima.workbench.metrics import jolt_line, metrics_of
+    from aerodima.workbench.turn_signals import turn_signals
 
     metrics = metrics_of(run_log)
     outcome, raw = metrics.outcome, metrics.raw

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.help_sections import CHECKS
+from aerodima.workbench.help_sections import CHECKS
 
 ScenarioArgument = Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")]
 Settings = Annotated[
@@ -33,10 +33,10 @@ def diagram(
     import shutil
     import subprocess
 
-    from workbench.atomic_write import write_atomically
-    from workbench.errors import UserError
-    from workbench.run import assemble
-    from workbench.scenario import load_scenario
+    from aerodima.workbench.atomic_write import write_atomically
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.run import assemble
+    from aerodima.workbench.scenario import load_scenario
 
     kinds = (".svg", ".png", ".pdf", ".dot")
     if out.suffix not in kinds:
@@ -69,10 +69,10 @@ def export(
     """Write a resolved scenario, with every number and its swing in it, as one JSON bundle that needs no other file."""
     import json
 
-    from workbench.atomic_write import write_atomically
-    from workbench.bundle import make_bundle
-    from workbench.errors import UserError
-    from workbench.scenario import load_scenario
+    from aerodima.workbench.atomic_write import write_atomically
+    from aerodima.workbench.bundle import make_bundle
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.scenario import load_scenario
 
     text = json.dumps(make_bundle(load_scenario(scenario, settings)), indent=2) + "\n"
     if out is None:

@@ -2,7 +2,7 @@
 
 import math
 
-from workbench.errors import UserError
+from aerodima.workbench.errors import UserError
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str, *, above_low: bool = False) -> None:

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from workbench.controllers.tail_law import TailLaw
-from workbench.errors import UserError
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.errors import UserError
 
 _MEMBERS = ("rate", "memory_size", "start", "step")
 

@@ -8,8 +8,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from workbench.controllers.checks import check_range
-from workbench.errors import UserError
+from aerodima.workbench.controllers.checks import check_range
+from aerodima.workbench.errors import UserError
 
 TICK_TOLERANCE = 1e-9
 """s; a tick that falls on an instant of the schedule up to rounding counts as having reached it."""

@@ -4,9 +4,9 @@ from typing import Any
 
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from workbench.discrete_vector import DiscreteVector
-from workbench.ports import TAIL_COMMAND
-from workbench.rig_scenario import RigScenario
+from aerodima.workbench.discrete_vector import DiscreteVector
+from aerodima.workbench.ports import TAIL_COMMAND
+from aerodima.workbench.rig_scenario import RigScenario
 
 
 class CurrentController(LeafSystem):

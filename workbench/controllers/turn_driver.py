@@ -4,17 +4,17 @@ import math
 
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from workbench.controllers.checks import check_range
-from workbench.controllers.manoeuvre import DriverInput, Schedule
-from workbench.discrete_vector import DiscreteVector
-from workbench.event_order import Stage, declare_ticks, nominal_time, stage_before
+from aerodima.workbench.controllers.checks import check_range
+from aerodima.workbench.controllers.manoeuvre import DriverInput, Schedule
+from aerodima.workbench.discrete_vector import DiscreteVector
+from aerodima.workbench.event_order import Stage, declare_ticks, nominal_time, stage_before
 
 
 class TurnDriver(LeafSystem):
     """Steering, throttle and announced turn of a schedule, sampled at a fixed rate and held in between.
 
-    Drives every manoeuvre of `workbench.controllers.manoeuvre`: the simulated turn, the car's AUTO sequence, straight
-    line and slalom. Open loop: it looks at nothing but the time.
+    Drives every manoeuvre of `aerodima.workbench.controllers.manoeuvre`: the simulated turn, the car's AUTO sequence,
+    straight line and slalom. Open loop: it looks at nothing but the time.
 
     Output ports:
         steering_angle (1): rad, positive to the left.
@@ -24,7 +24,7 @@ class TurnDriver(LeafSystem):
     Args:
         schedule: from `make_schedule(scenario)`.
         rate: Hz.
-        stage: of its ticks, where it drives a simulated car (`workbench.event_order`).
+        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.event_order`).
 
     Raises:
         UserError: rate out of range.

@@ -8,7 +8,7 @@ origin on the ground under the rear axle; W is the world, z up. Tail roll is 0 u
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from workbench.ports import STATUS_SOURCES
+from aerodima.workbench.ports import STATUS_SOURCES
 
 AXLES = ("front", "rear")
 SIDES = ("left", "right")

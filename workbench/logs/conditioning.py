@@ -1,7 +1,7 @@
 """Making a log fit for identification: pure functions, a run log in, a new run log and notes about it out.
 
-`workbench.logs.recipe` puts them in the order that a YAML file states. Each works on the columns it is given and leaves
-the others as they are.
+`aerodima.workbench.logs.recipe` puts them in the order that a YAML file states. Each works on the columns it is given
+and leaves the others as they are.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,9 +11,9 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from workbench.errors import LogError
-from workbench.logs.columns import TIME, rig_columns
-from workbench.logs.resting import (
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import TIME, rig_columns
+from aerodima.workbench.logs.resting import (
     LEAST_REST_SAMPLES,
     REST,
     BoolArray,
@@ -23,9 +23,9 @@ from workbench.logs.resting import (
     stated_rest,
     stretches,
 )
-from workbench.logs.schema import RunLog
-from workbench.resources import model_path
-from workbench.signals import (
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.signals import (
     GAP_FACTOR,
     LowPass,
     check_gaps,

@@ -8,13 +8,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from workbench.atomic_write import write_atomically
-from workbench.errors import LogError
-from workbench.logs.columns import TIME
-from workbench.logs.conditioning import is_held
-from workbench.logs.resting import Interval
-from workbench.logs.schema import RunLog
-from workbench.signals import GAP_FACTOR
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import TIME
+from aerodima.workbench.logs.conditioning import is_held
+from aerodima.workbench.logs.resting import Interval
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.signals import GAP_FACTOR
 
 MOST_ROWS = 12
 """Signals that one picture holds."""

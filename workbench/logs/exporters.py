@@ -7,11 +7,11 @@ its metadata in a file beside it, `run.csv.json`; MCAP has them inside.
 from pathlib import Path
 from typing import Any, Literal
 
-from workbench.atomic_write import refuse_existing, write_atomically
-from workbench.errors import LogError
-from workbench.logs.columns import PLANT_POSITION_PREFIX, TIME
-from workbench.logs.foreign_files import metadata_json, sidecar
-from workbench.logs.schema import RunLog
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import PLANT_POSITION_PREFIX, TIME
+from aerodima.workbench.logs.foreign_files import metadata_json, sidecar
+from aerodima.workbench.logs.schema import RunLog
 
 Format = Literal["csv", "mcap"]
 FORMATS: tuple[Format, ...] = ("csv", "mcap")
@@ -31,7 +31,7 @@ def export_log(run_log: RunLog, path: Path | str, form: Format, force: bool = Fa
         write_atomically(path, lambda temporary: run_log.table.to_csv(temporary, index=False), force, LogError)
         write_atomically(beside, lambda temporary: _write_text(temporary, metadata), force, LogError)
         return [path, beside]
-    from workbench.logs.mcap_files import write_mcap
+    from aerodima.workbench.logs.mcap_files import write_mcap
 
     def write(temporary: Path) -> None:
         write_mcap(temporary, run_log.table, topics_of(list(run_log.table.columns)), TIME, metadata)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import detrend
 
-from workbench.errors import LogError
-from workbench.logs.columns import TIME
-from workbench.signals import GAP_FACTOR
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import TIME
+from aerodima.workbench.signals import GAP_FACTOR
 
 FloatArray = NDArray[np.float64]
 

@@ -1,6 +1,7 @@
 """Foreign logs as they stand in their files: named columns of numbers, in whatever unit and rate they were written.
 
-CSV, Parquet, MAT (v5 and v7.3) and MCAP. Nothing is converted here; `workbench.logs.importers` makes a run log of it.
+CSV, Parquet, MAT (v5 and v7.3) and MCAP. Nothing is converted here; `aerodima.workbench.logs.importers` makes a run log
+of it.
 """
 
 import json
@@ -16,10 +17,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from workbench.errors import LogError
-from workbench.logs.mapping import CsvFormat
-from workbench.logs.schema import METADATA_KEY, decode_metadata
-from workbench.quantity import nearest
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.mapping import CsvFormat
+from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
+from aerodima.workbench.quantity import nearest
 
 FloatArray = NDArray[np.float64]
 
@@ -97,11 +98,11 @@ def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignL
     if suffix == ".parquet":
         return _read_parquet(path)
     if suffix == ".mat":
-        from workbench.logs.mat_files import read_mat
+        from aerodima.workbench.logs.mat_files import read_mat
 
         return ForeignLog(str(path), *_as_series(read_mat(path)))
     if suffix == ".mcap":
-        from workbench.logs.mcap_files import read_mcap
+        from aerodima.workbench.logs.mcap_files import read_mcap
 
         contents = read_mcap(path)
         return ForeignLog(str(path), contents.columns, contents.time_of, contents.unreadable, contents.metadata)

@@ -18,10 +18,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike
 
-from workbench.atomic_write import make_folder, refuse_existing
-from workbench.errors import LogError
-from workbench.logs.columns import missing_columns
-from workbench.logs.schema import (
+from aerodima.workbench.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import missing_columns
+from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     decode_metadata,
     encode_metadata,
@@ -66,7 +66,7 @@ class JournalWriter:
     Args:
         path: name of the Parquet file to be.
         columns: names of the columns, in the order of the rows.
-        metadata: metadata object, see `workbench.logs.schema.run_metadata`.
+        metadata: metadata object, see `aerodima.workbench.logs.schema.run_metadata`.
         force: replace an existing log, and a journal that an earlier run left behind.
         rows_per_batch: rows in a record batch.
         flush_interval: age of a batch at which it goes to the operating system, s.

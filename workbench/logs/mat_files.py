@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import LogError
+from aerodima.workbench.errors import LogError
 
 Contents = tuple[dict[str, NDArray[np.float64]], dict[str, str]]
 """Column name to values; name to the reason why something is not readable."""

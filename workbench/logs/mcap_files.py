@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from workbench.errors import LogError
+from aerodima.workbench.errors import LogError
 
 METADATA_RECORD = "aerodima"
 """Name of the metadata record that carries the metadata of an exported run log, as JSON."""
@@ -118,7 +118,7 @@ def _finite_or_none(value: float) -> float | None:
 
 
 def _decode(text: str, source: str) -> dict[str, Any]:
-    from workbench.logs.schema import METADATA_KEY, decode_metadata
+    from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
 
     return decode_metadata({METADATA_KEY: text.encode()}, source)
 

@@ -13,16 +13,23 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, StrictBool, ValidationError
 
-from workbench.errors import LogError
-from workbench.logs import conditioning
-from workbench.logs.columns import RIG_KINDS
-from workbench.logs.conditioning import Conditioned
-from workbench.logs.mapping import known_columns
-from workbench.logs.resting import Interval, resting_parts
-from workbench.logs.schema import RunLog
-from workbench.logs.strict_files import Place, StrictModel, explain_strictly, read_log_yaml
-from workbench.quantity import nearest
-from workbench.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_10_HZ, RIG_FILTER_20_HZ, LowPass, check_signals
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs import conditioning
+from aerodima.workbench.logs.columns import RIG_KINDS
+from aerodima.workbench.logs.conditioning import Conditioned
+from aerodima.workbench.logs.mapping import known_columns
+from aerodima.workbench.logs.resting import Interval, resting_parts
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.strict_files import Place, StrictModel, explain_strictly, read_log_yaml
+from aerodima.workbench.quantity import nearest
+from aerodima.workbench.signals import (
+    GPS_FILTER,
+    IMU_FILTER,
+    RIG_FILTER_10_HZ,
+    RIG_FILTER_20_HZ,
+    LowPass,
+    check_signals,
+)
 
 RECIPE_SCHEMA = "aerodima/log-recipe/1"
 DESIGNS = {"rig_10_hz": RIG_FILTER_10_HZ, "rig_20_hz": RIG_FILTER_20_HZ, "imu": IMU_FILTER, "gps": GPS_FILTER}

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.logs.schema import RunLog
-from workbench.signals import GAP_FACTOR, check_time
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.signals import GAP_FACTOR, check_time
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

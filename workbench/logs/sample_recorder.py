@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort
 
-from workbench.logs.journal import JournalWriter
-from workbench.logs.recorder import recorded_columns
+from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.recorder import recorded_columns
 
 
 class SampleRecorder(LeafSystem):

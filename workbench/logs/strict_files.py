@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from workbench.errors import LogError, ScenarioError
-from workbench.parameter_files import read_yaml
-from workbench.quantity import nearest
+from aerodima.workbench.errors import LogError, ScenarioError
+from aerodima.workbench.parameter_files import read_yaml
+from aerodima.workbench.quantity import nearest
 
 Place = tuple[Any, ...]
 ModelAt = Callable[[Place], type[BaseModel] | None]

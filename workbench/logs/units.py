@@ -6,8 +6,8 @@ A table and not a unit library: a log needs some forty units, and a unit that is
 import math
 from dataclasses import dataclass
 
-from workbench.errors import LogError
-from workbench.quantity import nearest
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.quantity import nearest
 
 STANDARD_GRAVITY = 9.80665
 """What a sensor calls 1 g, m/s2 (CGPM 1901)."""

@@ -6,13 +6,13 @@ without its tail arm, and the wheel centres sit one static tyre deflection below
 
 from dataclasses import dataclass
 
-from workbench.errors import ModelError
-from workbench.logs.columns import AXLES, SIDES
-from workbench.parameters import CarParameters, DriveParameters, TailParameters
-from workbench.plants.sdf_model import Inertial, SdfModel
-from workbench.plants.tail import ground_partner_friction
-from workbench.resources import model_path
-from workbench.scenario import Scenario
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.logs.columns import AXLES, SIDES
+from aerodima.workbench.parameters import CarParameters, DriveParameters, TailParameters
+from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
+from aerodima.workbench.plants.tail import ground_partner_friction
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import Scenario
 
 CAR_SDF = "car/car.sdf"
 

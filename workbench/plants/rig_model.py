@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.aero.sections import SectionLayout
-from workbench.parameters import TailParameters
-from workbench.plants.sdf_model import SdfModel
-from workbench.plants.tail import ROD_RADIUS
-from workbench.resources import model_path
-from workbench.rig_parameters import BarParameters, CheetahTailParameters, MountParameters
-from workbench.rig_scenario import RigScenario
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.parameters import TailParameters
+from aerodima.workbench.plants.sdf_model import SdfModel
+from aerodima.workbench.plants.tail import ROD_RADIUS
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.rig_parameters import BarParameters, CheetahTailParameters, MountParameters
+from aerodima.workbench.rig_scenario import RigScenario
 
 CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"

@@ -1,8 +1,9 @@
 """The rig as the pendulum that it is, in plain floats: for fits that roll a swing out hundreds of times.
 
-J angle'' = weight + air + friction + motor, with the force law and the jet of `workbench.aero`; the six reactions
-follow from the momenta of the bodies. It is the motion of `workbench.plants.rig` to rounding (a test holds the two
-together), in a third of the time of a diagram at equal steps. `dataclasses.replace` varies friction, laws, added mass.
+J angle'' = weight + air + friction + motor, with the force law and the jet of `aerodima.workbench.aero`; the six
+reactions follow from the momenta of the bodies. It is the motion of `aerodima.workbench.plants.rig` to rounding (a test
+holds the two together), in a third of the time of a diagram at equal steps. `dataclasses.replace` varies friction,
+laws, added mass.
 """
 
 from __future__ import annotations
@@ -13,14 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.actuators.friction import FrictionLaw, smooth_friction
-from workbench.aero.jet import Jet
-from workbench.aero.laws import SectionLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout
-from workbench.errors import UserError
-from workbench.plants.rig import ADDED_MASS_PARTS, rig_jet, rig_law
-from workbench.plants.rig_model import (
+from aerodima.workbench.actuators.friction import FrictionLaw, smooth_friction
+from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, rig_jet, rig_law
+from aerodima.workbench.plants.rig_model import (
     MassProperties,
     bar_layout,
     bar_properties,
@@ -30,7 +31,7 @@ from workbench.plants.rig_model import (
     robot_tail_properties,
     tail_layout,
 )
-from workbench.rig_scenario import RigScenario
+from aerodima.workbench.rig_scenario import RigScenario
 
 MotorTorque = Callable[[float, float, float], float]
 """Time (s), angle (rad), rate (rad/s) to the motor's torque on the joint (N m), positive downstream."""

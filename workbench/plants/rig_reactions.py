@@ -8,8 +8,8 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from workbench.aero.added_mass import AddedMass
-from workbench.aero.system_template import declare_spatial_forces
+from aerodima.workbench.aero.added_mass import AddedMass
+from aerodima.workbench.aero.system_template import declare_spatial_forces
 
 
 class SupportWrench(LeafSystem):

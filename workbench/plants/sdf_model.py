@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from workbench.errors import ModelError
+from aerodima.workbench.errors import ModelError
 
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 ElementTree.register_namespace("drake", DRAKE_NAMESPACE)

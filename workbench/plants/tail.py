@@ -8,10 +8,10 @@ welded there, since its angle follows from the wind at every instant (`TailForce
 import math
 from dataclasses import dataclass
 
-from workbench.aero.sections import SectionLayout
-from workbench.parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
-from workbench.plants.sdf_model import Inertial, SdfModel
-from workbench.resources import model_path
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
+from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
+from aerodima.workbench.resources import model_path
 
 TAIL_SDF = "tail/tail.sdf"
 ROD_RADIUS = 0.006

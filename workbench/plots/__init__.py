@@ -5,9 +5,9 @@ Each function returns a `matplotlib.figure.Figure` that no window owns: it needs
 told apart by colour-blind readers, and markers, line styles and hatches say the same without colour.
 """
 
-from workbench.plots.comparison import plot_comparison, plot_metrics, plot_outcomes, plot_triggers
-from workbench.plots.runs import plot_turn
-from workbench.plots.tail import plot_impulses, plot_moments
+from aerodima.workbench.plots.comparison import plot_comparison, plot_metrics, plot_outcomes, plot_triggers
+from aerodima.workbench.plots.runs import plot_turn
+from aerodima.workbench.plots.tail import plot_impulses, plot_moments
 
 __all__ = [
     "plot_comparison",

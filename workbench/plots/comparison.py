@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from workbench.logs.schema import RunLog
-from workbench.metrics import published_figures
-from workbench.plots.style import (
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics import published_figures
+from aerodima.workbench.plots.style import (
     BLACK,
     FLIPPED_MARKER,
     GREEN,
@@ -22,9 +22,9 @@ from workbench.plots.style import (
     shade_turn,
     styled,
 )
-from workbench.published import Platform, PublishedFigures
-from workbench.summary import RunSummary, summarise
-from workbench.turn_signals import turn_window
+from aerodima.workbench.published import Platform, PublishedFigures
+from aerodima.workbench.summary import RunSummary, summarise
+from aerodima.workbench.turn_signals import turn_window
 
 _METRIC_LABELS = {
     "max_yaw_rate_rad_per_s": "largest yaw rate [rad/s]",

@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from workbench.logs.schema import RunLog
-from workbench.plots.style import BLACK, BLUE, GREEN, PURPLE, VERMILION, new_figure, shade_turn, styled
-from workbench.signals import IMU_FILTER, low_pass
-from workbench.turn_signals import turn_window
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.plots.style import BLACK, BLUE, GREEN, PURPLE, VERMILION, new_figure, shade_turn, styled
+from aerodima.workbench.signals import IMU_FILTER, low_pass
+from aerodima.workbench.turn_signals import turn_window
 
 RUN_STYLES: tuple[tuple[str, Any], ...] = (
     (BLACK, "-"),

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from workbench.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure, styled
-from workbench.range_of_motion import PARTS, RangeOfMotion
+from aerodima.workbench.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure, styled
+from aerodima.workbench.range_of_motion import PARTS, RangeOfMotion
 
 _PART_COLOURS = dict(zip(PARTS, (VERMILION, ORANGE, PURPLE, BLUE), strict=True))
 _FINE = 241

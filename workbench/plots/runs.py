@@ -5,10 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from workbench.errors import LogError
-from workbench.logs.columns import WHEELS
-from workbench.logs.schema import RunLog
-from workbench.plots.style import (
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.plots.style import (
     BLACK,
     BLUE,
     GREEN,
@@ -21,8 +21,8 @@ from workbench.plots.style import (
     shade_turn,
     styled,
 )
-from workbench.signals import GPS_FILTER, IMU_FILTER, LowPass, low_pass
-from workbench.turn_signals import turn_window
+from aerodima.workbench.signals import GPS_FILTER, IMU_FILTER, LowPass, low_pass
+from aerodima.workbench.turn_signals import turn_window
 
 FloatArray = NDArray[np.float64]
 

@@ -6,12 +6,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from workbench.errors import LogError
-from workbench.logs.schema import RunLog
-from workbench.plots.style import BLACK, CAUSE_STYLES, GREY, MODE_STYLES, VERMILION, new_figure, shade_turn, styled
-from workbench.signals import LowPass, low_pass
-from workbench.summary import RunSummary, impulse_parts
-from workbench.tail_impulses import TailImpulses, tail_impulses
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.plots.style import (
+    BLACK,
+    CAUSE_STYLES,
+    GREY,
+    MODE_STYLES,
+    VERMILION,
+    new_figure,
+    shade_turn,
+    styled,
+)
+from aerodima.workbench.signals import LowPass, low_pass
+from aerodima.workbench.summary import RunSummary, impulse_parts
+from aerodima.workbench.tail_impulses import TailImpulses, tail_impulses
 
 _MOMENT_FILTER = LowPass(order=2, cutoff_hz=20.0)
 """For the eye only: the inertial moment is a derivative of logged momentum and jumps with every step of the motor."""

@@ -1,8 +1,8 @@
 """Replays of run logs: in Meshcat, as one HTML page, and as a strip of five pictures. Importing this loads Drake."""
 
-from workbench.replay.page import replay_page, write_replay_html
-from workbench.replay.recording import record_run
-from workbench.replay.strip import write_strip
-from workbench.replay.viewer import open_meshcat
+from aerodima.workbench.replay.page import replay_page, write_replay_html
+from aerodima.workbench.replay.recording import record_run
+from aerodima.workbench.replay.strip import write_strip
+from aerodima.workbench.replay.viewer import open_meshcat
 
 __all__ = ["open_meshcat", "record_run", "replay_page", "write_replay_html", "write_strip"]

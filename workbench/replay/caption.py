@@ -6,12 +6,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import LogError
-from workbench.logs.schema import TAIL_LAW, RunLog
-from workbench.metrics import Outcome, outcome_of
-from workbench.plots.style import MODE_STYLES
-from workbench.replay.reckoned_motion import RECKONED
-from workbench.summary import tail_mode_of
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
+from aerodima.workbench.metrics import Outcome, outcome_of
+from aerodima.workbench.plots.style import MODE_STYLES
+from aerodima.workbench.replay.reckoned_motion import RECKONED
+from aerodima.workbench.summary import tail_mode_of
 
 FloatArray = NDArray[np.float64]
 

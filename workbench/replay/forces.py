@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.logs.columns import WHEELS
-from workbench.logs.schema import RunLog
-from workbench.replay.logged_car import LoggedCar
-from workbench.replay.reckoned_motion import RECKONED
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.logged_car import LoggedCar
+from aerodima.workbench.replay.reckoned_motion import RECKONED
 
 FloatArray = NDArray[np.float64]
 

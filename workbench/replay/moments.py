@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench.errors import LogError
-from workbench.logs.schema import RunLog
-from workbench.tail_impulses import FLIP_TILT
-from workbench.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.tail_impulses import FLIP_TILT
+from aerodima.workbench.turn_signals import TurnSignals, turn_signals
 
 FloatArray = NDArray[np.float64]
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Rgba
 
-from workbench.atomic_write import refuse_existing, write_atomically
-from workbench.errors import UserError
-from workbench.logs.schema import RunLog
-from workbench.replay.caption import Caption, caption_of, speed_and_roll
-from workbench.replay.controls import page_controls
-from workbench.replay.forces import AIR_COLOUR, AIR_SCALE, WHEEL_COLOUR, WHEEL_SCALE
-from workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
-from workbench.replay.viewer import open_meshcat
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.caption import Caption, caption_of, speed_and_roll
+from aerodima.workbench.replay.controls import page_controls
+from aerodima.workbench.replay.forces import AIR_COLOUR, AIR_SCALE, WHEEL_COLOUR, WHEEL_SCALE
+from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
+from aerodima.workbench.replay.viewer import open_meshcat
 
 _STYLE = """
 <style>

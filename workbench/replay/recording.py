@@ -13,11 +13,11 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatAnimation, MeshcatCone, M
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
-from workbench.errors import UserError
-from workbench.logs.schema import RunLog
-from workbench.replay.forces import ForceArrow, force_arrows
-from workbench.replay.logged_car import LoggedCar, add_logged_car
-from workbench.replay.viewer import WORLD, area_around, draw_ground
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.forces import ForceArrow, force_arrows
+from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car
+from aerodima.workbench.replay.viewer import WORLD, area_around, draw_ground
 
 FloatArray = NDArray[np.float64]
 

@@ -10,16 +10,16 @@ from matplotlib.patches import FancyArrowPatch
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from workbench.atomic_write import refuse_existing, write_atomically
-from workbench.errors import UserError
-from workbench.logs.schema import RunLog
-from workbench.replay.caption import caption_of, speed_and_roll
-from workbench.replay.forces import ForceArrow, force_arrows
-from workbench.replay.logged_car import LoggedCar, add_logged_car
-from workbench.replay.moments import Moment, five_moments
-from workbench.replay.picture import Camera, draw_picture
-from workbench.replay.recording import COM_COLOUR, TIP_COLOUR, camera_azimuth
-from workbench.replay.surfaces import posed_triangles, visible_surfaces
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.caption import caption_of, speed_and_roll
+from aerodima.workbench.replay.forces import ForceArrow, force_arrows
+from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car
+from aerodima.workbench.replay.moments import Moment, five_moments
+from aerodima.workbench.replay.picture import Camera, draw_picture
+from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, camera_azimuth
+from aerodima.workbench.replay.surfaces import posed_triangles, visible_surfaces
 
 FloatArray = NDArray[np.float64]
 

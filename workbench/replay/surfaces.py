@@ -21,8 +21,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
-from workbench.errors import ModelError
-from workbench.plants.car import CarPlant
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.plants.car import CarPlant
 
 FloatArray = NDArray[np.float64]
 

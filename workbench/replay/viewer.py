@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform
 
-from workbench.errors import UserError
+from aerodima.workbench.errors import UserError
 
 HOST = "127.0.0.1"
 PORTS = (1024, 65535)

@@ -4,15 +4,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 
-from workbench.logs.schema import RunLog
-from workbench.metrics import compare_to_published, published_figures
-from workbench.plots import plot_comparison, plot_impulses, plot_metrics, plot_moments, plot_outcomes, plot_triggers
-from workbench.plots.style import MODE_STYLES
-from workbench.published import SIGNALS, Comparison, FlipBracket, PublishedFigures, TurnMetrics, flip_bracket
-from workbench.report import findings
-from workbench.report.page import Cell, Markup, Section, figure, finding, folded, heading, paragraph, table
-from workbench.report.words import degrees, metric_name, metric_unit, percent
-from workbench.summary import RunSummary, published_for
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics import compare_to_published, published_figures
+from aerodima.workbench.plots import (
+    plot_comparison,
+    plot_impulses,
+    plot_metrics,
+    plot_moments,
+    plot_outcomes,
+    plot_triggers,
+)
+from aerodima.workbench.plots.style import MODE_STYLES
+from aerodima.workbench.published import SIGNALS, Comparison, FlipBracket, PublishedFigures, TurnMetrics, flip_bracket
+from aerodima.workbench.report import findings
+from aerodima.workbench.report.page import Cell, Markup, Section, figure, finding, folded, heading, paragraph, table
+from aerodima.workbench.report.words import degrees, metric_name, metric_unit, percent
+from aerodima.workbench.summary import RunSummary, published_for
 
 CLOSE = 0.1
 """Metrics within this share of the published figure are counted as met in the text."""

@@ -5,15 +5,15 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from workbench.errors import LogError
-from workbench.logs.schema import TAIL_LAW, RunLog
-from workbench.metrics import metrics_of
-from workbench.plots.overlay import RUN_STYLES, plot_overlay
-from workbench.replay.controls import CONTROLS_SCRIPT, CONTROLS_STYLE, controls_bar
-from workbench.replay.page import replay_page
-from workbench.replay.reckoned_motion import replayable
-from workbench.report.page import Markup, Section, figure, finding, page, paragraph, table
-from workbench.text_table import shown_value
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
+from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.plots.overlay import RUN_STYLES, plot_overlay
+from aerodima.workbench.replay.controls import CONTROLS_SCRIPT, CONTROLS_STYLE, controls_bar
+from aerodima.workbench.replay.page import replay_page
+from aerodima.workbench.replay.reckoned_motion import replayable
+from aerodima.workbench.report.page import Markup, Section, figure, finding, page, paragraph, table
+from aerodima.workbench.text_table import shown_value
 
 MOST_RUNS = len(RUN_STYLES)
 _CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workbench.plots.style import MODE_STYLES
-from workbench.published import Comparison, FlipBracket, PublishedFigures
-from workbench.report.words import degrees, metric_name, percent, span
-from workbench.summary import RunSummary
+from aerodima.workbench.plots.style import MODE_STYLES
+from aerodima.workbench.published import Comparison, FlipBracket, PublishedFigures
+from aerodima.workbench.report.words import degrees, metric_name, percent, span
+from aerodima.workbench.summary import RunSummary
 
 REFERENCE_SHARE = 0.95
 """Share of the reference's heading change that a run must reach before it may be called faster (design section 10)."""

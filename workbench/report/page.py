@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from workbench.plots.style import png
+from aerodima.workbench.plots.style import png
 
 _STYLE = """
 body { margin: 0 auto; max-width: 1120px; padding: 24px 28px 80px; color: #1c2430; background: #fff;

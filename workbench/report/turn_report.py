@@ -7,13 +7,13 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from workbench.logs.schema import RunLog
-from workbench.parameters import CarParameters
-from workbench.plots import plot_turn
-from workbench.plots.style import MODE_STYLES
-from workbench.published import tyre_damping
-from workbench.report import chapters, findings
-from workbench.report.page import (
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.parameters import CarParameters
+from aerodima.workbench.plots import plot_turn
+from aerodima.workbench.plots.style import MODE_STYLES
+from aerodima.workbench.published import tyre_damping
+from aerodima.workbench.report import chapters, findings
+from aerodima.workbench.report.page import (
     Cell,
     Markup,
     Section,
@@ -29,9 +29,9 @@ from workbench.report.page import (
     preformatted,
     table,
 )
-from workbench.report.words import degrees
-from workbench.scenario import SECTIONS, load_parameter_entries
-from workbench.summary import RunSummary, tail_mode_of
+from aerodima.workbench.report.words import degrees
+from aerodima.workbench.scenario import SECTIONS, load_parameter_entries
+from aerodima.workbench.summary import RunSummary, tail_mode_of
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, DiagramBuilder, State
 
-from workbench.discrete_vector import DiscreteVector
-from workbench.errors import UserError
-from workbench.sensors.noise import CounterNoise
-from workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.discrete_vector import DiscreteVector
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.sensors.sampled import SampledSensor
 
 TURN = 2.0 * math.pi
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from workbench.rig_parameters import ForceSensorParameters
-from workbench.sensors.noise import CounterNoise
-from workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.rig_parameters import ForceSensorParameters
+from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.sensors.sampled import SampledSensor
 
 AXES = 6
 """F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""
@@ -69,7 +69,7 @@ class ForceTorqueSensor(SampledSensor):
     """The force sensor as a system.
 
     Input ports:
-        wrench (6): of the support on the rig at W, W axes; from `workbench.plants.rig`.
+        wrench (6): of the support on the rig at W, W axes; from `aerodima.workbench.plants.rig`.
     Output ports:
         reading (6): force N, torque N m.
         sample_time (1), age (1): s, see `SampledSensor`.

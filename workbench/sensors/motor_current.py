@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from workbench.sensors.noise import CounterNoise
-from workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.sensors.sampled import SampledSensor
 
 
 class MotorCurrentSensor(SampledSensor):

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, State
 
-from workbench.discrete_vector import DiscreteVector
-from workbench.rig_parameters import RigEncoderParameters
-from workbench.rig_scenario import RigScenario
-from workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.discrete_vector import DiscreteVector
+from aerodima.workbench.rig_parameters import RigEncoderParameters
+from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.sensors.sampled import SampledSensor
 
 
 def count_angle(scenario: RigScenario) -> float:

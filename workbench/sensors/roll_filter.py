@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workbench.controllers.checks import check_range
+from aerodima.workbench.controllers.checks import check_range
 
 
 @dataclass(frozen=True)

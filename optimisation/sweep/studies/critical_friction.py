@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.sweep.studies.reading import band, ran, steps_of_members
-from optimisation.sweep.studies.report import Findings, Picture
-from optimisation.sweep.study import Block, Range, Study
-from optimisation.sweep.threshold import FRICTION, SPEED
-from workbench.ensemble import weighted_quantiles
-from workbench.plots.style import BLACK, BLUE, VERMILION, new_figure, styled
-from workbench.summary import KM_PER_H
+from aerodima.optimisation.sweep.studies.reading import band, ran, steps_of_members
+from aerodima.optimisation.sweep.studies.report import Findings, Picture
+from aerodima.optimisation.sweep.study import Block, Range, Study
+from aerodima.optimisation.sweep.threshold import FRICTION, SPEED
+from aerodima.workbench.ensemble import weighted_quantiles
+from aerodima.workbench.plots.style import BLACK, BLUE, VERMILION, new_figure, styled
+from aerodima.workbench.summary import KM_PER_H
 
 CASE_SPEED = 16 / KM_PER_H
 """m/s; the published tailed car survived it (section 7.1.2)."""

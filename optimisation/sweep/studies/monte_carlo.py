@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.sweep.studies.reading import ran, rollover_probability
-from optimisation.sweep.studies.report import Findings, Picture
-from optimisation.sweep.study import Block, Normal, Sample, Study, Uniform
-from optimisation.sweep.threshold import FRICTION, SPEED
-from workbench.plots.style import FLIPPED_MARKER, MODE_STYLES, new_figure, styled
-from workbench.summary import KM_PER_H
+from aerodima.optimisation.sweep.studies.reading import ran, rollover_probability
+from aerodima.optimisation.sweep.studies.report import Findings, Picture
+from aerodima.optimisation.sweep.study import Block, Normal, Sample, Study, Uniform
+from aerodima.optimisation.sweep.threshold import FRICTION, SPEED
+from aerodima.workbench.plots.style import FLIPPED_MARKER, MODE_STYLES, new_figure, styled
+from aerodima.workbench.summary import KM_PER_H
 
 FACTORS: dict[str, Uniform | Normal] = {
     FRICTION: Normal(mean=0.62, deviation=0.05),

@@ -11,13 +11,13 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.sweep.engine import SweepError
-from optimisation.sweep.studies.reading import band, by_value, ran, survived_share
-from optimisation.sweep.studies.report import Findings, Picture
-from optimisation.sweep.study import Block, Range, Study, Value
-from optimisation.sweep.threshold import SPEED
-from workbench.plots.style import CAUSE_STYLES, MODE_STYLES, new_figure, styled
-from workbench.scenario import load_scenario
+from aerodima.optimisation.sweep.engine import SweepError
+from aerodima.optimisation.sweep.studies.reading import band, by_value, ran, survived_share
+from aerodima.optimisation.sweep.studies.report import Findings, Picture
+from aerodima.optimisation.sweep.study import Block, Range, Study, Value
+from aerodima.optimisation.sweep.threshold import SPEED
+from aerodima.workbench.plots.style import CAUSE_STYLES, MODE_STYLES, new_figure, styled
+from aerodima.workbench.scenario import load_scenario
 
 MOUNTS = (-0.06, -0.03, 0.03, 0.09, 0.15)
 """Tail joints ahead of the rear axle, m; the range that keeps the gearbox on the car."""

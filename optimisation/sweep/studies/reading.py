@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from optimisation.sweep.task import tipped_before_turn
-from workbench.ensemble import weighted_quantiles
+from aerodima.optimisation.sweep.task import tipped_before_turn
+from aerodima.workbench.ensemble import weighted_quantiles
 
 LEVELS = (0.05, 0.5, 0.95)
 """Of a band over an ensemble: its lower end, its median, its upper end."""

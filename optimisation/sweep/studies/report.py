@@ -11,14 +11,14 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.sweep.engine import Engine, SweepError
-from optimisation.sweep.run_study import Say, run_study
-from optimisation.sweep.store import CSV, TABLE, make_frame
-from optimisation.sweep.studies.reading import table_cells, tipped
-from optimisation.sweep.study import Study
-from workbench.atomic_write import write_atomically
-from workbench.plots.style import png
-from workbench.report import page as html
+from aerodima.optimisation.sweep.engine import Engine, SweepError
+from aerodima.optimisation.sweep.run_study import Say, run_study
+from aerodima.optimisation.sweep.store import CSV, TABLE, make_frame
+from aerodima.optimisation.sweep.studies.reading import table_cells, tipped
+from aerodima.optimisation.sweep.study import Study
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.plots.style import png
+from aerodima.workbench.report import page as html
 
 PAGE, FINDINGS = "index.html", "findings"
 MOST_ROWS = 200

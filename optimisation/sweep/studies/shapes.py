@@ -13,12 +13,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optimisation.sweep.shape_goals import mean_drag
-from optimisation.sweep.studies.critical_friction import Setup, friction_study, read_friction
-from optimisation.sweep.studies.report import Findings, Picture
-from optimisation.sweep.study import Study
-from workbench.aero.coefficient_files import load_coefficients
-from workbench.plots.style import BLACK, GREY, new_figure, styled
+from aerodima.optimisation.sweep.shape_goals import mean_drag
+from aerodima.optimisation.sweep.studies.critical_friction import Setup, friction_study, read_friction
+from aerodima.optimisation.sweep.studies.report import Findings, Picture
+from aerodima.optimisation.sweep.study import Study
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.plots.style import BLACK, GREY, new_figure, styled
 
 MOST_ON_THE_CAR = 8
 """Shapes, from the largest drag on, that are tried on the car."""

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from optimisation.sweep.engine import Engine
-from optimisation.sweep.run_study import Say
-from optimisation.sweep.studies.reading import by_value, ran, step_along, survived_share
-from optimisation.sweep.studies.report import Findings, Picture, make_report
-from optimisation.sweep.study import Block, Range, Study
-from optimisation.sweep.threshold import FRICTION, SPEED
-from workbench.plots.style import GREY, new_figure, styled
+from aerodima.optimisation.sweep.engine import Engine
+from aerodima.optimisation.sweep.run_study import Say
+from aerodima.optimisation.sweep.studies.reading import by_value, ran, step_along, survived_share
+from aerodima.optimisation.sweep.studies.report import Findings, Picture, make_report
+from aerodima.optimisation.sweep.study import Block, Range, Study
+from aerodima.optimisation.sweep.threshold import FRICTION, SPEED
+from aerodima.workbench.plots.style import GREY, new_figure, styled
 
 SURVIVED_COLOURS = "cividis"
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from optimisation.sweep.studies.critical_friction import Setup, friction_study, read_friction
-from optimisation.sweep.studies.report import Findings
-from optimisation.sweep.study import Study
+from aerodima.optimisation.sweep.studies.critical_friction import Setup, friction_study, read_friction
+from aerodima.optimisation.sweep.studies.report import Findings
+from aerodima.optimisation.sweep.study import Study
 
 INERTIAL = (
     "tail.normal_force_coefficient=0.0",

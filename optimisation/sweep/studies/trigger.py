@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from optimisation.sweep.studies.critical_friction import Setup, friction_study, read_friction
-from optimisation.sweep.studies.report import Findings, Picture
-from optimisation.sweep.study import Study
-from workbench.logs.columns import WHEELS
-from workbench.plots.style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
-from workbench.published import flip_bracket
-from workbench.scenario import load_scenario
+from aerodima.optimisation.sweep.studies.critical_friction import Setup, friction_study, read_friction
+from aerodima.optimisation.sweep.studies.report import Findings, Picture
+from aerodima.optimisation.sweep.study import Study
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.plots.style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
+from aerodima.workbench.published import flip_bracket
+from aerodima.workbench.scenario import load_scenario
 
 
 def _setup(**controller: float | str) -> Setup:
@@ -46,7 +46,7 @@ def trigger_study(settings: Sequence[str] = (), ensemble: str | None = None, mem
 
 def read_trigger(frame: pd.DataFrame) -> Findings:
     """Critical friction of every trigger; load of the inner wheels against yaw rate in the tailless turn."""
-    from workbench.trial import run_trial
+    from aerodima.workbench.trial import run_trial
 
     speed = flip_bracket("tailless").survived
     log = run_trial(load_scenario("turn_none", [f"manoeuvre.speed={speed!r}"])).run_log

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from optimisation.sweep.studies.reading import (
+from aerodima.optimisation.sweep.studies.reading import (
     Step,
     band,
     by_value,
@@ -20,13 +20,13 @@ from optimisation.sweep.studies.reading import (
     tipped,
     weights_of,
 )
-from optimisation.sweep.studies.report import Findings, Picture
-from optimisation.sweep.study import Block, Range, Study, Value
-from optimisation.sweep.threshold import SPEED
-from workbench.ensemble import weighted_quantiles
-from workbench.plots.style import FLIPPED_MARKER, GREY, MODE_STYLES, new_figure, styled
-from workbench.published import published_figures
-from workbench.summary import KM_PER_H
+from aerodima.optimisation.sweep.studies.report import Findings, Picture
+from aerodima.optimisation.sweep.study import Block, Range, Study, Value
+from aerodima.optimisation.sweep.threshold import SPEED
+from aerodima.workbench.ensemble import weighted_quantiles
+from aerodima.workbench.plots.style import FLIPPED_MARKER, GREY, MODE_STYLES, new_figure, styled
+from aerodima.workbench.published import published_figures
+from aerodima.workbench.summary import KM_PER_H
 
 TAIL_SPEED = "controller.swing_speed"
 

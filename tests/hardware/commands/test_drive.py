@@ -8,10 +8,10 @@ import stat
 import pytest
 from typer.testing import CliRunner
 
-from workbench.bundle import load_drive, make_bundle
-from workbench.cli import build_app
-from workbench.controllers.swing_tracker_law import SwingTracker
-from workbench.scenario import load_scenario
+from aerodima.workbench.bundle import load_drive, make_bundle
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.scenario import load_scenario
 
 
 @pytest.fixture(autouse=True)
@@ -65,7 +65,7 @@ def test_a_scenario_of_the_rig_is_refused():
 
 
 def _rig_scenarios():
-    from workbench.resources import models_dir
+    from aerodima.workbench.resources import models_dir
 
     return (models_dir() / "scenarios" / "rig").glob("*.yaml")
 

@@ -7,18 +7,18 @@ import pty
 
 import pytest
 
-from hardware.console.messages import BeatClock, read_message
-from hardware.console.operator_radio import OperatorRadio
-from hardware.console.seats import GONE_AFTER, Seats
-from hardware.console.words import radio_state
-from hardware.protocol import radio as frames
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.car_report import Asks, CarReport, decode_report, make_report
-from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
-from hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
-from hardware.transport.serial_link import SerialLink, SerialSettings
+from aerodima.hardware.console.messages import BeatClock, read_message
+from aerodima.hardware.console.operator_radio import OperatorRadio
+from aerodima.hardware.console.seats import GONE_AFTER, Seats
+from aerodima.hardware.console.words import radio_state
+from aerodima.hardware.protocol import radio as frames
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.car_report import Asks, CarReport, decode_report, make_report
+from aerodima.hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
+from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings
+from aerodima.workbench.errors import UserError
 from tests.hardware.fake_can import wait_until
-from workbench.errors import UserError
 
 CAR = 7
 MANUAL = OperatorCommand(RadioMode.MANUAL, 0.25, -0.125, 0.5, -1.0)

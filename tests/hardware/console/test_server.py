@@ -12,16 +12,16 @@ from typer.testing import CliRunner
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from hardware.console.access import Access
-from hardware.console.console import Console, Limits
-from hardware.console.operator_radio import OperatorRadio
-from hardware.console.record import ConsoleRecord
-from hardware.console.server import make_app, make_server, open_socket, run_server
-from hardware.protocol.car_report import CarReport
-from hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.console.access import Access
+from aerodima.hardware.console.console import Console, Limits
+from aerodima.hardware.console.operator_radio import OperatorRadio
+from aerodima.hardware.console.record import ConsoleRecord
+from aerodima.hardware.console.server import make_app, make_server, open_socket, run_server
+from aerodima.hardware.protocol.car_report import CarReport
+from aerodima.hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.console.test_operator_radio import CAR, FakeLink
-from workbench.cli import build_app
-from workbench.errors import HardwareError
 
 ARMED = CarReport(True, False, RadioMode.IDLE, operator_age=0.02)
 

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from hardware.console import waiting
-from hardware.console.waiting import MOST_WAITING
+from aerodima.hardware.console import waiting
+from aerodima.hardware.console.waiting import MOST_WAITING
 from tests.hardware.console.test_server import Served, eventually
 
 FLOOD = 400

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from hardware.motor_state import MotorFault
-from hardware.protocol.car_report import Asks
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from hardware.radio_link import IDLE
-from hardware.wiring.base import CarReading, SourceFault
-from workbench.errors import HardwareError
-from workbench.ports import STATUS, STATUS_SOURCES
-from workbench.scenario import load_scenario
+from aerodima.hardware.motor_state import MotorFault
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.radio_link import IDLE
+from aerodima.hardware.wiring.base import CarReading, SourceFault
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import STATUS, STATUS_SOURCES
+from aerodima.workbench.scenario import load_scenario
 
 PERIOD = 0.01
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from hardware.drive.pilots import ControlPilot
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from hardware.wiring.base import CarReading
+from aerodima.hardware.drive.pilots import ControlPilot
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.wiring.base import CarReading
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.ports import IMU, STATUS
 from tests.hardware.drive.fake_wiring import quick_turn
-from workbench.controllers.law_of_scenario import law_of_scenario
-from workbench.controllers.swing_law import SwingState
-from workbench.ports import IMU, STATUS
 
 SCENARIO = quick_turn()
 PERIOD = 0.01

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from hardware.drive.guard import CarGuard, Stage
-from hardware.protocol.car_report import Asks
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from hardware.radio_link import IDLE
-from hardware.wiring.base import CarCommand, SourceFault
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.drive.guard import CarGuard, Stage
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.radio_link import IDLE
+from aerodima.hardware.wiring.base import CarCommand, SourceFault
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.drive.fake_wiring import PERIOD, FakeWiring
-from workbench.errors import HardwareError
 
 SAFETY = load_drive_safety()
 FORWARD = CarCommand(0.1, 0.05, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0]))

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from hardware.drive.guard import Stage
-from hardware.wiring.base import SourceFault
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.drive.guard import Stage
+from aerodima.hardware.wiring.base import SourceFault
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.workbench.scenario import load_scenario
 from tests.hardware.drive.test_guard import FORWARD, Car
-from workbench.scenario import load_scenario
 
 SAFETY = load_drive_safety()
 

@@ -8,23 +8,23 @@ import time
 import numpy as np
 import pytest
 
-from hardware.drive.diagram import DiagramRun
-from hardware.drive.guard import CarGuard, Stage
-from hardware.drive.loop import PERIOD, idle_until, run_loop
-from hardware.drive.pilots import AutoPilot, ManualPilot
-from hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
-from hardware.interface import interface_to
-from hardware.motor_settings import load_motor_safety
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from hardware.wiring.base import CarReading, SourceFault
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.drive.diagram import DiagramRun
+from aerodima.hardware.drive.guard import CarGuard, Stage
+from aerodima.hardware.drive.loop import PERIOD, idle_until, run_loop
+from aerodima.hardware.drive.pilots import AutoPilot, ManualPilot
+from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
+from aerodima.hardware.interface import interface_to
+from aerodima.hardware.motor_settings import load_motor_safety
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.wiring.base import CarReading, SourceFault
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.journal import read_journal
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.ports import STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.station import make_car_station
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
-from workbench.controllers.swing_law import SwingState
-from workbench.errors import LogError
-from workbench.logs.journal import read_journal
-from workbench.logs.schema import read_run_log
-from workbench.ports import STATION_INPUTS, STATION_OUTPUTS
-from workbench.station import make_car_station
 
 # The diagram of these tests runs faster than its clock.
 SAFETY = load_drive_safety().model_copy(update={"overrun": 100.0, "throttle_start": 1.0})
@@ -214,7 +214,7 @@ def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
     assert wiring.calls[-1] == "disarm"
     with pytest.raises(LogError, match="log recover"):
         journal.close()
-    from workbench.logs.journal import recover
+    from aerodima.workbench.logs.journal import recover
 
     assert recover(tmp_path / "run.parquet.journal").rows == 60
 
@@ -223,8 +223,8 @@ KILLED = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from hardware.drive.run_journal import open_run_journal
-from workbench.scenario import load_scenario
+from aerodima.hardware.drive.run_journal import open_run_journal
+from aerodima.workbench.scenario import load_scenario
 journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "direct_can")
 print("ready", flush=True)
 while True:

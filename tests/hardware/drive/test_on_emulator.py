@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.watchdog.trial import run_watchdog_test
-from hardware.wiring.base import WIRINGS
+from aerodima.hardware.watchdog.trial import run_watchdog_test
+from aerodima.hardware.wiring.base import WIRINGS
+from aerodima.workbench.logs.columns import sensor_columns
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.replay.reckoned_motion import replayable
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.trial import run_trial
 from tests.blocked_drake import BLOCK
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.fake_can import wait_until
-from workbench.logs.columns import sensor_columns
-from workbench.logs.schema import read_run_log
-from workbench.metrics import metrics_of
-from workbench.replay.reckoned_motion import replayable
-from workbench.scenario import load_scenario
-from workbench.trial import run_trial
 
 pytestmark = [pytest.mark.emulated, pytest.mark.slow]
 
@@ -43,7 +43,7 @@ PROGRAM = str(Path(sys.executable).with_name("aerodima"))
 NO_DRAKE = (
     BLOCK
     + """
-from workbench.cli import main
+from aerodima.workbench.cli import main
 sys.argv = ["aerodima", *sys.argv[1:]]
 main()
 """

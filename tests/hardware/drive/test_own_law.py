@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hardware.drive.session import DriveOptions, run_drive
-from hardware.wiring.car_ports import ports_from_dict
+from aerodima.hardware.drive.session import DriveOptions, run_drive
+from aerodima.hardware.wiring.car_ports import ports_from_dict
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.logs.schema import read_run_log
 from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench, ImuAtRest
-from workbench.cli import build_app
-from workbench.logs.schema import read_run_log
 
 QUICK = [
     "manoeuvre.straight_time=0.5",

@@ -8,13 +8,13 @@ import time
 import numpy as np
 import pytest
 
-from hardware.drive.session import RUN_OVER, DriveOptions, run_drive
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from hardware.wiring.car_ports import ports_from_dict
+from aerodima.hardware.drive.session import RUN_OVER, DriveOptions, run_drive
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.wiring.car_ports import ports_from_dict
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.logs.schema import read_run_log
 from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench, ImuAtRest
-from workbench.controllers.law_of_scenario import law_of_scenario
-from workbench.errors import HardwareError
-from workbench.logs.schema import read_run_log
 
 pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
 

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from hardware.drive.standstill import standstill_checks
-from hardware.sensors.bno055 import Bno055Sample, decode_sample, encode_sample
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.drive.standstill import standstill_checks
+from aerodima.hardware.sensors.bno055 import Bno055Sample, decode_sample, encode_sample
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
 
 SAFETY = load_drive_safety()
 LEVEL = np.zeros(9)

@@ -4,19 +4,20 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 import importlib, pathlib, pkgutil, tempfile
-import hardware.commands.drive, hardware.drive, hardware.sensors, hardware.watchdog, hardware.wiring, workbench.bundle
-for package in (hardware.drive, hardware.sensors, hardware.watchdog, hardware.wiring):
+import aerodima.hardware.commands.drive, aerodima.workbench.bundle
+from aerodima.hardware import drive, sensors, watchdog, wiring
+for package in (drive, sensors, watchdog, wiring):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
-        if module.name not in ("hardware.drive.diagram", "hardware.watchdog.__main__"):
+        if module.name not in ("aerodima.hardware.drive.diagram", "aerodima.hardware.watchdog.__main__"):
             importlib.import_module(module.name)
 
 import numpy as np
-from hardware.drive.guard import CarGuard
-from hardware.drive.loop import idle_until, run_loop
-from hardware.drive.pilots import AutoPilot
-from hardware.drive.run_journal import open_run_journal
-from hardware.protocol.radio import RadioMode
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.drive.guard import CarGuard
+from aerodima.hardware.drive.loop import idle_until, run_loop
+from aerodima.hardware.drive.pilots import AutoPilot
+from aerodima.hardware.drive.run_journal import open_run_journal
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 
 class Time:

@@ -17,20 +17,20 @@ from typing import Any
 
 import numpy as np
 
-from hardware.drive.guard import CarGuard
-from hardware.drive.limits import DriveLimits
-from hardware.drive.run_journal import RunJournal, open_run_journal
-from hardware.emulator.folder import PORTS_FILE
-from hardware.watchdog.trial import run_watchdog_test
-from hardware.wiring.car_ports import CarPorts, read_ports
-from hardware.wiring.direct_can import direct_can
-from hardware.wiring.drive_safety import load_drive_safety
-from hardware.wiring.teensy_bridge import teensy_bridge
-from hardware.wiring.wired_car import WiredCar
-from workbench.errors import HardwareError, LogError
-from workbench.logs.journal import read_journal
-from workbench.ports import IMU
-from workbench.scenario import Scenario
+from aerodima.hardware.drive.guard import CarGuard
+from aerodima.hardware.drive.limits import DriveLimits
+from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
+from aerodima.hardware.emulator.folder import PORTS_FILE
+from aerodima.hardware.watchdog.trial import run_watchdog_test
+from aerodima.hardware.wiring.car_ports import CarPorts, read_ports
+from aerodima.hardware.wiring.direct_can import direct_can
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.errors import HardwareError, LogError
+from aerodima.workbench.logs.journal import read_journal
+from aerodima.workbench.ports import IMU
+from aerodima.workbench.scenario import Scenario
 
 
 class Breaker:

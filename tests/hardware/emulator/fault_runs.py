@@ -17,18 +17,21 @@ from pathlib import Path
 import can
 import numpy as np
 
-from hardware.drive.guard import CarGuard, Stage
-from hardware.drive.loop import PERIOD, wait_until
-from hardware.emulator.script import JOINTS
-from hardware.protocol.ak70 import make_enter, make_exit
-from hardware.protocol.car_report import Asks
-from hardware.protocol.radio import RadioMode
-from hardware.watchdog.process import WatchdogProcess
-from hardware.wiring.base import CarCommand
-from hardware.wiring.car_ports import CarPorts
-from hardware.wiring.direct_can import direct_can
-from hardware.wiring.drive_safety import load_drive_safety
-from hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.hardware.drive.guard import CarGuard, Stage
+from aerodima.hardware.drive.loop import PERIOD, wait_until
+from aerodima.hardware.emulator.script import JOINTS
+from aerodima.hardware.protocol.ak70 import make_enter, make_exit
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.watchdog.process import WatchdogProcess
+from aerodima.hardware.wiring.base import CarCommand
+from aerodima.hardware.wiring.car_ports import CarPorts
+from aerodima.hardware.wiring.direct_can import direct_can
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import STATUS
+from aerodima.workbench.scenario import Scenario, load_scenario
 from tests.hardware.emulator.breakers import Breaker
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL, Case
@@ -44,9 +47,6 @@ from tests.hardware.emulator.process_runs import (
     run_refused_case,
 )
 from tests.hardware.emulator.process_runs import check as check_process
-from workbench.errors import HardwareError
-from workbench.ports import STATUS
-from workbench.scenario import Scenario, load_scenario
 
 SCENARIO = "turn_swing"
 SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")

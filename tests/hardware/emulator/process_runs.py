@@ -13,15 +13,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from hardware.emulator.folder import PORTS_FILE
-from hardware.emulator.script import JOINTS
-from hardware.firmware.settings import load_teensy_timing
-from hardware.watchdog.settings import load_watchdog_timing
-from hardware.watchdog.trial import run_watchdog_test
-from hardware.wiring.base import WIRINGS
+from aerodima.hardware.emulator.folder import PORTS_FILE
+from aerodima.hardware.emulator.script import JOINTS
+from aerodima.hardware.firmware.settings import load_teensy_timing
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.watchdog.trial import run_watchdog_test
+from aerodima.hardware.wiring.base import WIRINGS
+from aerodima.workbench.scenario import Scenario, load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until
-from workbench.scenario import Scenario, load_scenario
 
 SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
 MARGIN = 0.1
@@ -187,7 +187,7 @@ def _start(emulator: EmulatorProcess, folder: Path, scenario: str, settings: tup
     ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
     command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--log", log]
     return subprocess.Popen(
-        [sys.executable, "-m", "workbench.cli", *command, "--no-drake", "--arm"],
+        [sys.executable, "-m", "aerodima.workbench.cli", *command, "--no-drake", "--arm"],
         env={**os.environ, "XDG_STATE_HOME": str(folder / "state")},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

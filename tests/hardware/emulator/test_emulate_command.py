@@ -8,13 +8,13 @@ from pathlib import Path
 import can
 import pytest
 
-from hardware.commands.emulate import emulate
-from hardware.emulator.events import read_events
-from hardware.wiring.car_ports import read_ports
+from aerodima.hardware.commands.emulate import emulate
+from aerodima.hardware.emulator.events import read_events
+from aerodima.hardware.wiring.car_ports import read_ports
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.resources import model_path
 from tests.hardware.fake_can import wait_until
-from workbench.errors import UserError
-from workbench.logs.schema import read_run_log
-from workbench.resources import model_path
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_a_missing_compiler_is_one_line(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
     out = tmp_path / "emulated"
-    command = [sys.executable, "-m", "workbench.cli", "emulate", "turn_swing", "--out", str(out)]
+    command = [sys.executable, "-m", "aerodima.workbench.cli", "emulate", "turn_swing", "--out", str(out)]
     process = subprocess.Popen([*command, "--wiring", "direct_can"], stdout=subprocess.DEVNULL)
     assert wait_until((out / "ready.json").exists, 60.0)
     ports = read_ports(out / "ports.json")
@@ -80,8 +80,8 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
     out = tmp_path / "emulated"
     start = (
         "import os, subprocess, sys, time; "
-        "subprocess.Popen([sys.executable, '-m', 'workbench.cli', 'emulate', 'turn_swing', '--out', sys.argv[1], "
-        "'--parent', str(os.getpid())]); time.sleep(60)"
+        "subprocess.Popen([sys.executable, '-m', 'aerodima.workbench.cli', 'emulate', 'turn_swing', '--out', "
+        "sys.argv[1], '--parent', str(os.getpid())]); time.sleep(60)"
     )
     starter = subprocess.Popen([sys.executable, "-c", start, str(out)], stdout=subprocess.DEVNULL)
     assert wait_until((out / "ready.json").exists, 60.0)
@@ -91,5 +91,5 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
 
 
 def _run(out, *arguments, environment=None):
-    command = [sys.executable, "-m", "workbench.cli", "emulate", "turn_swing", "--out", str(out), *arguments]
+    command = [sys.executable, "-m", "aerodima.workbench.cli", "emulate", "turn_swing", "--out", str(out), *arguments]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)

@@ -5,17 +5,17 @@ import math
 import can
 import pytest
 
-from hardware.emulator.bus import EmulatedBus
-from hardware.emulator.events import EventLog, read_events
-from hardware.emulator.fault_board import FaultBoard
-from hardware.emulator.motor import EmulatedMotor
-from hardware.emulator.script import OperatorEntry, Script, load_emulator_numbers
-from hardware.emulator.serial_devices import OPERATOR, EmulatedGps, EmulatedImu, EmulatedOperator
-from hardware.emulator.slcan import SlcanAdapter, read_frame, write_frame
-from hardware.emulator.teensy import EmulatedTeensy
-from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
-from hardware.protocol import radio
-from hardware.protocol.ak70 import (
+from aerodima.hardware.emulator.bus import EmulatedBus
+from aerodima.hardware.emulator.events import EventLog, read_events
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.motor import EmulatedMotor
+from aerodima.hardware.emulator.script import OperatorEntry, Script, load_emulator_numbers
+from aerodima.hardware.emulator.serial_devices import OPERATOR, EmulatedGps, EmulatedImu, EmulatedOperator
+from aerodima.hardware.emulator.slcan import SlcanAdapter, read_frame, write_frame
+from aerodima.hardware.emulator.teensy import EmulatedTeensy
+from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.protocol import radio
+from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
     decode_reply,
@@ -25,15 +25,15 @@ from hardware.protocol.ak70 import (
     make_neutral,
     make_zero,
 )
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.car_report import Asks, CarReport, make_report
-from hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, StringForm, TeensyCommand
-from hardware.protocol.teensy import make_command as make_string
-from hardware.protocol.xbee import ApiStream, make_transmit
-from hardware.sensors.bno055 import make_sample_request
-from hardware.sensors.ublox import GpsStream
-from hardware.wiring.mounting import load_mounting
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.car_report import Asks, CarReport, make_report
+from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, StringForm, TeensyCommand
+from aerodima.hardware.protocol.teensy import make_command as make_string
+from aerodima.hardware.protocol.xbee import ApiStream, make_transmit
+from aerodima.hardware.sensors.bno055 import make_sample_request
+from aerodima.hardware.sensors.ublox import GpsStream
+from aerodima.hardware.wiring.mounting import load_mounting
 
 NUMBERS = load_emulator_numbers()
 PUSH = MitCommand(0.4, 0.0, 17.0, 5.0, 1.0)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-import hardware
+from aerodima import hardware
 from tests.hardware.emulator.breakers import ReceiverDies
 from tests.hardware.emulator.emulator_process import undisturbed
 from tests.hardware.emulator.fault_cases import CASES

@@ -8,15 +8,15 @@ import sys
 
 import pytest
 
-from hardware.emulator.folder import PORTS_FILE
-from hardware.first_contact import joint_angles, read_motor_angles, run_motor_test, write_zeros
-from hardware.watchdog.trial import run_watchdog_test
-from hardware.wiring.base import WIRINGS
-from hardware.wiring.car_ports import read_ports
+from aerodima.hardware.emulator.folder import PORTS_FILE
+from aerodima.hardware.first_contact import joint_angles, read_motor_angles, run_motor_test, write_zeros
+from aerodima.hardware.watchdog.trial import run_watchdog_test
+from aerodima.hardware.wiring.base import WIRINGS
+from aerodima.hardware.wiring.car_ports import read_ports
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS, open_car
-from workbench.errors import HardwareError
-from workbench.scenario import load_scenario
 
 pytestmark = pytest.mark.emulated
 
@@ -75,7 +75,7 @@ def test_the_example_moves_one_motor_and_leaves_it_off(tmp_path, wiring):
     def tried(folder):
         with EmulatorProcess(folder, CAR, wiring) as emulator:
             ports, state = emulator.folder / PORTS_FILE, folder / "state"
-            command = [sys.executable, "-m", "hardware.examples.one_motor", str(ports), wiring]
+            command = [sys.executable, "-m", "aerodima.hardware.examples.one_motor", str(ports), wiring]
             environment = {**os.environ, "XDG_STATE_HOME": str(state)}
             refused = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
             assert "no watchdog test" in refused.stderr

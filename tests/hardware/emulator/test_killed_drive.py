@@ -4,17 +4,17 @@ import json
 
 import pytest
 
-from hardware.emulator.folder import PORTS_FILE
-from hardware.watchdog.record import record_path, require_watchdog_test
-from hardware.watchdog.settings import load_watchdog_timing
-from hardware.watchdog.trial import run_watchdog_test
-from hardware.wiring.base import WIRINGS
+from aerodima.hardware.emulator.folder import PORTS_FILE
+from aerodima.hardware.watchdog.record import record_path, require_watchdog_test
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.watchdog.trial import run_watchdog_test
+from aerodima.hardware.wiring.base import WIRINGS
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS
 from tests.hardware.emulator.process_runs import CASES, REFUSED, check, process_row, run_process_case, run_refused_case
 from tests.hardware.fake_can import wait_until
-from workbench.errors import HardwareError
-from workbench.scenario import load_scenario
 
 pytestmark = pytest.mark.emulated  # processes and a car in real time
 

@@ -3,12 +3,12 @@
 import pytest
 import yaml
 
-from hardware.emulator.events import EventLog, read_events
-from hardware.emulator.fault_board import FaultBoard
-from hardware.emulator.script import Fault, Script, load_emulator_numbers, no_faults, read_script
-from hardware.motor_settings import load_motor_safety
-from hardware.protocol.radio import RadioMode
-from workbench.errors import UserError
+from aerodima.hardware.emulator.events import EventLog, read_events
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.script import Fault, Script, load_emulator_numbers, no_faults, read_script
+from aerodima.hardware.motor_settings import load_motor_safety
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.workbench.errors import UserError
 
 
 def script(tmp_path, **content):

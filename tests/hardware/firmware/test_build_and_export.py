@@ -6,13 +6,13 @@ import subprocess
 
 import pytest
 
-from hardware.firmware import build
-from hardware.firmware.build import COMPILERS, build_core, core_sources, firmware_hash
-from hardware.firmware.export import export_sketch
-from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
-from hardware.protocol.ak70_profiles import AK70_10_24_N_M
-from hardware.protocol.sail_encoder import AEAT_6010
-from workbench.errors import HardwareError
+from aerodima.hardware.firmware import build
+from aerodima.hardware.firmware.build import COMPILERS, build_core, core_sources, firmware_hash
+from aerodima.hardware.firmware.export import export_sketch
+from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_24_N_M
+from aerodima.hardware.protocol.sail_encoder import AEAT_6010
+from aerodima.workbench.errors import HardwareError
 
 PROGRAM = """
 #include "{sketch}/config.h"

@@ -7,13 +7,20 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hardware.firmware import core
-from hardware.protocol import ak70, teensy
-from hardware.protocol.ak70 import MitCommand
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.teensy import MotorOrder, MotorReport, MotorRequest, StringForm, TeensyCommand, TeensyReply
-from hardware.protocol.teensy_stream import command_stream
+from aerodima.hardware.firmware import core
+from aerodima.hardware.protocol import ak70, teensy
+from aerodima.hardware.protocol.ak70 import MitCommand
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.teensy import (
+    MotorOrder,
+    MotorReport,
+    MotorRequest,
+    StringForm,
+    TeensyCommand,
+    TeensyReply,
+)
+from aerodima.hardware.protocol.teensy_stream import command_stream
 
 FORMS = st.sampled_from(StringForm)
 EXAMPLES = settings(max_examples=400, deadline=None)

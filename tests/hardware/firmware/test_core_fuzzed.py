@@ -4,12 +4,12 @@ import random
 
 import pytest
 
-from hardware.firmware.core import TeensyCore
-from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
-from hardware.protocol.ak70 import MOST_ID, NEUTRAL, MitCommand
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
-from hardware.protocol.can_frame import CanFrame
-from hardware.protocol.teensy import (
+from aerodima.hardware.firmware.core import TeensyCore
+from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.protocol.ak70 import MOST_ID, NEUTRAL, MitCommand
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.teensy import (
     SERVO_PULSES,
     THROTTLE_PULSES,
     Attitude,
@@ -20,7 +20,7 @@ from hardware.protocol.teensy import (
     TeensyStatus,
     make_command,
 )
-from hardware.wiring.base import WIRINGS
+from aerodima.hardware.wiring.base import WIRINGS
 
 STEPS = 10_000
 TIMING = load_teensy_timing()

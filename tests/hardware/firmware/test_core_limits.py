@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.firmware.core import limit_command
-from hardware.firmware.settings import motor_limits
-from hardware.motor_limits import limit_command as limit_on_the_computer
-from hardware.motor_load import MotorLoad
-from hardware.protocol.ak70 import MitCommand, make_exit
-from hardware.protocol.heartbeat import BeatState, decode_answer, make_beat
-from hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.firmware.core import limit_command
+from aerodima.hardware.firmware.settings import motor_limits
+from aerodima.hardware.motor_limits import limit_command as limit_on_the_computer
+from aerodima.hardware.motor_load import MotorLoad
+from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
+from aerodima.hardware.protocol.heartbeat import BeatState, decode_answer, make_beat
+from aerodima.hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
 from tests.hardware.firmware.test_core_watchdog import MS, PUSH, TIMING, Bench
 from tests.hardware.test_motor_limits import settings as joint
 

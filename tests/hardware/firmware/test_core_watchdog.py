@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from hardware.firmware.core import TeensyCore
-from hardware.firmware.settings import FirmwareSettings, load_teensy_timing
-from hardware.protocol.ak70 import (
+from aerodima.hardware.firmware.core import TeensyCore
+from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
     MitReply,
@@ -16,10 +16,10 @@ from hardware.protocol.ak70 import (
     make_neutral,
     make_reply,
 )
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
-from hardware.protocol.can_frame import CanFrame
-from hardware.protocol.sail_encoder import AEAT_6010
-from hardware.protocol.teensy import (
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.sail_encoder import AEAT_6010
+from aerodima.hardware.protocol.teensy import (
     Attitude,
     MotorOrder,
     MotorRequest,
@@ -28,8 +28,8 @@ from hardware.protocol.teensy import (
     TeensyStatus,
     decode_reply,
 )
-from hardware.protocol.teensy import make_command as make_string
-from workbench.errors import HardwareError
+from aerodima.hardware.protocol.teensy import make_command as make_string
+from aerodima.workbench.errors import HardwareError
 
 TIMING = load_teensy_timing()
 PUSH = MitCommand(1.0, 0.0, 17.0, 5.0, 0.0)

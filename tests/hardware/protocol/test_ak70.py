@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hardware.protocol.ak70 import (
+from aerodima.hardware.protocol.ak70 import (
     MOST_ID,
     NEUTRAL,
     MitCommand,
@@ -20,9 +20,9 @@ from hardware.protocol.ak70 import (
     make_zero,
     unwrap,
 )
-from hardware.protocol.ak70_profiles import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES, firmware_profile
-from hardware.protocol.can_frame import CanFrame, FrameError
-from workbench.errors import HardwareError, UserError
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES, firmware_profile
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.workbench.errors import HardwareError, UserError
 
 PROFILE = AK70_10_V1_0_8
 POSITION_STEP = 25.0 / 65535

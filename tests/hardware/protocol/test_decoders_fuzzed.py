@@ -9,11 +9,11 @@ from dataclasses import astuple
 import pytest
 from hypothesis import strategies as st
 
-from hardware.protocol import ak70, radio, sail_encoder, teensy
-from hardware.protocol.ak70_profiles import PROFILES
-from hardware.protocol.can_frame import CanFrame, FrameError
-from hardware.protocol.teensy import StringForm
-from hardware.protocol.teensy_stream import command_stream, reply_stream
+from aerodima.hardware.protocol import ak70, radio, sail_encoder, teensy
+from aerodima.hardware.protocol.ak70_profiles import PROFILES
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.protocol.teensy_stream import command_stream, reply_stream
 from tests.hardware.fuzzing import fuzz
 
 FAST = 200

@@ -5,8 +5,8 @@ import struct
 
 import pytest
 
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.radio import (
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.radio import (
     EmergencyStop,
     Heartbeat,
     HeartbeatMonitor,

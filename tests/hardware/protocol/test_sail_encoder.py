@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.sail_encoder import (
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.sail_encoder import (
     AEAT_6010,
     AEAT_6012,
     bits_in_use,
@@ -15,7 +15,7 @@ from hardware.protocol.sail_encoder import (
     signed_angle,
     unwrap_turn,
 )
-from workbench.errors import HardwareError
+from aerodima.workbench.errors import HardwareError
 
 PARTS = [(AEAT_6012, 4096), (AEAT_6010, 1024)]
 

@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from hardware.protocol.ak70 import NEUTRAL, MitCommand
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.teensy import (
+from aerodima.hardware.protocol.ak70 import NEUTRAL, MitCommand
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.teensy import (
     MotorOrder,
     MotorReport,
     MotorRequest,
@@ -21,7 +21,7 @@ from hardware.protocol.teensy import (
     make_command,
     make_reply,
 )
-from hardware.protocol.teensy_stream import command_stream, reply_stream
+from aerodima.hardware.protocol.teensy_stream import command_stream, reply_stream
 
 COMMAND = TeensyCommand(
     (

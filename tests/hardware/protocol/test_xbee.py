@@ -6,8 +6,8 @@ from digi.xbee.packets.common import ReceivePacket, TransmitPacket
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.protocol.can_frame import FrameError
-from hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received, make_transmit
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received, make_transmit
 
 addresses = st.integers(0, 2**64 - 1)
 payloads = st.one_of(

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.protocol.can_frame import FrameError
-from hardware.sensors.bno055 import (
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.sensors.bno055 import (
     SAMPLE_BYTES,
     Answer,
     AnswerStream,

@@ -11,11 +11,11 @@ from itertools import pairwise
 
 import pytest
 
-from hardware.sensors.bno055 import Bno055Chip, Bno055Sample
-from hardware.sensors.readers import gps_thread, imu_thread
-from hardware.sensors.ublox import GpsSample, make_nav_pvt
-from hardware.transport.serial_link import SerialSettings, open_serial
-from hardware.wiring.base import SourceFault
+from aerodima.hardware.sensors.bno055 import Bno055Chip, Bno055Sample
+from aerodima.hardware.sensors.readers import gps_thread, imu_thread
+from aerodima.hardware.sensors.ublox import GpsSample, make_nav_pvt
+from aerodima.hardware.transport.serial_link import SerialSettings, open_serial
+from aerodima.hardware.wiring.base import SourceFault
 from tests.hardware.fake_can import wait_until
 
 pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hardware.protocol.can_frame import FrameError
-from hardware.sensors.ublox import GpsSample, GpsStream, decode_nav_pvt, make_nav_pvt, make_rmc, ubx_checksum
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.sensors.ublox import GpsSample, GpsStream, decode_nav_pvt, make_nav_pvt, make_rmc, ubx_checksum
 from tests.hardware.fuzzing import fuzz
 
 SAMPLE = GpsSample(3.333, 0.05, True, 12, 3723.5)

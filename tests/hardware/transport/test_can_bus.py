@@ -9,12 +9,12 @@ from io import FileIO
 import can
 import pytest
 
-from hardware.protocol.can_frame import CanFrame
-from hardware.transport.can_bus import BusFault, CanBus
-from hardware.transport.can_settings import CanSettings, open_bus
-from hardware.transport.traffic_log import TrafficLog
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.transport.can_bus import BusFault, CanBus
+from aerodima.hardware.transport.can_settings import CanSettings, open_bus
+from aerodima.hardware.transport.traffic_log import TrafficLog
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import FakeAdapter, SlcanAdapter, wait_until
-from workbench.errors import HardwareError
 
 pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
 

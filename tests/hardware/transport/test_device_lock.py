@@ -10,13 +10,13 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from hardware.transport.can_settings import CanSettings
-from hardware.transport.device_lock import can_address, lock_devices
-from workbench.errors import HardwareError
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.device_lock import can_address, lock_devices
+from aerodima.workbench.errors import HardwareError
 
 HOLD = """
 import subprocess, sys, time
-from hardware.transport.device_lock import lock_devices
+from aerodima.hardware.transport.device_lock import lock_devices
 lock = lock_devices(sys.argv[2:], "a drive")
 if sys.argv[1] == "watched":
     watchdog = subprocess.Popen(["sleep", "60"], pass_fds=lock.files)

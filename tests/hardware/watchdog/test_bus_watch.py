@@ -5,13 +5,13 @@ import time
 
 import pytest
 
-from hardware.protocol.can_frame import CanFrame
-from hardware.protocol.heartbeat import BEAT_ID, BeatState, decode_beat, make_answer
-from hardware.protocol.teensy import TeensyStatus
-from hardware.watchdog.bus_watch import BusWatch, Watchdogs
-from hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.heartbeat import BEAT_ID, BeatState, decode_beat, make_answer
+from aerodima.hardware.protocol.teensy import TeensyStatus
+from aerodima.hardware.watchdog.bus_watch import BusWatch, Watchdogs
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.wiring.fake_devices import FakeWatchdog
-from workbench.errors import HardwareError
 
 TIMING = load_watchdog_timing()
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from hardware.watchdog.guard import Guard, Word
-from hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.watchdog.guard import Guard, Word
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
 
 TIMING = load_watchdog_timing()
 

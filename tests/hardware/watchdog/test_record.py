@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from hardware.emulator.folder import READY_FILE, READY_SCHEMA
-from hardware.watchdog import record
-from hardware.watchdog.record import is_emulated, new_record, read_record, require_watchdog_test, write_record
-from hardware.wiring.car_ports import ports_from_dict
-from workbench.errors import HardwareError
+from aerodima.hardware.emulator.folder import READY_FILE, READY_SCHEMA
+from aerodima.hardware.watchdog import record
+from aerodima.hardware.watchdog.record import is_emulated, new_record, read_record, require_watchdog_test, write_record
+from aerodima.hardware.wiring.car_ports import ports_from_dict
+from aerodima.workbench.errors import HardwareError
 
 
 def ports(teensy="/dev/ttyACM0", can=None):

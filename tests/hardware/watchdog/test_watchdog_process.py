@@ -9,13 +9,13 @@ import time
 
 import pytest
 
-from hardware.protocol.ak70 import make_exit
-from hardware.transport.can_settings import CanSettings
-from hardware.transport.device_lock import lock_devices
-from hardware.watchdog.process import WatchdogProcess
-from hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.protocol.ak70 import make_exit
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.device_lock import lock_devices
+from aerodima.hardware.watchdog.process import WatchdogProcess
+from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import SlcanAdapter, wait_until
-from workbench.errors import HardwareError
 
 pytestmark = pytest.mark.emulated  # processes and deadlines on the wall clock
 
@@ -25,8 +25,8 @@ EXITS = [(motor_id, make_exit(motor_id).data) for motor_id in (1, 2)]
 DRIVE = """
 import sys, time
 from pathlib import Path
-from hardware.transport.can_settings import CanSettings
-from hardware.watchdog.process import WatchdogProcess
+from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.watchdog.process import WatchdogProcess
 watchdog = WatchdogProcess(CanSettings("slcan", sys.argv[1]), (1, 2), Path(sys.argv[2]))
 watchdog.arm()
 print(watchdog.pid, flush=True)

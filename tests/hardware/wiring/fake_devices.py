@@ -3,22 +3,22 @@
 import math
 import time
 
-from hardware.protocol.car_report import Asks
-from hardware.protocol.radio import OperatorCommand, RadioMode
-from hardware.radio_link import IDLE
-from hardware.sensors.bno055 import Bno055Sample
-from hardware.sensors.ublox import GpsSample
-from hardware.teensy_link import TeensyFault
-from hardware.wiring.base import SourceFault
-from hardware.wiring.car_ports import ports_from_dict
-from hardware.wiring.devices import Devices
-from hardware.wiring.drive_safety import load_drive_safety
-from hardware.wiring.mounting import load_mounting
-from hardware.wiring.open_ports import tail_motors
-from hardware.wiring.wired_car import WiredCar
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.radio_link import IDLE
+from aerodima.hardware.sensors.bno055 import Bno055Sample
+from aerodima.hardware.sensors.ublox import GpsSample
+from aerodima.hardware.teensy_link import TeensyFault
+from aerodima.hardware.wiring.base import SourceFault
+from aerodima.hardware.wiring.car_ports import ports_from_dict
+from aerodima.hardware.wiring.devices import Devices
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.wiring.mounting import load_mounting
+from aerodima.hardware.wiring.open_ports import tail_motors
+from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import load_scenario
 from tests.hardware.fake_motors import FakeMotor, FakePort
-from workbench.errors import HardwareError
-from workbench.scenario import load_scenario
 
 PORTS = {"schema": "aerodima/ports/1", "teensy": {"path": "/dev/a"}, "imu": {"path": "/dev/b"}}
 

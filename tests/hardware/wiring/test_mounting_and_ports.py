@@ -7,17 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from hardware.motor_settings import MotorSettings
-from hardware.wiring.base import SourceFault
-from hardware.wiring.car_ports import ports_from_dict, read_ports
-from hardware.wiring.direct_can import direct_can
-from hardware.wiring.mounting import AXES, load_mounting
-from hardware.wiring.open_ports import tail_motors
-from hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.hardware.motor_settings import MotorSettings
+from aerodima.hardware.wiring.base import SourceFault
+from aerodima.hardware.wiring.car_ports import ports_from_dict, read_ports
+from aerodima.hardware.wiring.direct_can import direct_can
+from aerodima.hardware.wiring.mounting import AXES, load_mounting
+from aerodima.hardware.wiring.open_ports import tail_motors
+from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.station import NOT_FITTED
 from tests.hardware.wiring.fake_devices import PORTS
-from workbench.errors import HardwareError
-from workbench.scenario import load_scenario
-from workbench.station import NOT_FITTED
 
 PAIRS = [pair for pair in itertools.product(AXES, AXES) if AXES[pair[0]] @ AXES[pair[1]] == 0]
 

@@ -6,17 +6,17 @@ import time
 import numpy as np
 import pytest
 
-from hardware.drive.guard import CarGuard
-from hardware.motor_state import MotorFault
-from hardware.protocol.ak70 import make_exit
-from hardware.protocol.car_report import decode_report
-from hardware.sensors.ublox import GpsSample
-from hardware.teensy_link import TeensyFault
-from hardware.wiring.base import CarCommand, SourceFault
-from hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.drive.guard import CarGuard
+from aerodima.hardware.motor_state import MotorFault
+from aerodima.hardware.protocol.ak70 import make_exit
+from aerodima.hardware.protocol.car_report import decode_report
+from aerodima.hardware.sensors.ublox import GpsSample
+from aerodima.hardware.teensy_link import TeensyFault
+from aerodima.hardware.wiring.base import CarCommand, SourceFault
+from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.ports import STATUS
 from tests.hardware.wiring.fake_devices import CarOnTheBench
-from workbench.errors import HardwareError
-from workbench.ports import STATUS
 
 HOLD = CarCommand(0.0, 0.0, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.5, 0.0, 17.0, 5.0, 0.0]))
 

@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 import yaml
 
-from optimisation.calibration import runs
-from optimisation.calibration.calibrate import SHIPPED_DIGITS, Calibration, calibrate
-from optimisation.calibration.data import Datum, fitted, log_likelihood, plan_data
-from optimisation.calibration.design import Design, Runner, critical_groups, run_through
-from optimisation.calibration.draw import Draw
-from optimisation.calibration.edge import Edge
-from optimisation.calibration.output import ensemble_text, write_calibration
-from optimisation.calibration.plan import CalibrationPlan, fitted_names, load_plan, prior_ranges
-from optimisation.calibration.runs import RunStore, car_values
-from optimisation.calibration.shipped import shipped_car
-from optimisation.calibration.validation import validate
-from optimisation.calibration.weights import normalised
-from optimisation.sweep.task import RunTask
+from aerodima.optimisation.calibration import runs
+from aerodima.optimisation.calibration.calibrate import SHIPPED_DIGITS, Calibration, calibrate
+from aerodima.optimisation.calibration.data import Datum, fitted, log_likelihood, plan_data
+from aerodima.optimisation.calibration.design import Design, Runner, critical_groups, run_through
+from aerodima.optimisation.calibration.draw import Draw
+from aerodima.optimisation.calibration.edge import Edge
+from aerodima.optimisation.calibration.output import ensemble_text, write_calibration
+from aerodima.optimisation.calibration.plan import CalibrationPlan, fitted_names, load_plan, prior_ranges
+from aerodima.optimisation.calibration.runs import RunStore, car_values
+from aerodima.optimisation.calibration.shipped import shipped_car
+from aerodima.optimisation.calibration.validation import validate
+from aerodima.optimisation.calibration.weights import normalised
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.workbench.ensemble import load_ensemble
+from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.scenario import load_parameter_entries, load_scenario
 from tests.optimisation.calibration.made_up_car import TAILLESS_GROUP, MadeUpEngine, half_track
-from workbench.ensemble import load_ensemble
-from workbench.errors import ScenarioError, UserError
-from workbench.scenario import load_parameter_entries, load_scenario
 
 LOW, HIGH = TAILLESS_GROUP - 0.1 * (3.61 - 3.47), TAILLESS_GROUP - 0.1 * (3.33 - 3.47)
 

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
-from workbench.logs.schema import RunLog, run_log_from_metadata, write_run_log
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, write_run_log
 
 GRAVITY = 9.81
 ACCURACY = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])

@@ -7,9 +7,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from optimisation.errors import FitError
-from optimisation.identify.aggregate import aggregate, recompute_averages, weights
-from optimisation.identify.published_tables import (
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.aggregate import aggregate, recompute_averages, weights
+from aerodima.optimisation.identify.published_tables import (
     flag_added_mass,
     flag_robot_tail,
     flag_static,

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimisation.identify.published_tables import static_rows
-from optimisation.identify.rig_constants import (
+from aerodima.optimisation.identify.published_tables import static_rows
+from aerodima.optimisation.identify.rig_constants import (
     balances,
     constants_parameters,
     fit_rig_constants,

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optimisation.errors import FitError
-from optimisation.identify.springs import fit_spring
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.springs import fit_spring
 
 
 def data(x: np.ndarray, force: np.ndarray) -> pd.DataFrame:

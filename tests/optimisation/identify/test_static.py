@@ -11,16 +11,16 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from scipy.optimize import least_squares
 
-from optimisation.errors import FitError
-from optimisation.identify.static import fit_static, static_parameters, static_problem
-from optimisation.identify.static_balance import StaticBalance
-from optimisation.identify.static_log import static_data
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.static import fit_static, static_parameters, static_problem
+from aerodima.optimisation.identify.static_balance import StaticBalance
+from aerodima.optimisation.identify.static_log import static_data
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.conditioning import cut
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.rig_logs import simulate_static_log
 from tests.optimisation.identify import static_truth as truth
-from workbench.errors import LogError
-from workbench.logs.conditioning import cut
-from workbench.logs.schema import RunLog
-from workbench.plants.rig import Rig
-from workbench.rig_logs import simulate_static_log
 
 
 @pytest.fixture(scope="module")

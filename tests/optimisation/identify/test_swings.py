@@ -10,23 +10,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optimisation.errors import FitError
-from optimisation.identify.added_mass import (
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.added_mass import (
     added_mass_model,
     added_mass_parameter,
     added_mass_problem,
     fit_added_mass,
 )
-from optimisation.identify.friction import fit_friction
-from optimisation.identify.robot_tail import fit_robot_tail
-from optimisation.identify.swing_log import swing_data
-from optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out, torque_response
+from aerodima.optimisation.identify.friction import fit_friction
+from aerodima.optimisation.identify.robot_tail import fit_robot_tail
+from aerodima.optimisation.identify.swing_log import swing_data
+from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out, torque_response
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.rig_run import run_rig
+from aerodima.workbench.rig_scenario import load_rig_scenario
 from tests.optimisation.identify import swing_truth as truth
-from workbench.errors import LogError
-from workbench.logs.recipe import apply_recipe, recipe_from
-from workbench.plants.rig import Rig
-from workbench.rig_run import run_rig
-from workbench.rig_scenario import load_rig_scenario
 
 
 @pytest.mark.parametrize(("name", "added"), [("bar", 0.0), ("flick", 0.0), ("flick", 0.03), ("robot", 0.0)])

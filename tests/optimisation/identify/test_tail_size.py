@@ -10,9 +10,17 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from optimisation.errors import FitError
-from optimisation.identify.tail_size import READINGS, SwingRange, draw_tails, find_tails, prior, published_ranges, weigh
-from optimisation.identify.tail_swings import (
+from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.identify.tail_size import (
+    READINGS,
+    SwingRange,
+    draw_tails,
+    find_tails,
+    prior,
+    published_ranges,
+    weigh,
+)
+from aerodima.optimisation.identify.tail_swings import (
     SwingExtremes,
     air_torque,
     cover,
@@ -20,10 +28,10 @@ from optimisation.identify.tail_swings import (
     lever,
     swing_extremes,
 )
-from workbench.cli import build_app
-from workbench.plants.rig import Rig
-from workbench.rig_run import run_rig
-from workbench.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.rig_run import run_rig
+from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 
 SCENARIO = load_rig_scenario("robot")
 TAIL = {name: entry.value for name, entry in prior().items()} | {"law": 0.0}

@@ -10,19 +10,19 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from optimisation.leaderboard.climb import Climb, climb
-from optimisation.leaderboard.contestants import swing_player, swing_players
-from optimisation.leaderboard.make import make_leaderboard
-from optimisation.leaderboard.measure import Plan
-from optimisation.leaderboard.memory import task_key
-from optimisation.leaderboard.page import PAGE
-from optimisation.sweep.task import RunTask
-from optimisation.sweep.threshold import FRICTION, SPEED, Case
-from workbench.ensemble import Member
-from workbench.errors import UserError
-from workbench.resources import model_path
-from workbench.scenario import load_scenario
-from workbench.swing_file import read_swing, write_swing
+from aerodima.optimisation.leaderboard.climb import Climb, climb
+from aerodima.optimisation.leaderboard.contestants import swing_player, swing_players
+from aerodima.optimisation.leaderboard.make import make_leaderboard
+from aerodima.optimisation.leaderboard.measure import Plan
+from aerodima.optimisation.leaderboard.memory import task_key
+from aerodima.optimisation.leaderboard.page import PAGE
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.optimisation.sweep.threshold import FRICTION, SPEED, Case
+from aerodima.workbench.ensemble import Member
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.swing_file import read_swing, write_swing
 
 SWING = "thesis_8_rad_per_s"
 CRITICAL = {"none": 0.6, "held": 0.7, "4.0": 0.74, "6.0": 0.78, "8.0": 0.72, SWING: 0.9}
@@ -193,7 +193,7 @@ def test_stopped_it_goes_on_and_a_wider_plan_keeps_the_runs(tmp_path: Path, monk
     fewer = MadeUp()
     make_leaderboard(tmp_path, narrow, [], MEMBERS, fewer, replays=False)
     assert not fewer.tasks, "a swing less asks for no new runs"
-    monkeypatch.setattr("optimisation.leaderboard.make.default_values", lambda: {"car": {"mass": 7.0}})
+    monkeypatch.setattr("aerodima.optimisation.leaderboard.make.default_values", lambda: {"car": {"mass": 7.0}})
     with pytest.raises(UserError, match="holds results of another study"):
         make_leaderboard(tmp_path, narrow, [SWING], MEMBERS, MadeUp(), replays=False)
 

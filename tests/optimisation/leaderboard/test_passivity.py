@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from optimisation.leaderboard.passivity import measure_passivity, tails, write_passivity
-from optimisation.sweep.task import RunTask
-from optimisation.sweep.threshold import FRICTION, SPEED
-from workbench.scenario import load_scenario
+from aerodima.optimisation.leaderboard.passivity import measure_passivity, tails, write_passivity
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.optimisation.sweep.threshold import FRICTION, SPEED
+from aerodima.workbench.scenario import load_scenario
 
 
 class StifferIsBetter:

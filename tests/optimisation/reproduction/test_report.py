@@ -5,12 +5,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optimisation.calibration.plan import fitted_names, load_plan
-from optimisation.reproduction.report import write_report
-from optimisation.reproduction.rows import change_row, figure_row, share_row
+from aerodima.optimisation.calibration.plan import fitted_names, load_plan
+from aerodima.optimisation.reproduction.report import write_report
+from aerodima.optimisation.reproduction.rows import change_row, figure_row, share_row
+from aerodima.workbench.ensemble import Ensemble, load_ensemble
+from aerodima.workbench.errors import UserError
 from tests.optimisation.calibration.made_up_car import MadeUpEngine
-from workbench.ensemble import Ensemble, load_ensemble
-from workbench.errors import UserError
 
 HALF = np.array([0.5, 0.5])
 

@@ -1,7 +1,7 @@
 """An engine whose runs cost nothing: survival and numbers as plain functions of the settings."""
 
-from optimisation.sweep.engine import SerialEngine
-from optimisation.sweep.threshold import FRICTION, SPEED
+from aerodima.optimisation.sweep.engine import SerialEngine
+from aerodima.optimisation.sweep.threshold import FRICTION, SPEED
 
 LIMITS = {"turn_none": 0.62, "turn_held": 0.72, "turn_swing": 0.82}
 

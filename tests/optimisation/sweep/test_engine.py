@@ -5,12 +5,12 @@ import re
 
 import pytest
 
-from optimisation.sweep import engine as engine_module
-from optimisation.sweep.engine import SerialEngine, open_engine
-from optimisation.sweep.task import WORKER_LOST, RunTask, evaluate
+from aerodima.optimisation.sweep import engine as engine_module
+from aerodima.optimisation.sweep.engine import SerialEngine, open_engine
+from aerodima.optimisation.sweep.task import WORKER_LOST, RunTask, evaluate
+from aerodima.workbench.batch import dask_cluster
+from aerodima.workbench.errors import UserError
 from tests.optimisation.sweep.tiny import POISON, TINY_SETTINGS, evaluate_or_die
-from workbench.batch import dask_cluster
-from workbench.errors import UserError
 
 
 def tasks(number, *settings):

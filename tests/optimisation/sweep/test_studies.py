@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from optimisation.sweep.shape_goals import load_goals, mean_drag, published_goals
-from optimisation.sweep.studies import (
+from aerodima.optimisation.sweep.shape_goals import load_goals, mean_drag, published_goals
+from aerodima.optimisation.sweep.studies import (
     critical_friction,
     monte_carlo,
     mount,
@@ -18,11 +18,11 @@ from optimisation.sweep.studies import (
     trigger,
     turn,
 )
-from optimisation.sweep.studies.report import make_report
-from optimisation.sweep.study import Range, check_factors, plan_runs
+from aerodima.optimisation.sweep.studies.report import make_report
+from aerodima.optimisation.sweep.study import Range, check_factors, plan_runs
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.scenario import load_scenario
 from tests.optimisation.sweep.made_up_engine import MadeUpEngine
-from workbench.errors import UserError
-from workbench.scenario import load_scenario
 
 GOALS = published_goals()
 STUDIES = {

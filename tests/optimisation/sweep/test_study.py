@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from optimisation.sweep.study import Normal, Sample, Study, Uniform, load_study, plan_runs
+from aerodima.optimisation.sweep.study import Normal, Sample, Study, Uniform, load_study, plan_runs
+from aerodima.workbench.ensemble import load_ensemble
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.scenario import load_scenario
 from tests.optimisation.sweep.tiny import tiny_study, write_study
-from workbench.ensemble import load_ensemble
-from workbench.errors import UserError
-from workbench.scenario import load_scenario
 
 
 def test_grid_is_every_combination_in_order(tmp_path):

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from optimisation.sweep.engine import SerialEngine, SweepError
-from optimisation.sweep.threshold import (
+from aerodima.optimisation.sweep.engine import SerialEngine, SweepError
+from aerodima.optimisation.sweep.threshold import (
     FRICTION,
     SPEED,
     TIPPED,
@@ -14,7 +14,7 @@ from optimisation.sweep.threshold import (
     critical_friction,
     find_thresholds,
 )
-from workbench.errors import UserError
+from aerodima.workbench.errors import UserError
 
 
 class MadeUp(SerialEngine):

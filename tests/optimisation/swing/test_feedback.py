@@ -10,15 +10,15 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner, Result
 
-from optimisation.errors import SwingError
-from optimisation.swing.feedback import FEEDBACK_NAMES, discretise, lqr_gains, with_feedback
-from workbench.cli import build_app
-from workbench.controllers.swing_reference import SwingReference
-from workbench.controllers.swing_tracker_law import SwingTracker
-from workbench.resources import model_path
-from workbench.scenario import Scenario, load_scenario
-from workbench.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
-from workbench.trial import Trial, run_trial
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.feedback import FEEDBACK_NAMES, discretise, lqr_gains, with_feedback
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.controllers.swing_reference import SwingReference
+from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
+from aerodima.workbench.trial import Trial, run_trial
 
 EARLIER = Path(__file__).parent / "data" / "roll_4_5.yaml"
 """A polished swing of version 0.1.0, for a car of its own."""

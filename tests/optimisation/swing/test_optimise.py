@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optimisation.errors import SwingError
-from optimisation.swing.optimise import Options, optimise_swing
-from optimisation.swing.result import RAMP, even_swing, swing_file
-from optimisation.swing.solve import solve
-from optimisation.swing.start import random_start
-from optimisation.swing.transcription import ANGLE
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.optimise import Options, optimise_swing
+from aerodima.optimisation.swing.result import RAMP, even_swing, swing_file
+from aerodima.optimisation.swing.solve import solve
+from aerodima.optimisation.swing.start import random_start
+from aerodima.optimisation.swing.transcription import ANGLE
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.swing_file import SwingFile, read_swing, swing_at, write_swing
 from tests.optimisation.swing.turn import problem
-from workbench.cli import build_app
-from workbench.scenario import load_scenario
-from workbench.swing_file import SwingFile, read_swing, swing_at, write_swing
 
 
 @cache

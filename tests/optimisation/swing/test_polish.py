@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimisation.errors import SwingError
-from optimisation.swing import candidate as candidate_module
-from optimisation.swing import full_car as full_car_module
-from optimisation.swing.candidate import Candidate, Car, Reference, Score, between, most_roll, score, shares
-from optimisation.swing.choice import choose
-from optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
-from optimisation.swing.options import Options
-from optimisation.swing.polish import _comparable, polish, polished
-from optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
-from workbench.errors import SwingFileError
-from workbench.scenario import load_scenario
-from workbench.swing_curve import swing_at
-from workbench.swing_file import SwingFile, read_swing, swing_from_dict
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing import candidate as candidate_module
+from aerodima.optimisation.swing import full_car as full_car_module
+from aerodima.optimisation.swing.candidate import Candidate, Car, Reference, Score, between, most_roll, score, shares
+from aerodima.optimisation.swing.choice import choose
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
+from aerodima.optimisation.swing.options import Options
+from aerodima.optimisation.swing.polish import _comparable, polish, polished
+from aerodima.optimisation.swing.shape import PITCH, PLACES, ROLL, changed, changes
+from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.swing_curve import swing_at
+from aerodima.workbench.swing_file import SwingFile, read_swing, swing_from_dict
 
 REFERENCE = Reference(0.675, 0.767)
 
@@ -307,7 +307,7 @@ def test_an_interrupted_polish_goes_on_with_its_own_candidates_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Car, "of", lambda scenario: Car(scenario.resolved(), REFERENCE))
-    monkeypatch.setattr("optimisation.swing.polish.choose", lambda *_arguments, **_options: None)
+    monkeypatch.setattr("aerodima.optimisation.swing.polish.choose", lambda *_arguments, **_options: None)
     checkpoint, cars = tmp_path / "swing.search.json", [load_scenario("turn_swing")]
     kept = tmp_path / "swing.search.polish.json"
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from optimisation.errors import SwingError
-from optimisation.swing import planar, spatial
-from optimisation.swing.full_car import drive, varied
-from optimisation.swing.profile import turn_profile
-from optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing import planar, spatial
+from aerodima.optimisation.swing.full_car import drive, varied
+from aerodima.optimisation.swing.profile import turn_profile
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.workbench.car_air import sail_law
+from aerodima.workbench.scenario import load_scenario
 from tests.optimisation.swing.turn import car
-from workbench.car_air import sail_law
-from workbench.scenario import load_scenario
 
 STRAIGHT = np.array([0.0, 0.0, 4.5, 0.0, 0.0, 0.0])
 STANDING = np.zeros(6)

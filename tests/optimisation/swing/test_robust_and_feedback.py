@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimisation.errors import SwingError
-from optimisation.swing import full_car, optimise
-from optimisation.swing.full_car import Outcome, drive_all, varied
-from optimisation.swing.optimise import Options, optimise_swing
-from workbench.ensemble import load_ensemble
-from workbench.resources import model_path
-from workbench.scenario import Scenario, load_scenario
-from workbench.swing_file import SwingFile, read_swing
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing import full_car, optimise
+from aerodima.optimisation.swing.full_car import Outcome, drive_all, varied
+from aerodima.optimisation.swing.optimise import Options, optimise_swing
+from aerodima.workbench.ensemble import load_ensemble
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.swing_file import SwingFile, read_swing
 
 SETTINGS = ("manoeuvre.speed=4.5", "manoeuvre.turn_start=1.6", "manoeuvre.duration=3.2", "simulation.step=0.004")
 

@@ -7,11 +7,11 @@ import time
 import numpy as np
 import pytest
 
-from optimisation.errors import SwingError
-from optimisation.swing.mesh import collocation_error, refined, tail_at
-from optimisation.swing.solve import best_of, bounds_of, linear_rows, multi_start, solve, violations_of
-from optimisation.swing.start import random_start
-from optimisation.swing.transcription import (
+from aerodima.optimisation.errors import SwingError
+from aerodima.optimisation.swing.mesh import collocation_error, refined, tail_at
+from aerodima.optimisation.swing.solve import best_of, bounds_of, linear_rows, multi_start, solve, violations_of
+from aerodima.optimisation.swing.start import random_start
+from aerodima.optimisation.swing.transcription import (
     ANGLE,
     RATE,
     TORQUE,
@@ -100,7 +100,7 @@ def test_a_solver_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> N
         def available(self) -> bool:
             return False
 
-    monkeypatch.setattr("optimisation.swing.solve.IpoptSolver", Missing)
+    monkeypatch.setattr("aerodima.optimisation.swing.solve.IpoptSolver", Missing)
     posed = problem(knots=7)
     with pytest.raises(SwingError, match="solver ipopt: not available"):
         solve(posed, random_start(posed, np.random.default_rng(0)), solver="ipopt")

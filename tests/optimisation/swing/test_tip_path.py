@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimisation.swing.tip_path import plot_tip_path, tip_position
-from workbench.controllers.law_of_scenario import find_swing
-from workbench.scenario import load_scenario
+from aerodima.optimisation.swing.tip_path import plot_tip_path, tip_position
+from aerodima.workbench.controllers.law_of_scenario import find_swing
+from aerodima.workbench.scenario import load_scenario
 
 QUARTER = np.pi / 2
 

@@ -13,13 +13,13 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from optimisation.sweep.engine import SerialEngine
-from optimisation.sweep.task import RunTask
-from optimisation.swing.verify import StateErrors, _complaints, heading_ratio
-from workbench.cli import build_app
-from workbench.resources import model_path
-from workbench.scenario import load_scenario
-from workbench.swing_file import SwingFile, read_swing, write_swing
+from aerodima.optimisation.sweep.engine import SerialEngine
+from aerodima.optimisation.sweep.task import RunTask
+from aerodima.optimisation.swing.verify import StateErrors, _complaints, heading_ratio
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.swing_file import SwingFile, read_swing, write_swing
 
 FINE = StateErrors(0.1, 0.0, 0.05, None, 1.57, 0.0, 10.0, 0.03, 0.1, False)
 

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 
-from optimisation.swing import planar, spatial
-from optimisation.swing.profile import TurnProfile
-from optimisation.swing.reduced_car import ReducedCar
-from optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
-from workbench.scenario import load_scenario
+from aerodima.optimisation.swing import planar, spatial
+from aerodima.optimisation.swing.profile import TurnProfile
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
+from aerodima.workbench.scenario import load_scenario
 
 
 @cache

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from workbench.actuators.ak70 import StepAhead, TailMotors, mit_torque, torque_speed_limits
-from workbench.parameters import TailMotorParameters
-from workbench.plants.tail import ArmInertia
-from workbench.scenario import scenario_from_dict
+from aerodima.workbench.actuators.ak70 import StepAhead, TailMotors, mit_torque, torque_speed_limits
+from aerodima.workbench.parameters import TailMotorParameters
+from aerodima.workbench.plants.tail import ArmInertia
+from aerodima.workbench.scenario import scenario_from_dict
 
 MOTOR: TailMotorParameters = scenario_from_dict({}).tail_motor
 LINE = torque_speed_limits(MOTOR)

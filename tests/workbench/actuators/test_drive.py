@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from workbench.actuators.drive import Drive, shaft_gain, steady_speed
-from workbench.scenario import scenario_from_dict
+from aerodima.workbench.actuators.drive import Drive, shaft_gain, steady_speed
+from aerodima.workbench.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})
 DRIVE, CAR = SCENARIO.drive, SCENARIO.car

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.actuators.friction import JointFriction, sign_friction, smooth_friction
+from aerodima.workbench.actuators.friction import JointFriction, sign_friction, smooth_friction
 
 COULOMB, VISCOUS = 0.161, 0.057
 SMOOTH, SIGN = smooth_friction(COULOMB, VISCOUS, 10.0), sign_friction(COULOMB, VISCOUS)

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from workbench.actuators.maxon import MaxonMotor
-from workbench.actuators.mit_motor import MitMotor
-from workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.actuators.maxon import MaxonMotor
+from aerodima.workbench.actuators.mit_motor import MitMotor
+from aerodima.workbench.rig_scenario import load_rig_scenario
 
 SCENARIO = load_rig_scenario("robot")
 

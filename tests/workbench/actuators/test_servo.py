@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from workbench.actuators.servo import SteeringServo, ackermann
-from workbench.scenario import scenario_from_dict
+from aerodima.workbench.actuators.servo import SteeringServo, ackermann
+from aerodima.workbench.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})
 CAR, STEP = SCENARIO.car, 0.002

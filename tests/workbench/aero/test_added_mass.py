@@ -23,14 +23,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
+from aerodima.workbench.aero.added_mass import add_added_mass, added_mass_matrix
+from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.wind import WindModel, WindSource
+from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_plant
-from workbench.aero.added_mass import add_added_mass, added_mass_matrix
-from workbench.aero.jet import Jet
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout
-from workbench.aero.tail_force import add_to_builder
-from workbench.aero.wind import WindModel, WindSource
-from workbench.errors import ModelError
 
 LENGTH, MASS, GRAVITY = 0.4, 0.1, 9.81
 LAYOUT = SectionLayout.strip(start=0.0, length=LENGTH, width=0.06)

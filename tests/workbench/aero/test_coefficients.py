@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from workbench.aero.coefficient_files import coefficients_from_dict, embedded_sets, load_coefficients
-from workbench.aero.coefficients import PolynomialSurface, RegularTable, SpeedLine, SpeedTable, fit_surface
-from workbench.aero.laws import NormalForceLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.published_coefficients import robot_tail_rows, weighted, write_sets
-from workbench.errors import ModelError
-from workbench.resources import models_dir
+from aerodima.workbench.aero.coefficient_files import coefficients_from_dict, embedded_sets, load_coefficients
+from aerodima.workbench.aero.coefficients import PolynomialSurface, RegularTable, SpeedLine, SpeedTable, fit_surface
+from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.published_coefficients import robot_tail_rows, weighted, write_sets
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.resources import models_dir
 
 TABLE = RegularTable((10.0, 20.0), (0.0, 0.5, 1.0), ((1.0, 2.0, 4.0), (3.0, 6.0, 8.0)))
 

@@ -12,14 +12,14 @@ from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, SpatialInert
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout, cheetah_tail_layout
+from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.resources import model_path
 from tests.workbench.aero.plants import add_plant, plant_context, port_value
-from workbench.aero.coefficient_files import load_coefficients
-from workbench.aero.jet import Jet
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout, cheetah_tail_layout
-from workbench.aero.tail_force import add_to_builder
-from workbench.errors import ModelError
-from workbench.resources import model_path
 
 EDGE_DEPTH = 0.265  # h0, design section 5
 DOWN = {"axis_B": (0.0, 0.0, -1.0), "normal_B": (0.0, 1.0, 0.0)}

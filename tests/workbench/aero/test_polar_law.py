@@ -9,12 +9,12 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
-from workbench.aero.laws import NormalForceLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout
-from workbench.aero.tail_force import add_to_builder
-from workbench.errors import ModelError
 
 LAYOUT = SectionLayout.strip(
     start=0.27, length=0.39, width=0.0639, p_BoRo_B=(0.1, -0.2, 0.3), axis_B=(0.0, 0.6, 0.8), normal_B=(0.0, 0.8, -0.6)

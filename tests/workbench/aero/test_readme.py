@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-import workbench.aero
-from workbench.cli import build_app
-from workbench.logs.schema import read_run_log
-from workbench.metrics import metrics_of
+from aerodima.workbench import aero
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics import metrics_of
 
-SECTION = (Path(workbench.aero.__file__).parent / "README.md").read_text(encoding="utf-8").split("## On the car\n")[1]
+SECTION = (Path(aero.__file__).parent / "README.md").read_text(encoding="utf-8").split("## On the car\n")[1]
 
 
 def block(language):

@@ -10,13 +10,13 @@ from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw, dot, facing_law, float_of
+from aerodima.workbench.aero.sail import FreeSail
+from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.aero.wind import WindModel, add_wind
+from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_plant
-from workbench.aero.coefficient_files import load_coefficients
-from workbench.aero.laws import NormalForceLaw, TwoSidedLaw, dot, facing_law, float_of
-from workbench.aero.sail import FreeSail
-from workbench.aero.tail_force import add_to_builder as add_tail_force
-from workbench.aero.wind import WindModel, add_wind
-from workbench.errors import ModelError
 
 WIND, RHO = 6.0, 1.225
 VANE = {

@@ -14,11 +14,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy import integrate
 
+from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
-from workbench.aero.laws import NormalForceLaw
-from workbench.aero.sections import Air, SectionLayout
-from workbench.aero.tail_force import add_to_builder
-from workbench.errors import ModelError
 
 AXIS = (0.0, 0.6, 0.8)
 NORMAL = (0.0, 0.8, -0.6)

@@ -10,13 +10,13 @@ from pydrake.autodiffutils import AutoDiffXd, InitializeAutoDiff
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
-from workbench.aero.coefficient_files import load_coefficients
-from workbench.aero.jet import Jet
-from workbench.aero.laws import NormalForceLaw
-from workbench.aero.polar_law import PolarLaw
-from workbench.aero.sections import SectionLayout
-from workbench.aero.tail_force import add_to_builder
 
 LAYOUT = SectionLayout.strip(start=0.1, length=0.5, width=0.1, p_BoRo_B=(0.05, 0.1, -0.1))
 LAWS = {

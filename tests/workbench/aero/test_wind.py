@@ -9,12 +9,12 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.wind import WindModel, WindSource, add_apparent_wind, add_wind
+from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value
-from workbench.aero.jet import Jet
-from workbench.aero.sections import SectionLayout
-from workbench.aero.tail_force import add_to_builder
-from workbench.aero.wind import WindModel, WindSource, add_apparent_wind, add_wind
-from workbench.errors import ModelError
 
 
 def history(model: WindModel, duration: float, step: float = 0.01) -> np.ndarray:

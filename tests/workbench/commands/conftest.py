@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from workbench.cli import build_app
+from aerodima.workbench.cli import build_app
 
 Call = Callable[..., Result]
 

@@ -7,10 +7,10 @@ import typer
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
-from workbench.aero.coefficient_files import embedded_sets, load_coefficients
-from workbench.aero.coefficient_plots import plot_coefficients
-from workbench.commands.coefficients import register
-from workbench.errors import ModelError
+from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
+from aerodima.workbench.aero.coefficient_plots import plot_coefficients
+from aerodima.workbench.commands.coefficients import register
+from aerodima.workbench.errors import ModelError
 
 RUNNER = CliRunner()
 

@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from workbench.cli import build_app
-from workbench.errors import LogError
-from workbench.logs.schema import RunLog, read_run_log
-from workbench.plots.overlay import plot_overlay
-from workbench.report.comparison_page import comparison_page, different_cars, metrics_rows, scenario_differences
-from workbench.run import run_scenario
-from workbench.scenario import load_scenario
+from aerodima.workbench.cli import build_app
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.plots.overlay import plot_overlay
+from aerodima.workbench.report.comparison_page import (
+    comparison_page,
+    different_cars,
+    metrics_rows,
+    scenario_differences,
+)
+from aerodima.workbench.run import run_scenario
+from aerodima.workbench.scenario import load_scenario
 
 SHORT = ("speed=1.0", "turn_start=0.2", "speed_ramp=0.1", "turn_hold=0.1", "duration=0.7")
 

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from aerodima.workbench.logs.schema import read_run_log, write_run_log
 from tests.workbench.made_up_runs import made_up_run
-from workbench.logs.schema import read_run_log, write_run_log
 
 MAPPING = """
 schema: aerodima/log-mapping/1

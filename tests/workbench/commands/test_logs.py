@@ -9,11 +9,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from workbench.logs.journal import journal_path
-from workbench.logs.schema import read_run_log
-from workbench.metrics import metrics_of
-from workbench.run import run_scenario
-from workbench.scenario import load_scenario
+from aerodima.workbench.logs.journal import journal_path
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.run import run_scenario
+from aerodima.workbench.scenario import load_scenario
 
 SETTINGS = ["manoeuvre.turn_start=0.9", "manoeuvre.speed_ramp=0.7", "manoeuvre.duration=1.7", "manoeuvre.speed=1.5"]
 """At 2 m/s2: harder, up to the tyres' friction, the short car rears up on its board."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from workbench.model_check import check_shipped_models
-from workbench.resources import models_dir
+from aerodima.workbench.model_check import check_shipped_models
+from aerodima.workbench.resources import models_dir
 
 LINK = """
 <link name="{name}"><inertial><mass>{mass}</mass>
@@ -60,9 +60,9 @@ def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path: Path, m
         text = (models / name).read_text()
         assert old in text
         (models / name).write_text(text.replace(old, new))
-    for module in ("workbench.model_check", "workbench.aero.coefficient_files"):
+    for module in ("aerodima.workbench.model_check", "aerodima.workbench.aero.coefficient_files"):
         monkeypatch.setattr(f"{module}.models_dir", lambda: models)
-    monkeypatch.setattr("workbench.model_check.nominal_models", list)
+    monkeypatch.setattr("aerodima.workbench.model_check.nominal_models", list)
     problems = " ".join(problem for result in check_shipped_models() for problem in result.problems)
     assert "robot_tail_line.yaml: cn_slope" in problems
     assert "motor_safety.yaml: temperature_limit" in problems

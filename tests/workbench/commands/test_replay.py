@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from workbench.replay.viewer import open_meshcat
-from workbench.run import run_scenario
-from workbench.scenario import load_scenario
+from aerodima.workbench.replay.viewer import open_meshcat
+from aerodima.workbench.run import run_scenario
+from aerodima.workbench.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")

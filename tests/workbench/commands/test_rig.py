@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.logs.schema import read_run_log
+from aerodima.workbench.logs.schema import read_run_log
 
 
 def test_static_hold_writes_its_log(call: Callable, tmp_path: Path) -> None:

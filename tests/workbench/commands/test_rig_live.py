@@ -12,7 +12,7 @@ import pytest
 @pytest.mark.slow
 def test_a_live_swing_can_be_watched_on_the_local_address(tmp_path: Path) -> None:
     log = tmp_path / "swing.parquet"
-    command = [sys.executable, "-m", "workbench.cli", "rig", "run", "robot", "--live", "--duration", "3"]
+    command = [sys.executable, "-m", "aerodima.workbench.cli", "rig", "run", "robot", "--live", "--duration", "3"]
     process = subprocess.Popen([*command, "--out", str(log)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from workbench.logs.schema import read_run_log
-from workbench.replay.caption import caption_of
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.replay.caption import caption_of
 
 SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
 """A turn of 1.2 s: enough for the window of the metrics, quick to simulate."""
@@ -73,7 +73,7 @@ def test_jolt_of_the_tail_is_explained(call: Callable) -> None:
 
 SLOW_TO_IMPORT = """
 import sys
-from workbench.cli import main
+from aerodima.workbench.cli import main
 try:
     main()
 except SystemExit as end:

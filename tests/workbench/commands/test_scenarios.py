@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.scenario import load_scenario, scenario_from_dict
 
 
 def test_export_is_the_whole_scenario(call: Callable) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from workbench.logs.schema import read_run_log
+from aerodima.workbench.logs.schema import read_run_log
 
 SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.logs.schema import read_run_log
-from workbench.resources import model_path
-from workbench.scenario import load_scenario
-from workbench.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
 
 SHORT = ("--set", "manoeuvre.duration=2.7", "--speed", "3.33")
 NOISES = ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from workbench.controllers.law_file import load_law
-from workbench.errors import UserError
+from aerodima.workbench.controllers.law_file import load_law
+from aerodima.workbench.errors import UserError
 
 LAW = """
 from dataclasses import dataclass

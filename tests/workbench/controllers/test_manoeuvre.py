@@ -4,14 +4,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from workbench.controllers.manoeuvre import (
+from aerodima.workbench.controllers.manoeuvre import (
     SlalomSchedule,
     SpeedRamp,
     ThrottleLine,
     make_schedule,
     run_time,
 )
-from workbench.errors import UserError
+from aerodima.workbench.errors import UserError
 
 STEER = math.radians(30.0)
 

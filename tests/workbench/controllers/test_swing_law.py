@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from workbench.controllers.swing_law import (
+from aerodima.workbench.controllers.swing_law import (
     FRESH,
     SwingLaw,
     SwingSettings,
     SwingState,
     step,
 )
-from workbench.controllers.tail_law import Observation
-from workbench.errors import UserError
-from workbench.resources import model_path
-from workbench.scenario import load_scenario
+from aerodima.workbench.controllers.tail_law import Observation
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.scenario import load_scenario
 
 INSIDE_LEFT = -math.pi / 2
 """Where the tail waits for a left turn: it lies to the left."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from workbench.logs.conditioning import WRENCH
+from aerodima.workbench.logs.conditioning import WRENCH
 
 RATE = 500.0
 GAP = (9.0, 9.04)

@@ -7,9 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.workbench.logs.foreign_logs import DRIFT, NOISE, RELEASED_AT, swing_readings, swing_truth
-from workbench.errors import LogError
-from workbench.logs.conditioning import (
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.conditioning import (
     OFFSETS,
     WRENCH,
     add_offsets,
@@ -22,11 +21,12 @@ from workbench.logs.conditioning import (
     remove_drift,
     resampled,
 )
-from workbench.logs.conditioning_plot import changed_columns, plot_conditioning
-from workbench.logs.recipe import apply_recipe, recipe_from
-from workbench.logs.resting import resting_parts
-from workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from workbench.signals import RIG_FILTER_20_HZ
+from aerodima.workbench.logs.conditioning_plot import changed_columns, plot_conditioning
+from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
+from aerodima.workbench.logs.resting import resting_parts
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
+from aerodima.workbench.signals import RIG_FILTER_20_HZ
+from tests.workbench.logs.foreign_logs import DRIFT, NOISE, RELEASED_AT, swing_readings, swing_truth
 
 TIMES = np.arange(5001) / 500.0
 

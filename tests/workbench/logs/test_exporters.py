@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.exporters import export_log, topics_of
+from aerodima.workbench.logs.importers import import_log
+from aerodima.workbench.logs.schema import RunLog, signals_equal
 from tests.workbench.made_up_runs import made_up_run
-from workbench.errors import LogError
-from workbench.logs.exporters import export_log, topics_of
-from workbench.logs.importers import import_log
-from workbench.logs.schema import RunLog, signals_equal
 
 
 def awkward_run() -> RunLog:

@@ -12,10 +12,10 @@ import pytest
 from mcap.writer import Writer
 from scipy.io import savemat
 
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.importers import hold_last, import_log
+from aerodima.workbench.logs.mapping import mapping_from
 from tests.workbench.logs.foreign_logs import laboratory_columns, swing_readings
-from workbench.errors import LogError
-from workbench.logs.importers import hold_last, import_log
-from workbench.logs.mapping import mapping_from
 
 TIMES = np.arange(400) / 100.0
 ANGLE = 0.5 * np.sin(2.0 * TIMES)

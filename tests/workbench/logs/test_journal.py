@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.errors import LogError
-from workbench.logs.journal import JournalWriter, journal_path, read_journal, recover
-from workbench.logs.schema import read_run_log, run_metadata
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.journal import JournalWriter, journal_path, read_journal, recover
+from aerodima.workbench.logs.schema import read_run_log, run_metadata
 
 COLUMNS = ("time_s", "angle_rad", "current_a")
 
@@ -171,8 +171,8 @@ def test_a_killed_process_loses_at_most_the_batch_it_was_filling(tmp_path: Path)
         """
         import sys, time
         import numpy as np
-        from workbench.logs.journal import JournalWriter
-        from workbench.logs.schema import run_metadata
+        from aerodima.workbench.logs.journal import JournalWriter
+        from aerodima.workbench.logs.schema import run_metadata
         journal = JournalWriter(sys.argv[1], ("time_s", "angle_rad", "current_a"),
                                 run_metadata({"name": "bench"}, seed=3, kind="bench_run"))
         for number in range(637):

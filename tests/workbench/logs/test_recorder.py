@@ -5,9 +5,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from workbench.logs.journal import JournalWriter, read_journal
-from workbench.logs.recorder import RunRecorder, recorded_columns
-from workbench.logs.schema import run_metadata
+from aerodima.workbench.logs.journal import JournalWriter, read_journal
+from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.logs.schema import run_metadata
 
 
 class Spinner(LeafSystem):

@@ -8,10 +8,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.columns import car_run_columns, sensor_columns, tail_truth_columns, truth_columns
+from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, signals_equal, write_run_log
 from tests.workbench.made_up_runs import made_up_run
-from workbench.errors import LogError
-from workbench.logs.columns import car_run_columns, sensor_columns, tail_truth_columns, truth_columns
-from workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, signals_equal, write_run_log
 
 UNIT_ENDINGS = {
     "m": "_m", "m/s": "_m_per_s", "m/s2": "_m_per_s2", "rad": "_rad", "rad/s": "_rad_per_s", "N": "_n",

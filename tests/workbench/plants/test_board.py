@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from aerodima.workbench.replay.surfaces import visible_surfaces
+from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.station import simulated_car
+from aerodima.workbench.trial import Trial, run_trial
 from tests.workbench.stands import CarStand
-from workbench.replay.surfaces import visible_surfaces
-from workbench.scenario import Scenario, load_scenario
-from workbench.station import simulated_car
-from workbench.trial import Trial, run_trial
 
 FULL_THROTTLE = ("manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=1.2")
 

@@ -8,13 +8,13 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.plants.car import parse_model
+from aerodima.workbench.plants.car_model import car_sdf, wheel_rates
+from aerodima.workbench.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.trial import run_trial
 from tests.workbench.stands import CarStand, edited
-from workbench.errors import ModelError
-from workbench.logs.columns import WHEELS
-from workbench.plants.car import parse_model
-from workbench.plants.car_model import car_sdf, wheel_rates
-from workbench.scenario import load_scenario, scenario_from_dict
-from workbench.trial import run_trial
 
 G = 9.81
 LEFT = [wheel for wheel in WHEELS if wheel.endswith("left")]

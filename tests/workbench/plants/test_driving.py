@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.run import run_scenario
+from aerodima.workbench.scenario import load_scenario, scenario_from_dict
 from tests.workbench.stands import CarStand
-from workbench.logs.columns import WHEELS
-from workbench.metrics import metrics_of
-from workbench.run import run_scenario
-from workbench.scenario import load_scenario, scenario_from_dict
 
 QUIET = [
     "imu.gyro_noise=0",

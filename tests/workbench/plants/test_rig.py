@@ -9,6 +9,10 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from aerodima.workbench.errors import ModelError, ScenarioError, UserError
+from aerodima.workbench.plants.rig import Rig, rig_reaction
+from aerodima.workbench.resources import model_path
+from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 from tests.workbench.plants.rig_lagrangian import (
     BAR_INERTIA,
     BAR_MASS,
@@ -20,10 +24,6 @@ from tests.workbench.plants.rig_lagrangian import (
     TAILS,
     derived,
 )
-from workbench.errors import ModelError, ScenarioError, UserError
-from workbench.plants.rig import Rig, rig_reaction
-from workbench.resources import model_path
-from workbench.rig_scenario import RigScenario, load_rig_scenario
 
 STATIC = load_rig_scenario("static")
 

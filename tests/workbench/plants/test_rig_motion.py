@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.actuators.friction import smooth_friction
-from workbench.errors import ScenarioError, UserError
-from workbench.plants.rig import Rig
-from workbench.plants.rig_motion import RigMotion, logged_torque, no_torque
-from workbench.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.actuators.friction import smooth_friction
+from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.plants.rig_motion import RigMotion, logged_torque, no_torque
+from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("flick", {}),

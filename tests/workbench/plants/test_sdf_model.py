@@ -2,9 +2,9 @@
 
 import pytest
 
-from workbench.errors import ModelError
-from workbench.model_check import nominal_models, sdf_differences
-from workbench.plants.sdf_model import Inertial, SdfModel
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.model_check import nominal_models, sdf_differences
+from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 
 ROD = """<?xml version="1.0"?>
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from workbench.logs.columns import WHEELS
-from workbench.logs.schema import RunLog
-from workbench.replay.forces import AIR_SCALE, WHEEL_SCALE, force_arrows, point_on_axis, tail_axis
-from workbench.replay.logged_car import add_logged_car
+from aerodima.workbench.logs.columns import WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.forces import AIR_SCALE, WHEEL_SCALE, force_arrows, point_on_axis, tail_axis
+from aerodima.workbench.replay.logged_car import add_logged_car
 
 ROOT, TIP = np.array([[1.0, 2.0, 0.3]]), np.array([[1.2, 1.6, 1.1]])
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from workbench.errors import LogError
-from workbench.logs.schema import RunLog
-from workbench.replay.logged_car import LoggedCar, add_logged_car
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car
 
 
 def logged_car(run: RunLog) -> LoggedCar:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.moments import five_moments
 from tests.workbench.made_up_runs import made_up_run, times
-from workbench.logs.schema import RunLog
-from workbench.replay.moments import five_moments
 
 
 def run_with(**signals: np.ndarray) -> RunLog:

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.errors import LogError, UserError
-from workbench.logs.schema import RunLog
-from workbench.metrics import Outcome
-from workbench.replay import replay_page, write_replay_html
-from workbench.replay.caption import caption_of, outcome_in_words
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics import Outcome
+from aerodima.workbench.replay import replay_page, write_replay_html
+from aerodima.workbench.replay.caption import caption_of, outcome_in_words
 
 
 @pytest.fixture(scope="module")

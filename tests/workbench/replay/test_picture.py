@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from workbench.replay.picture import Camera, draw_picture
+from aerodima.workbench.replay.picture import Camera, draw_picture
 
 RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 

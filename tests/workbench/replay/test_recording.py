@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from workbench.errors import UserError
-from workbench.logs.schema import RunLog
-from workbench.replay.forces import ForceArrow
-from workbench.replay.logged_car import add_logged_car
-from workbench.replay.recording import (
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.forces import ForceArrow
+from aerodima.workbench.replay.logged_car import add_logged_car
+from aerodima.workbench.replay.recording import (
     FRAMES_PER_SECOND,
     MOST_FRAMES,
     _draw_arrow,

@@ -11,10 +11,10 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 
-from workbench.errors import LogError, UserError
-from workbench.logs.schema import RunLog
-from workbench.replay.forces import WHEEL_COLOUR
-from workbench.replay.strip import FRAME, STRIP, strip_figure, write_strip
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.forces import WHEEL_COLOUR
+from aerodima.workbench.replay.strip import FRAME, STRIP, strip_figure, write_strip
 
 
 @pytest.fixture(scope="module")

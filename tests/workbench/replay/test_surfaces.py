@@ -7,10 +7,10 @@ import pytest
 from pydrake.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from pydrake.systems.framework import DiagramBuilder
 
-from workbench.errors import ModelError
-from workbench.logs.schema import RunLog
-from workbench.replay.logged_car import add_logged_car
-from workbench.replay.surfaces import posed_triangles, shape_triangles, visible_surfaces
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.logged_car import add_logged_car
+from aerodima.workbench.replay.surfaces import posed_triangles, shape_triangles, visible_surfaces
 
 
 def volume(triangles: np.ndarray) -> float:

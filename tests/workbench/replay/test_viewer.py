@@ -9,8 +9,8 @@ import threading
 import numpy as np
 import pytest
 
-from workbench.errors import UserError
-from workbench.replay.viewer import _grid_lines, area_around, open_meshcat
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.replay.viewer import _grid_lines, area_around, open_meshcat
 
 
 def test_viewer_is_on_this_machine_only_and_quiet(caplog: pytest.LogCaptureFixture) -> None:

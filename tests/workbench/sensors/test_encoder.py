@@ -9,9 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
-from workbench.errors import UserError
-from workbench.ports import TAIL_STATE
-from workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.ports import TAIL_STATE
+from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
 
 
 def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):

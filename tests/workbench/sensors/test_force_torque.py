@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from workbench.errors import UserError
-from workbench.rig_scenario import load_rig_scenario
-from workbench.sensors.force_torque import ForceTorqueSensor, sensor_errors, sensor_readings
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.sensors.force_torque import ForceTorqueSensor, sensor_errors, sensor_readings
 
 SETTINGS = load_rig_scenario("static").force_sensor
 OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)

@@ -5,8 +5,8 @@ import pytest
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
-from workbench.errors import UserError
-from workbench.sensors.gps import GpsSpeed
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.sensors.gps import GpsSpeed
 
 
 def receiver(velocity, noise=0.0, delay=0.0, seed=1):

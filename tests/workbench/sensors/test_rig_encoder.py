@@ -7,9 +7,9 @@ import math
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from workbench.errors import UserError
-from workbench.rig_scenario import load_rig_scenario
-from workbench.sensors.rig_encoder import RigEncoder, count_angle, quantise
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.sensors.rig_encoder import RigEncoder, count_angle, quantise
 
 SCENARIO = load_rig_scenario("static")
 

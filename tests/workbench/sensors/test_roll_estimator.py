@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from workbench.errors import UserError
-from workbench.sensors.roll_estimator import RollEstimator
-from workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 
 RATE = 100.0
 G = 9.81

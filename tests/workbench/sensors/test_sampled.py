@@ -6,8 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ZeroOrderHold
 
-from workbench.errors import UserError
-from workbench.sensors.sampled import SampledSensor, check_rate
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.sensors.sampled import SampledSensor, check_rate
 
 
 class Clock(SampledSensor):
