@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"E(\d+)")
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of the folder."""
-    from aerodima.workbench.statement_page import statements_page
+    from aerodima.workbench.report.statement_page import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
     texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)

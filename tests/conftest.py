@@ -9,8 +9,8 @@ import pytest
 @pytest.fixture(scope="session")
 def standard_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The published left turn at 3.33 m/s by tail: `none`, `held`, `swing` and `designed` -> RunLog."""
-    from aerodima.workbench.run import run_scenario
-    from aerodima.workbench.scenario import load_scenario
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.simulate.car_run import run_scenario
 
     folder: Path = tmp_path_factory.mktemp("standard_runs")
     return {

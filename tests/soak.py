@@ -25,8 +25,8 @@ from typing import Any
 import psutil
 
 from aerodima.workbench.batch import WORKER_RECORD, open_engine
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.scenario import load_scenario
 
 LOOK_EVERY = 1.0
 """s, between two rows per worker in `memory.csv`."""
@@ -36,7 +36,7 @@ SETTINGS = ("manoeuvre.duration=3.0",)
 
 def one_run(marks: Path, number: int) -> str:
     """Simulates and measures the turn; leaves a mark with its process."""
-    from aerodima.workbench.trial import run_trial
+    from aerodima.workbench.simulate.trial import run_trial
 
     with (marks / str(number)).open("a", encoding="utf-8") as stream:
         stream.write(f"{os.getpid()}\n")
@@ -101,7 +101,9 @@ def soak(runs: int, number: int, memory: float, out: Path) -> dict[str, Any]:
     start = time.monotonic()
     with (
         MemoryLog(out / "memory.csv") as log,
-        open_engine(number, memory=memory, record=out / WORKER_RECORD, module="aerodima.workbench.trial") as engine,
+        open_engine(
+            number, memory=memory, record=out / WORKER_RECORD, module="aerodima.workbench.simulate.trial"
+        ) as engine,
     ):
         results = engine.map(partial(one_run, marks), range(runs), done)
         events = engine.events

@@ -84,8 +84,8 @@ def test_forbidden_arrow_is_seen(package: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("package", "source"),
     [
-        ("optimisation", "from aerodima.workbench.scenario import load_scenario"),
-        ("hardware", "import aerodima.workbench.station"),
+        ("optimisation", "from aerodima.workbench.config.scenario import load_scenario"),
+        ("hardware", "import aerodima.workbench.stations.car_station"),
         ("workbench", "from . import resources\nimport numpy\nfrom workbench import ports"),
     ],
 )

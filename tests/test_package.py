@@ -117,7 +117,7 @@ def test_own_commands_are_registered() -> None:
         "from aerodima import workbench, optimisation, hardware",
         "from aerodima.workbench.resources import models_dir; models_dir()",
         "import sys; sys.argv[1:] = ['--help']\n"
-        "from aerodima.workbench.cli import main\ntry: main()\nexcept SystemExit: pass",
+        "from aerodima.workbench.cli.program import main\ntry: main()\nexcept SystemExit: pass",
     ],
     ids=["import", "resources", "help"],
 )

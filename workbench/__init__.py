@@ -11,9 +11,7 @@ if TYPE_CHECKING:
     __version__: str
 
 if __name__ != "aerodima.workbench":
-    raise ImportError(
-        "this package has one name: import aerodima.workbench (installed by `make install`), not workbench"
-    )
+    raise ImportError("this package has one name, aerodima.workbench; `make install` installs it")
 
 
 def __getattr__(name: str) -> str:

@@ -6,7 +6,13 @@ from importlib import import_module
 
 import typer
 
-COMMAND_MODULES: tuple[str, ...] = ("console", "drive", "emulate", "firmware", "install_files")
+COMMAND_MODULES: tuple[str, ...] = (
+    "console_command",
+    "drive_command",
+    "emulate_command",
+    "firmware_command",
+    "install_files_command",
+)
 """Modules of this package in the order of the help page; each has `register(app)`."""
 
 

@@ -6,11 +6,11 @@ import contextlib
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-from aerodima.hardware.console.messages import Beat, BeatClock, Logging, Message, Stop
+from aerodima.hardware.console.console_record import ConsoleRecord
 from aerodima.hardware.console.operator_radio import OperatorRadio
-from aerodima.hardware.console.record import ConsoleRecord
-from aerodima.hardware.console.seats import Seats
-from aerodima.hardware.console.words import radio_state
+from aerodima.hardware.console.page_control import Seats
+from aerodima.hardware.console.page_messages import Beat, BeatClock, Logging, Message, Stop
+from aerodima.hardware.console.page_state import radio_state
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.errors import UserError
 

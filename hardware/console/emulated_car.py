@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from aerodima.hardware.emulator.folder import PORTS_FILE, READY_FILE
-from aerodima.hardware.wiring.base import WiringName
+from aerodima.hardware.car.emulator_files import PORTS_FILE, READY_FILE
+from aerodima.hardware.car.wiring import WiringName
 from aerodima.workbench.errors import HardwareError
 
 _START_TIME, _END_TIME = 120.0, 20.0
@@ -130,7 +130,7 @@ class EmulatedCarProcess:
 
     def _run(self, words: list[str]) -> subprocess.Popen[str]:
         return subprocess.Popen(
-            [sys.executable, "-P", "-m", "aerodima.workbench.cli", *words],
+            [sys.executable, "-P", "-m", "aerodima", *words],
             env=self._environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
+from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.car_report import CarReport, decode_report
 from aerodima.hardware.protocol.radio import (
@@ -19,7 +20,6 @@ from aerodima.hardware.protocol.radio import (
     make_heartbeat,
 )
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_transmit
-from aerodima.hardware.radio_link import IDLE
 
 _REPEAT = 0.05
 """s between two emergency stops, until the car reports the stop."""

@@ -6,13 +6,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from aerodima.hardware.motor_settings import load_motor_safety
-from aerodima.hardware.wiring.base import CarCommand, CarReading
+from aerodima.hardware.car.wiring import CarCommand, CarReading
+from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import DriverInput, make_schedule
 from aerodima.workbench.controllers.observation import observe
 from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.scenario import Scenario
 
 
 class PilotStep(NamedTuple):

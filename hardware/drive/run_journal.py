@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aerodima.workbench.config.log_columns import sensor_columns
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.columns import sensor_columns
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.realtime import restore_ordinary
-from aerodima.workbench.scenario import Scenario
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
 """Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
-clock of the run. The Teensy's clock is aligned by `aerodima.hardware.clock_alignment`."""
+clock of the run. The Teensy's clock is aligned by `aerodima.hardware.devices.clock_alignment`."""
 _MOST_WAITING = 3000
 _FLUSH = 0.08
 """s; with the period of the loop, what a killed drive loses stays below 0.1 s."""

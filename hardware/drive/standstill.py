@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aerodima.hardware.drive.checks import Check
-from aerodima.hardware.sensors.bno055 import Bno055Sample
-from aerodima.hardware.wiring.drive_safety import DriveSafety
-from aerodima.workbench.ports import IMU
+from aerodima.hardware.car.drive_safety import DriveSafety
+from aerodima.hardware.devices.bno055 import Bno055Sample
+from aerodima.hardware.drive.drive_checks import Check
+from aerodima.workbench.config.ports import IMU
 
 _LEAST_SAMPLES = 10
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
@@ -24,7 +24,7 @@ def standstill_checks(samples: Sequence[Bno055Sample], reading: np.ndarray, safe
 
     Args:
         samples: of the chip, all that came within the moment, in its own axes.
-        reading: (9,) `aerodima.workbench.ports.IMU`, the newest, in body axes.
+        reading: (9,) `aerodima.workbench.config.ports.IMU`, the newest, in body axes.
     """
     different = {(sample.quaternion, sample.gyro, sample.acceleration) for sample in samples}
     count = len(samples)

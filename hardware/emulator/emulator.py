@@ -18,11 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.hardware.emulator.bus import EmulatedBus
-from aerodima.hardware.emulator.car import EmulatedCar
-from aerodima.hardware.emulator.events import EventLog
-from aerodima.hardware.emulator.fault_board import FaultBoard
-from aerodima.hardware.emulator.folder import (
+from aerodima.hardware.car.car_ports import SCHEMA as PORTS_SCHEMA
+from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.emulator_files import (
     EVENTS_FILE,
     PORTS_FILE,
     PORTS_FOLDER,
@@ -31,26 +30,27 @@ from aerodima.hardware.emulator.folder import (
     TRAFFIC_FILE,
     TRUTH_FILE,
 )
-from aerodima.hardware.emulator.motor import EmulatedMotor
+from aerodima.hardware.car.firmware_settings import FirmwareSettings, MotorLimits, load_teensy_timing
+from aerodima.hardware.car.latency import EMULATOR_PRIORITY, prefer_latency
+from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.car.open_ports import firmware_limits
+from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.emulator.emulated_bus import EmulatedBus
+from aerodima.hardware.emulator.emulated_motor import EmulatedMotor
+from aerodima.hardware.emulator.emulated_plant import EmulatedCar
+from aerodima.hardware.emulator.emulated_teensy import EmulatedTeensy
+from aerodima.hardware.emulator.event_log import EventLog
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.fault_script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
 from aerodima.hardware.emulator.pty_port import PtyPort
-from aerodima.hardware.emulator.script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
 from aerodima.hardware.emulator.serial_devices import CAR, EmulatedAir, EmulatedGps, EmulatedImu, EmulatedOperator
-from aerodima.hardware.emulator.slcan import SlcanAdapter
-from aerodima.hardware.emulator.teensy import EmulatedTeensy
-from aerodima.hardware.firmware.settings import FirmwareSettings, MotorLimits, load_teensy_timing
-from aerodima.hardware.latency import EMULATOR_PRIORITY, prefer_latency
+from aerodima.hardware.emulator.slcan_device import SlcanAdapter
 from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8, FirmwareProfile
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.hardware.transport.traffic_log import TrafficLog
-from aerodima.hardware.wiring.base import WiringName
-from aerodima.hardware.wiring.car_ports import SCHEMA as PORTS_SCHEMA
-from aerodima.hardware.wiring.car_ports import CarPorts
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
-from aerodima.hardware.wiring.mounting import load_mounting
-from aerodima.hardware.wiring.open_ports import firmware_limits
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import prefer_realtime
-from aerodima.workbench.scenario import Scenario
 
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from aerodima.hardware.emulator.events import EventLog
-from aerodima.hardware.emulator.script import Clock, Fault, FaultEntry, Script
+from aerodima.hardware.emulator.event_log import EventLog
+from aerodima.hardware.emulator.fault_script import Clock, Fault, FaultEntry, Script
 
 
 class FaultBoard:

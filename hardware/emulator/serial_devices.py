@@ -8,15 +8,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from aerodima.hardware.car.mounting import Mounting
+from aerodima.hardware.devices.bno055 import Bno055Chip
+from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.emulator.fault_board import FaultBoard
-from aerodima.hardware.emulator.script import Device, Fault, OperatorEntry
+from aerodima.hardware.emulator.fault_script import Device, Fault, OperatorEntry
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.car_report import Asks, decode_report
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
-from aerodima.hardware.sensors.bno055 import Bno055Chip
-from aerodima.hardware.sensors.ublox import GpsSample, make_nav_pvt
-from aerodima.hardware.wiring.mounting import Mounting
 
 _DAY = 86_400.0
 _STOP_FRAMES = 3
@@ -49,7 +49,7 @@ class EmulatedImu:
         self._board, self._sampled = board, False
 
     def set_reading(self, reading: np.ndarray) -> None:
-        """(9,) as `aerodima.workbench.ports.IMU`."""
+        """(9,) as `aerodima.workbench.config.ports.IMU`."""
         if self._board.entry(Fault.IMU_FROZEN) and self._sampled:
             return
         self._sampled = True

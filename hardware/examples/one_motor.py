@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 
-from aerodima.hardware.held_car import held_car, turn
-from aerodima.hardware.wiring.base import CarCommand
+from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.drive.held_car import held_car, turn
 
 if __name__ == "__main__":
     with held_car("auto_turn", *sys.argv[1:]) as car:

@@ -18,7 +18,8 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 LEAST_ID, MOST_ID = 1, 0x3F
 """Motor ids that are allowed. 0 may be the CAN id of every reply. A reply begins with the id and a command with the
 upper byte of its position, under the same CAN id: with ids up to 0x3F an echoed command looks like a reply only below
-half of the position range, where `aerodima.hardware.motor` never commands, and 0xFF begins the special frames."""
+half of the position range, where `aerodima.hardware.devices.tail_motor` never commands, and 0xFF begins the special
+frames."""
 
 _POSITION_STEPS = (1 << 16) - 1
 _STEPS = (1 << 12) - 1

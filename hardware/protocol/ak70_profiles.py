@@ -1,7 +1,7 @@
 """Firmware profiles of the AK70-10: which numbers the fields of its frames stand for (design section 14).
 
 The frames carry no version, so the profile is chosen by the user and checked at start-up
-(`aerodima.hardware.profile_check`). Sources disagree: 25 N m is the manual V1.0.8, 24 and 24.8 N m are printed
+(`aerodima.hardware.devices.profile_check`). Sources disagree: 25 N m is the manual V1.0.8, 24 and 24.8 N m are printed
 elsewhere for the same motor, and the sample code of the manual has another position range.
 """
 

@@ -16,12 +16,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from aerodima.hardware.latency import WATCHDOG_PRIORITY
+from aerodima.hardware.car.latency import WATCHDOG_PRIORITY
+from aerodima.hardware.car.watchdog_settings import WatchdogTiming, load_watchdog_timing
 from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.watchdog.adapter_line import ExitLine, open_line
 from aerodima.hardware.watchdog.control_group import leave_control_group
-from aerodima.hardware.watchdog.guard import ANSWER, Guard, Word
-from aerodima.hardware.watchdog.line import ExitLine, open_line
-from aerodima.hardware.watchdog.settings import WatchdogTiming, load_watchdog_timing
+from aerodima.hardware.watchdog.watchdog_guard import ANSWER, Guard, Word
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import prefer_realtime
 

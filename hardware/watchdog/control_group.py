@@ -1,7 +1,7 @@
 """A control group of its own for the watchdog, below that of the service that has started the drive.
 
 What ends the processes of one group, such as `systemd` when the drive's own is killed, then spares it. Only within our
-service (hardware/system_files.py), whose group is delegated to the user: elsewhere nothing is made.
+service (hardware/commands/system_files.py), whose group is delegated to the user: elsewhere nothing is made.
 """
 
 from __future__ import annotations

@@ -12,19 +12,19 @@ import sys
 import time
 from pathlib import Path
 
-from aerodima.hardware.motor_group import MotorGroup
+from aerodima.hardware.car.bus_watch import BusWatch, Watchdogs
+from aerodima.hardware.car.car_devices import Watchdog
+from aerodima.hardware.car.car_ports import ports_from_dict
+from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.car.open_ports import tail_motors
+from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
-from aerodima.hardware.watchdog.bus_watch import BusWatch, Watchdogs
-from aerodima.hardware.watchdog.process import WatchdogProcess
-from aerodima.hardware.watchdog.settings import load_watchdog_timing
-from aerodima.hardware.wiring.car_ports import ports_from_dict
-from aerodima.hardware.wiring.devices import Watchdog
-from aerodima.hardware.wiring.mounting import load_mounting
-from aerodima.hardware.wiring.open_ports import tail_motors
+from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
+from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import HardwareError, UserError
-from aerodima.workbench.scenario import scenario_from_dict
 
 PERIOD = 0.01
 SETTLING = 50

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from aerodima.optimisation.calibration.draw import Draw
-from aerodima.optimisation.calibration.prior import Prior
+from aerodima.optimisation.calibration.car_prior import Prior
+from aerodima.optimisation.calibration.member_draw import Draw
 from aerodima.optimisation.calibration.weights import normalised
 
 FloatArray = NDArray[np.float64]

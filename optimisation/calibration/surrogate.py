@@ -2,7 +2,7 @@
 
 Sums of Legendre polynomials up to degree 2, orthonormal over the unit cube, with a Gaussian prior on the coefficients
 that holds second-order terms smaller than linear ones. They only steer where real runs are made; the weight of every
-member rests on its real run (`aerodima.optimisation.calibration.draw`).
+member rests on its real run (`aerodima.optimisation.calibration.member_draw`).
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from aerodima.optimisation.calibration.data import Datum, log_density
+from aerodima.optimisation.calibration.published_data import Datum, log_density
 
 FloatArray = NDArray[np.float64]
 

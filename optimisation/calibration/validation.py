@@ -1,8 +1,8 @@
 """Every published figure and outcome beside the ensemble: what the weights rest on, and what tests them.
 
-Each row is compared with metrics from the signals that the thesis took for it (`aerodima.workbench.published.SIGNALS`).
-The turns are those of the simulation at the speed of the row, not the car's AUTO sequence: the thesis gives throttle,
-not speed, for those.
+Each row is compared with metrics from the signals that the thesis took for it
+(`aerodima.workbench.metrics.published_figures.SIGNALS`). The turns are those of the simulation at the speed of the row,
+not the car's AUTO sequence: the thesis gives throttle, not speed, for those.
 """
 
 import math
@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.calibration.data import Datum, FloatArray, Turn, Use, plan_data
-from aerodima.optimisation.calibration.plan import CalibrationPlan
-from aerodima.optimisation.calibration.runs import RunStore, flips_in_the_turn, survives
-from aerodima.optimisation.sweep.engine import Engine
-from aerodima.workbench.ensemble import Member, weighted_quantiles
-from aerodima.workbench.published import flip_bracket, published_figures
+from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan
+from aerodima.optimisation.calibration.calibration_runs import RunStore, flips_in_the_turn, survives
+from aerodima.optimisation.calibration.published_data import Datum, FloatArray, Turn, Use, plan_data
+from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.config.ensemble import Member, weighted_quantiles
+from aerodima.workbench.metrics.published_figures import flip_bracket, published_figures
 
 LEVELS = (0.05, 0.5, 0.95)
 """Of the band that is reported: it holds 90 % of the weight."""

@@ -7,17 +7,17 @@ from importlib import import_module
 import typer
 
 COMMAND_MODULES: tuple[str, ...] = (
-    "fit",
-    "optimise",
-    "coverage",
-    "feedback",
-    "verify",
-    "sweep",
-    "threshold",
-    "leaderboard",
-    "passivity",
-    "calibrate",
-    "report",
+    "fit_command",
+    "optimise_command",
+    "coverage_command",
+    "feedback_command",
+    "verify_command",
+    "sweep_command",
+    "threshold_command",
+    "leaderboard_command",
+    "passivity_command",
+    "calibrate_command",
+    "report_command",
 )
 """Modules of this package in the order of the help page; each has `register(app)`."""
 

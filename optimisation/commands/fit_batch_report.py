@@ -12,8 +12,8 @@ import typer
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aerodima.optimisation.fit_batch import BatchResult
-    from aerodima.optimisation.pipeline import FitResult
+    from aerodima.optimisation.fit.fit_batch import BatchResult
+    from aerodima.optimisation.fit.fit_pipeline import FitResult
 
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
@@ -36,8 +36,8 @@ def fit_batch(
         tables: makes further tables of the report from the results, and says what it left out; may write files into
             the folder.
     """
-    from aerodima.optimisation.fit_batch import fit_logs
-    from aerodima.optimisation.report import write_report
+    from aerodima.optimisation.fit.fit_batch import fit_logs
+    from aerodima.optimisation.fit.fit_report import write_report
 
     with typer.progressbar(length=len(logs), label="fitting", file=sys.stderr) as bar:
         fitted = fit_logs(
@@ -75,14 +75,14 @@ def _further_tables(
 
 def averages(results: list[FitResult], out: Path) -> Extra:
     """All averages of every parameter over the logs."""
-    from aerodima.optimisation.identify.aggregate import averages_table
+    from aerodima.optimisation.identify.weighted_averages import averages_table
 
     return {"averages": averages_table(results)}, []
 
 
 def compared(results: list[FitResult], out: Path) -> Extra:
     """QSS against QSS-AM per log, and per tail, axis and wind speed; the latter is shown too."""
-    from aerodima.optimisation.identify.comparison import by_wind_speed, comparison_table
+    from aerodima.optimisation.identify.added_mass_comparison import by_wind_speed, comparison_table
 
     cells = by_wind_speed(results)
     for row in cells.itertuples():
@@ -94,8 +94,8 @@ def static_tables(results: list[FitResult], out: Path) -> Extra:
     """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind speed."""
     from dataclasses import replace
 
-    from aerodima.optimisation.identify.aggregate import averages_table
     from aerodima.optimisation.identify.surfaces import node_angle, static_sets, write_sets
+    from aerodima.optimisation.identify.weighted_averages import averages_table
 
     sets, left_out = static_sets(results)
     for path in write_sets(out, sets):
@@ -119,7 +119,7 @@ _MOST_SHOWN = 20
 
 def show(results: list[FitResult]) -> None:
     """The first results in words."""
-    from aerodima.optimisation.report import in_words
+    from aerodima.optimisation.fit.fit_report import in_words
 
     for result in results[:_MOST_SHOWN]:
         values = ", ".join(f"{e.name} {in_words(e, unit=True)}" for e in result.free)
@@ -152,7 +152,7 @@ def finish(out: Path, failed: dict[str, str], total: int, left_out: Sequence[str
 
 def choice(flag: str, given: str, allowed: tuple[str, ...]) -> str:
     """`given`, when it is one of the allowed words; FitError otherwise."""
-    from aerodima.optimisation.errors import FitError
+    from aerodima.optimisation.fit.fit_errors import FitError
 
     if given not in allowed:
         raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
@@ -161,7 +161,7 @@ def choice(flag: str, given: str, allowed: tuple[str, ...]) -> str:
 
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
     """`name=low,high` as name and two numbers; FitError where that cannot be read."""
-    from aerodima.optimisation.errors import FitError
+    from aerodima.optimisation.fit.fit_errors import FitError
 
     found = []
     for text in given or []:

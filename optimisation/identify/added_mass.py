@@ -13,16 +13,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.identify.comparison import compare
-from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_parameters import Parameter
+from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.fit.least_squares import Problem
+from aerodima.optimisation.identify.added_mass_comparison import compare
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import SwingData
 from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
-from aerodima.optimisation.least_squares import Problem
-from aerodima.optimisation.parameters import Parameter
-from aerodima.optimisation.pipeline import FitResult
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.car import LEAST_INERTIA_LEFT

@@ -10,9 +10,16 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.residual_check import CHANCE, FAR_OFF, FEW_FAR_OFF, ResidualCheck, chance_of, check_residual
-from aerodima.optimisation.robust import LIMIT, spread
-from aerodima.optimisation.uncertainty import correlation_time
+from aerodima.optimisation.fit.residual_check import (
+    CHANCE,
+    FAR_OFF,
+    FEW_FAR_OFF,
+    ResidualCheck,
+    chance_of,
+    check_residual,
+)
+from aerodima.optimisation.fit.robust_loss import LIMIT, spread
+from aerodima.optimisation.fit.uncertainty import correlation_time
 
 Drift = Literal["linear", "quadratic", "exponential"]
 DRIFTS: tuple[Drift, ...] = ("linear", "quadratic", "exponential")

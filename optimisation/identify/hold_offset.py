@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.static_balance import REACTIONS
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.rig_scenario import RigScenario
 
 OFFSETS_UNCERTAINTY = "offsets_uncertainty"
 """Key in a log's `extra`: standard deviation of what is left of the readings' offsets (6), N and N m."""

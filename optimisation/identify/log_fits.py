@@ -8,9 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from aerodima.optimisation.identify.options import FREE, FitOptions
-from aerodima.optimisation.pipeline import FitResult
-from aerodima.optimisation.robust import Loss
+from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.fit.robust_loss import Loss
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.logs.schema import read_run_log
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.workbench.config.parameter_files import apply_setting, read_yaml
+from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, default_rig_values, rig_scenario_from_dict
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.parameter_files import apply_setting, read_yaml
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.rig_scenario import RIG_SECTIONS, RigScenario, default_rig_values, rig_scenario_from_dict
 
 CURRENT_SAMPLING = "current_sampling"
 """Key in a log's `extra`: whether a sample of the current is its value then or its mean since the sample before."""

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, replace
 
 import pandas as pd
 
-from aerodima.optimisation.identify.aggregate import aggregate, recompute_averages
-from aerodima.optimisation.identify.lines import fit_line
+from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.identify.line_fit import fit_line
 from aerodima.optimisation.identify.published_tables import (
     Flag,
     flag_added_mass,
@@ -17,7 +17,7 @@ from aerodima.optimisation.identify.published_tables import (
     static_rows,
 )
 from aerodima.optimisation.identify.rig_constants import OUTLIER, RigConstants, fit_rig_constants
-from aerodima.optimisation.pipeline import FitResult
+from aerodima.optimisation.identify.weighted_averages import aggregate, recompute_averages
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
+from aerodima.optimisation.fit.least_squares import Problem, solve_rollout
+from aerodima.optimisation.fit.robust_loss import huber
+from aerodima.optimisation.fit.uncertainty import Noise
 from aerodima.optimisation.identify.published_tables import static_rows
 from aerodima.optimisation.identify.static_balance import StaticBalance
-from aerodima.optimisation.least_squares import Problem, solve_rollout
-from aerodima.optimisation.parameters import Parameter, Parameters
-from aerodima.optimisation.pipeline import FitResult, fit
-from aerodima.optimisation.robust import huber
-from aerodima.optimisation.uncertainty import Noise
-from aerodima.workbench.rig_scenario import load_rig_parameter_entries, rig_scenario_from_dict
+from aerodima.workbench.config.rig_scenario import load_rig_parameter_entries, rig_scenario_from_dict
 
 OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""

@@ -7,15 +7,15 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_parameters import Parameter
+from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.fit.least_squares import Problem
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.swing_fit import SwingModel, normal_force_law
 from aerodima.optimisation.identify.swing_log import SwingData
 from aerodima.optimisation.identify.swing_model import Pendulum, Torque, air_torque, friction_torque
-from aerodima.optimisation.least_squares import Problem
-from aerodima.optimisation.parameters import Parameter
-from aerodima.optimisation.pipeline import FitResult
-from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 
 Shape = Literal["constant", "line", "bins"]
 BIN = 2.0

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from pydrake.math import cos, sin
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.laws import float_of
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.plants.rig_model import bar_layout, pivot_position, tail_layout
-from aerodima.workbench.rig_scenario import RigScenario
 
 Vector3 = tuple[float, float, float]
 REACTIONS = ("fx", "fy", "fz", "tx", "ty", "tz")

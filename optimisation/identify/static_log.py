@@ -15,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.identify.constants import BIASES, constant_parameters
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_parameters import Parameter
+from aerodima.optimisation.fit.uncertainty import correlation_time
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.hold_mean import HoldMean, hold_mean, residual_warnings
 from aerodima.optimisation.identify.hold_offset import HoldOffset, stated_offset
 from aerodima.optimisation.identify.log_rig import LARGEST_SPEED, differences, rig_of, wind_speed
-from aerodima.optimisation.identify.options import FREE, FitOptions
 from aerodima.optimisation.identify.published_tables import published
+from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
-from aerodima.optimisation.parameters import Parameter
-from aerodima.optimisation.uncertainty import correlation_time
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.resting import stated_rest
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.rig_scenario import RigScenario
-from aerodima.workbench.signals import check_signals
+from aerodima.workbench.logs.signals import check_signals
 
 COLUMNS = dict(
     zip(

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.identify.aggregate import aggregate
-from aerodima.optimisation.pipeline import FitResult
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.identify.weighted_averages import aggregate
 from aerodima.workbench.aero.coefficient_files import coefficients_from_dict
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT, ROBOT_LIMIT, SCHEMA
 from aerodima.workbench.atomic_write import write_atomically

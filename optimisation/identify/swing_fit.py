@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.identify.constants import shifted
-from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
+from aerodima.optimisation.fit.least_squares import Problem, Solution, solve_rollout
+from aerodima.optimisation.fit.priors import fit_with_priors
+from aerodima.optimisation.fit.robust_loss import Loss
+from aerodima.optimisation.fit.uncertainty import Noise, serial_noise
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.rig_uncertainty import shifted
 from aerodima.optimisation.identify.static_log import speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 from aerodima.optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out, torque_response
-from aerodima.optimisation.least_squares import Problem, Solution, solve_rollout
-from aerodima.optimisation.parameters import Parameter, Parameters
-from aerodima.optimisation.pipeline import FitResult, fit
-from aerodima.optimisation.priors import fit_with_priors
-from aerodima.optimisation.robust import Loss
-from aerodima.optimisation.uncertainty import Noise, serial_noise
-from aerodima.workbench.aero.coefficients import SpeedLine, SpeedTable
+from aerodima.workbench.aero.coefficient_functions import SpeedLine, SpeedTable
 from aerodima.workbench.aero.laws import NormalForceLaw
 
 Values = Mapping[str, float]

@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.identify.constants import constant_parameters
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_parameters import Parameter
+from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.log_rig import CurrentSampling, current_sampling, differences, mean_currents, rig_of
-from aerodima.optimisation.identify.options import FREE, FitOptions
+from aerodima.optimisation.identify.rig_uncertainty import constant_parameters
 from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
-from aerodima.optimisation.parameters import Parameter
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.conditioning import earlier_shift
 from aerodima.workbench.logs.resting import stated_rest
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.sensors.encoder import MotorReply
 from aerodima.workbench.sensors.rig_encoder import count_angle
-from aerodima.workbench.signals import check_signals
 
 LARGEST_STEP = 0.004
 """Step of the rollouts, s."""

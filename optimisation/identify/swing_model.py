@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_jet, rig_law
 from aerodima.workbench.plants.rig_model import bar_layout, cheetah_tail_properties, pivot_position, tail_layout
-from aerodima.workbench.rig_scenario import RigScenario
 
 Torque = Callable[[float, float], float]
 """Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""

@@ -9,12 +9,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.identify.published_tables import duplicated_robot_tables, published
 from aerodima.optimisation.identify.tail_size import READINGS, TailPosterior, drawn_names, scaled, weigh
 from aerodima.optimisation.identify.tail_swings import FloatArray, lever, swing_extremes
-from aerodima.optimisation.pipeline import Estimate, FitResult
-from aerodima.workbench.plots.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
-from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
 
 AREAS = (0.12, 0.04, 0.0125, 0.005)
 """Sails that are drawn beside the posterior median, m2: assumed first, two between, thesis section 5.2."""

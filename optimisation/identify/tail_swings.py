@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.plants.rig_model import robot_tail_properties
-from aerodima.workbench.rig_scenario import RigScenario
 
 FloatArray = NDArray[np.float64]
 Tails = Mapping[str, FloatArray]

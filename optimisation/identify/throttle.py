@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.fit.robust_loss import Loss
 from aerodima.optimisation.identify.csv_columns import read_columns
-from aerodima.optimisation.identify.lines import fit_line
-from aerodima.optimisation.pipeline import FitResult
-from aerodima.optimisation.robust import Loss
+from aerodima.optimisation.identify.line_fit import fit_line
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.signals import check_signals
+from aerodima.workbench.logs.signals import check_signals
 
 TIME, THROTTLE, SPEED = "time_s", "throttle_command", "speed_m_per_s"
 MOVING = 0.1

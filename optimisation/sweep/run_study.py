@@ -11,11 +11,11 @@ from typing import Any
 
 import pandas as pd
 
-from aerodima.optimisation.sweep.engine import Engine
-from aerodima.optimisation.sweep.store import ResultStore, make_frame, open_store
 from aerodima.optimisation.sweep.study import PlannedRun, Study, check_factors, plan_runs
+from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.optimisation.sweep.study_store import ResultStore, make_frame, open_store
+from aerodima.workbench.config.scenario import default_values, load_scenario
 from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.scenario import default_values, load_scenario
 
 Say = Callable[[str], None]
 BAR = 24
@@ -27,7 +27,7 @@ def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, s
 
     Args:
         study: what to run.
-        out: folder of the results; see `aerodima.optimisation.sweep.store`.
+        out: folder of the results; see `aerodima.optimisation.sweep.study_store`.
         engine: where to run it.
         force: drop results that are there.
         say: told lines of progress.

@@ -11,13 +11,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy.stats import norm, qmc
 
-from aerodima.optimisation.sweep.engine import SweepError
-from aerodima.optimisation.sweep.task import RunTask
-from aerodima.workbench.ensemble import Member, load_ensemble
+from aerodima.optimisation.sweep.study_engine import SweepError
+from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.workbench.config.ensemble import Member, load_ensemble
+from aerodima.workbench.config.parameter_files import read_yaml
+from aerodima.workbench.config.quantity import explain, nearest
+from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import ScenarioError
-from aerodima.workbench.parameter_files import read_yaml
-from aerodima.workbench.quantity import explain, nearest
-from aerodima.workbench.scenario import SECTIONS, Scenario, load_scenario
 
 STUDY_SCHEMA = "aerodima/study/1"
 MOST_RUNS = 100_000

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from aerodima.optimisation.swing.profile import TurnProfile, turn_profile
 from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.turn_profile import TurnProfile, turn_profile
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
-from aerodima.workbench.scenario import Scenario, scenario_from_dict
-from aerodima.workbench.swing_file import SwingFile
-from aerodima.workbench.trial import Trial, run_trial
+from aerodima.workbench.simulate.trial import Trial, run_trial
 
 FRICTION_STEP = 0.0125
 """Resolution of critical frictions."""
@@ -29,7 +29,7 @@ class Outcome:
     """What a run of the full car came to.
 
     Attributes:
-        clean: as in `aerodima.workbench.metrics.Outcome`.
+        clean: as in `aerodima.workbench.metrics.turn_metrics.Outcome`.
         survived: did not roll over.
         peak_roll: rad; `heading` change, rad; `released` when the swing was, s, or None.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.config.scenario import Scenario
 
 AIR_SHARE, FRICTION_SHARE, TORQUE_SHARE = 0.3, 0.05, 0.2
 DELAY = 0.020

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from aerodima.workbench.plots.style import BLACK, GREY, TURN_SHADE, VERMILION, new_figure, styled
-from aerodima.workbench.scenario import Scenario
-from aerodima.workbench.swing_curve import swing_at
-from aerodima.workbench.swing_file import SwingFile
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.swing_curve import swing_at
+from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.figures.figure_style import BLACK, GREY, TURN_SHADE, VERMILION, new_figure, styled
 
 FloatArray = NDArray[np.float64]
 TICKS = 0.1

@@ -17,8 +17,6 @@ def bench_help() -> list[BenchRow]:
     seconds = []
     for _ in range(RUNS + 1):
         start = time.perf_counter()
-        subprocess.run(
-            [sys.executable, "-m", "aerodima.workbench.cli", "--help"], check=True, stdout=subprocess.DEVNULL
-        )
+        subprocess.run([sys.executable, "-m", "aerodima", "--help"], check=True, stdout=subprocess.DEVNULL)
         seconds.append(time.perf_counter() - start)
     return [BenchRow("aerodima_help", statistics.median(seconds[1:]), "s", goal="<= 0.5")]

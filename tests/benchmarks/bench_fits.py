@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.fit_batch import fit_logs
+from aerodima.optimisation.fit.fit_batch import fit_logs
+from aerodima.optimisation.fit.least_squares import Problem, Solver, solve_formula, solve_rollout
 from aerodima.optimisation.identify.added_mass import added_mass_problem
 from aerodima.optimisation.identify.friction import friction_model, friction_seed
 from aerodima.optimisation.identify.log_fits import fit_static_log
@@ -21,12 +22,11 @@ from aerodima.optimisation.identify.static import fit_static, static_parameters,
 from aerodima.optimisation.identify.static_log import StaticData, static_data
 from aerodima.optimisation.identify.swing_fit import friction_parameters
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.optimisation.least_squares import Problem, Solver, solve_formula, solve_rollout
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.rig_logs import simulate_static_log
-from aerodima.workbench.rig_run import run_rig
-from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.stations.rig_logs import simulate_static_log
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5

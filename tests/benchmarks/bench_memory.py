@@ -23,8 +23,8 @@ def bench_memory_per_run() -> Iterator[BenchRow]:
 
 
 def _growth(name: str) -> tuple[str, float, bool]:
-    from aerodima.workbench.scenario import load_scenario
-    from aerodima.workbench.trial import run_trial
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.simulate.trial import run_trial
     from tests.workbench.test_lifetimes import python_systems_die
 
     scenario, process = load_scenario(name), psutil.Process()

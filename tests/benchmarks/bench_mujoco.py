@@ -9,9 +9,9 @@ from functools import partial
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.scenario import Scenario, load_scenario
-from aerodima.workbench.trial import run_trial
+from aerodima.workbench.simulate.trial import run_trial
 from tests.benchmarks.mujoco_car import MujocoTurn, load_model
 from tests.benchmarks.rows import BenchRow
 

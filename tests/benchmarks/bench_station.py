@@ -14,13 +14,13 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from aerodima.workbench.event_order import Stage
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
 from aerodima.workbench.logs.schema import run_metadata, signals_equal
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.run import assemble, run_scenario
-from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.workbench.simulate.car_run import assemble, run_scenario
+from aerodima.workbench.systems.event_order import Stage
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5

@@ -8,11 +8,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from aerodima.optimisation.sweep.engine import open_engine
+from aerodima.optimisation.studies.turn_study import turn_study
 from aerodima.optimisation.sweep.run_study import run_study
-from aerodima.optimisation.sweep.studies.turn import turn_study
 from aerodima.optimisation.sweep.study import plan_runs
-from aerodima.optimisation.sweep.task import evaluate
+from aerodima.optimisation.sweep.study_engine import open_engine
+from aerodima.optimisation.sweep.study_task import evaluate
 from tests.benchmarks.rows import BenchRow
 
 SETTINGS = tuple(os.environ.get("AERODIMA_BENCH_SWEEP_SETTINGS", "").split())

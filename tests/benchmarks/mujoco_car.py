@@ -14,6 +14,8 @@ import numpy as np
 
 from aerodima.workbench.actuators.drive import shaft_gain
 from aerodima.workbench.actuators.servo import knuckle_angles
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.plants.car_model import (
     axle_statics,
     chassis_inertial,
@@ -21,8 +23,6 @@ from aerodima.workbench.plants.car_model import (
     unsprung_mass,
     wheel_rates,
 )
-from aerodima.workbench.scenario import Scenario
-from aerodima.workbench.tail_impulses import FLIP_TILT
 
 IMPEDANCE = 0.1
 """Of a tyre contact: the smaller, the more its force is that of a spring and damper and nothing else."""

@@ -14,17 +14,17 @@ import sys
 import time
 from pathlib import Path
 
-from aerodima.hardware.drive.guard import CarGuard, Stage
-from aerodima.hardware.drive.loop import PERIOD, wait_until
+from aerodima.hardware.car.car_ports import read_ports
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.latency import prefer_latency
+from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.pilots import ManualPilot
-from aerodima.hardware.latency import prefer_latency
+from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.hardware.wiring.base import CarCommand
-from aerodima.hardware.wiring.car_ports import read_ports
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
-from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.scenario import load_scenario
 
 _REST = 0.3
 """s that a stopped car stays stopped, in which the operator hears of it."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.swing import planar
-from aerodima.optimisation.swing.solve import FEASIBLE, OPTIMALITY, bounds_of, linear_rows
+from aerodima.optimisation.swing import planar_model as planar
+from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY, bounds_of, linear_rows
 from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, TORQUE, Problem
 
 

@@ -18,8 +18,8 @@ from pydrake.solvers import SnoptSolver, SolverOptions
 from pydrake.systems import framework, scalar_conversion
 from pydrake.trajectories import PiecewisePolynomial
 
-from aerodima.optimisation.swing import planar
-from aerodima.optimisation.swing.solve import FEASIBLE, OPTIMALITY
+from aerodima.optimisation.swing import planar_model as planar
+from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY
 from aerodima.optimisation.swing.transcription import (
     ACCELERATION,
     ANGLE,

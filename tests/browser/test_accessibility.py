@@ -13,10 +13,10 @@ pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from aerodima.hardware.protocol.car_report import CarReport
 from aerodima.hardware.protocol.radio import EmergencyStop, OperatorCommand, RadioMode
-from aerodima.optimisation.pipeline import Estimate, FitResult
-from aerodima.optimisation.report import write_report
-from aerodima.workbench.plots.style import new_figure
-from aerodima.workbench.report.page import (
+from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
+from aerodima.optimisation.fit.fit_report import write_report
+from aerodima.workbench.figures.figure_style import new_figure
+from aerodima.workbench.report.report_page import (
     Section,
     bullets,
     figure,
@@ -29,7 +29,7 @@ from aerodima.workbench.report.page import (
     table,
 )
 from tests.browser.contrast import contrasts, too_faint
-from tests.hardware.console.test_server import Served, eventually
+from tests.hardware.console.test_console_server import Served, eventually
 
 pytestmark = pytest.mark.realtime
 

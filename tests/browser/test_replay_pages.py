@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import write_replay_html
 from aerodima.workbench.report.comparison_page import comparison_page
-from aerodima.workbench.run import run_scenario
-from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.simulate.car_run import run_scenario
 from tests.browser.contrast import too_faint
 
 pytestmark = pytest.mark.realtime

@@ -8,15 +8,15 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.laws import NormalForceLaw
-from aerodima.workbench.car_air import free_sail, sail_law
+from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.manoeuvre import ThrottleLine
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_20_HZ
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
+from aerodima.workbench.report.statements import Value, parameter_entry
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.rig_campaign import campaign_tasks, load_campaign
-from aerodima.workbench.scenario import Scenario, load_scenario
-from aerodima.workbench.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_20_HZ
-from aerodima.workbench.statements import Value, parameter_entry
+from aerodima.workbench.stations.car_air import free_sail, sail_law
 from tests.built.registry import check
 
 

@@ -8,8 +8,8 @@ import re
 import sys
 
 from aerodima.workbench.errors import ModelError
+from aerodima.workbench.report.statements import FILE, Value, load_statements
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.statements import FILE, Value, load_statements
 from tests.built.found import CHECKS, RUNS
 
 

@@ -3,9 +3,9 @@
 import math
 from dataclasses import fields
 
-from aerodima.workbench.demo import DemoPlan
-from aerodima.workbench.published import TurnMetrics, flip_bracket, published_figures
-from aerodima.workbench.statements import Value
+from aerodima.workbench.metrics.published_figures import TurnMetrics, flip_bracket, published_figures
+from aerodima.workbench.report.demo import DemoPlan
+from aerodima.workbench.report.statements import Value
 from tests.built.registry import check
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from aerodima.workbench.statements import Value
+from aerodima.workbench.report.statements import Value
 
 Find = Callable[[], Value]
 CHECKS: dict[str, Find] = {}

@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from aerodima.optimisation.reproduction.evidence import NO_FLICK_THROTTLE, throttle_speed
+from aerodima.optimisation.studies.reproduction.evidence import NO_FLICK_THROTTLE, throttle_speed
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.statements import Value
-from aerodima.workbench.trial import Trial
+from aerodima.workbench.report.statements import Value
+from aerodima.workbench.simulate.trial import Trial
 from tests.built.registry import run
 from tests.built.turns import TAILED, column, signals_of, trial
 

@@ -6,12 +6,12 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.optimisation.reproduction.evidence import throttle_speed
-from aerodima.optimisation.sweep.studies.turn import TAIL_SPEEDS, TAILED_SPEEDS, TAILLESS_SPEEDS
-from aerodima.workbench.published import TurnMetrics
-from aerodima.workbench.scenario import load_scenario
-from aerodima.workbench.statements import Value
-from aerodima.workbench.trial import Trial, run_trial
+from aerodima.optimisation.studies.reproduction.evidence import throttle_speed
+from aerodima.optimisation.studies.turn_study import TAIL_SPEEDS, TAILED_SPEEDS, TAILLESS_SPEEDS
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.metrics.published_figures import TurnMetrics
+from aerodima.workbench.report.statements import Value
+from aerodima.workbench.simulate.trial import Trial, run_trial
 from tests.built.registry import RUNS, SLOW, slow
 from tests.built.turns import ROUNDING, TAILED, TAILLESS, trial
 

@@ -10,14 +10,14 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.workbench.logs.columns import AXLES
-from aerodima.workbench.published import Platform, TurnMetrics, published_figures
-from aerodima.workbench.scenario import load_scenario
-from aerodima.workbench.signals import IMU_FILTER, low_pass
-from aerodima.workbench.statements import Value
-from aerodima.workbench.summary import KM_PER_H
-from aerodima.workbench.trial import Trial, run_trial
-from aerodima.workbench.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.config.log_columns import AXLES
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
+from aerodima.workbench.metrics.published_figures import Platform, TurnMetrics, published_figures
+from aerodima.workbench.metrics.run_summary import KM_PER_H
+from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.report.statements import Value
+from aerodima.workbench.simulate.trial import Trial, run_trial
 from tests.built.registry import RUNS, run
 
 TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H

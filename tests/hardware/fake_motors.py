@@ -3,9 +3,9 @@
 import math
 from collections import deque
 
-from aerodima.hardware.motor_group import MotorGroup
-from aerodima.hardware.motor_settings import load_motor_safety, motor_settings
-from aerodima.hardware.motor_state import MotorState
+from aerodima.hardware.devices.motor_group import MotorGroup
+from aerodima.hardware.devices.motor_settings import load_motor_safety, motor_settings
+from aerodima.hardware.devices.motor_state import MotorState
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
@@ -16,8 +16,8 @@ from aerodima.hardware.protocol.ak70 import (
 )
 from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.workbench.parameter_files import load_parameter_file
-from aerodima.workbench.parameters import TailMotorParameters
+from aerodima.workbench.config.car_parameters import TailMotorParameters
+from aerodima.workbench.config.parameter_files import load_parameter_file
 from aerodima.workbench.resources import model_path
 
 PERIOD = 0.01

@@ -6,8 +6,8 @@ import time
 import can
 import pytest
 
-from aerodima.hardware.motor_group import MotorGroup
-from aerodima.hardware.motor_state import MotorFault, MotorState
+from aerodima.hardware.devices.motor_group import MotorGroup
+from aerodima.hardware.devices.motor_state import MotorFault, MotorState
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.transport.can_bus import BusFault, CanBus

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 
-from aerodima.hardware.motor import Motor
-from aerodima.hardware.motor_state import MotorFault, MotorState
+from aerodima.hardware.devices.motor_state import MotorFault, MotorState
+from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aerodima.hardware import held_car
-from aerodima.hardware.first_contact import run_motor_test
-from aerodima.hardware.wiring import wired_car
-from aerodima.hardware.wiring.base import CarCommand
+from aerodima.hardware.car import wired_car
+from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.drive import held_car
+from aerodima.hardware.drive.first_contact import run_motor_test
 from aerodima.workbench.errors import HardwareError
-from tests.hardware.wiring.fake_devices import CarOnTheBench
+from tests.hardware.car.fake_devices import CarOnTheBench
 
 
 class Bench(CarOnTheBench):

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.fit_figures import figures_of
+from aerodima.optimisation.fit.fit_figures import figures_of
+from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names
+from aerodima.optimisation.fit.fit_report import in_words, write_report
 from aerodima.optimisation.identify.surfaces import write_sets
-from aerodima.optimisation.pipeline import Estimate, FitResult, parameter_names
-from aerodima.optimisation.report import in_words, write_report
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.errors import ModelError
 

@@ -13,20 +13,20 @@ import yaml
 from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.residual_check import chance_of, check_residual
 from aerodima.optimisation.identify.added_mass import added_mass_model, added_mass_parameter
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.friction import fit_friction
-from aerodima.optimisation.identify.options import FitOptions
 from aerodima.optimisation.identify.static import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.optimisation.residual_check import chance_of, check_residual
-from aerodima.workbench.cli import build_app
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.rig_logs import simulate_static_log
-from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.stations.rig_logs import simulate_static_log
 from tests.optimisation.identify import other_lab as lab
 
 CONSTANT_AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")

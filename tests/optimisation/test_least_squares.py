@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.least_squares import Problem, Solver, solve, solve_algebraic, solve_formula, solve_rollout
-from aerodima.optimisation.parameters import Parameter, Parameters
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.fit.least_squares import (
+    Problem,
+    Solver,
+    solve,
+    solve_algebraic,
+    solve_formula,
+    solve_rollout,
+)
 
 METHODS = [solve_algebraic, solve_rollout, solve_formula]
 TIME = np.linspace(0.0, 3.0, 40)

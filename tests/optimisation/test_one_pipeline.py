@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 from pydrake.solvers import MathematicalProgram
 
+from aerodima.optimisation.fit.least_squares import algebraic, levenberg_marquardt
 from aerodima.optimisation.identify.published_check import robot_tail_line
 from aerodima.optimisation.identify.springs import fit_spring
 from aerodima.optimisation.identify.throttle import SteadyPoint, fit_throttle
-from aerodima.optimisation.least_squares import algebraic, levenberg_marquardt
 
 ROOT = Path(algebraic.__file__).parent.parent
 

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from aerodima.workbench.metrics import Impulses, Outcome, RunMetrics, TurnMetrics
-from aerodima.workbench.summary import RunSummary
+from aerodima.workbench.metrics.run_summary import RunSummary
+from aerodima.workbench.metrics.turn_metrics import Impulses, Outcome, RunMetrics, TurnMetrics
 
 
 def made_up_summary(

@@ -6,10 +6,10 @@ import weakref
 import pytest
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from aerodima.workbench.rig_run import assemble_rig
-from aerodima.workbench.rig_scenario import load_rig_scenario
-from aerodima.workbench.run import assemble
-from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.simulate.car_run import assemble
+from aerodima.workbench.simulate.rig_run import assemble_rig
 
 
 class _One(LeafSystem):

@@ -12,9 +12,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics import Impulses
-from aerodima.workbench.plots import (
+from aerodima.workbench.figures import (
     plot_comparison,
     plot_impulses,
     plot_metrics,
@@ -23,7 +21,9 @@ from aerodima.workbench.plots import (
     plot_triggers,
     plot_turn,
 )
-from aerodima.workbench.plots.style import CAUSE_STYLES, MODE_STYLES, TURN_SHADE, png
+from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, TURN_SHADE, png
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.turn_metrics import Impulses
 from tests.workbench.made_up_runs import made_up_run
 from tests.workbench.made_up_summaries import made_up_summary
 

@@ -8,10 +8,21 @@ from html.parser import HTMLParser
 import pytest
 
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.published import FlipBracket, flip_bracket, published_figures, tyre_damping
-from aerodima.workbench.report import ReportFiles, findings, turn_report
-from aerodima.workbench.report.page import Section, bullets, folded, link, page, paragraph, picture, preformatted, table
-from aerodima.workbench.summary import RunSummary, summarise
+from aerodima.workbench.metrics.published_figures import FlipBracket, flip_bracket, published_figures, tyre_damping
+from aerodima.workbench.metrics.run_summary import RunSummary, summarise
+from aerodima.workbench.report import ReportFiles, turn_report
+from aerodima.workbench.report import turn_findings as findings
+from aerodima.workbench.report.report_page import (
+    Section,
+    bullets,
+    folded,
+    link,
+    page,
+    paragraph,
+    picture,
+    preformatted,
+    table,
+)
 from tests.workbench.made_up_summaries import made_up_summary
 
 PUBLISHED = FlipBracket(survived=3.33, flipped=3.61)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.logs.columns import wind_truth_columns
+from aerodima.workbench.config.log_columns import wind_truth_columns
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import read_run_log, signals_equal
-from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.logged_car import add_logged_car
-from aerodima.workbench.run import run_scenario
-from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.simulate.car_run import run_scenario
 
 SHORT = ["manoeuvre.duration=0.3"]
 STANDING = ["manoeuvre.speed=0.0", "manoeuvre.duration=0.2"]

@@ -8,13 +8,13 @@ from pydrake.math import RigidTransform
 
 from aerodima.workbench.aero.added_mass import added_mass_matrix
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.car_air import free_sail, sail_law
+from aerodima.workbench.config.ports import TAIL_STATE
+from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
-from aerodima.workbench.ports import TAIL_STATE
-from aerodima.workbench.scenario import scenario_from_dict
-from aerodima.workbench.station import make_car_station
-from aerodima.workbench.truth import BODY_TRUTH, TAIL_TRUTH
+from aerodima.workbench.stations.car_air import free_sail, sail_law
+from aerodima.workbench.stations.car_station import make_car_station
+from aerodima.workbench.stations.ground_truth import BODY_TRUTH, TAIL_TRUTH
 from tests.workbench.stands import CarStand
 
 RHO, CN, AREA, ROOT, LENGTH = 1.225, 2.0, 0.12, 0.3, 0.6

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.actuators.friction import FrictionLaw
-from aerodima.workbench.parameters import TailMotorParameters
+from aerodima.workbench.config.car_parameters import TailMotorParameters
+from aerodima.workbench.config.ports import TAIL_COMMAND
+from aerodima.workbench.plants.joint_friction import FrictionLaw
 from aerodima.workbench.plants.tail import ArmInertia
-from aerodima.workbench.ports import TAIL_COMMAND
 
 JOINTS, ROLL = 2, 1
 """Pitch and roll, in this order, as in the tail plant: how many, and which one is roll."""

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.parameters import CarParameters, DriveParameters
+from aerodima.workbench.config.car_parameters import CarParameters, DriveParameters
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.rig_parameters import MaxonParameters
-from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.config.rig_parameters import MaxonParameters
+from aerodima.workbench.systems.noise import CounterNoise
 
 
 class MaxonMotor(LeafSystem):

@@ -6,8 +6,8 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.actuators.ak70 import mit_torque, torque_speed_limits
-from aerodima.workbench.parameters import TailMotorParameters
-from aerodima.workbench.ports import TAIL_COMMAND
+from aerodima.workbench.config.car_parameters import TailMotorParameters
+from aerodima.workbench.config.ports import TAIL_COMMAND
 
 
 class MitMotor(LeafSystem):

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from aerodima.workbench.discrete_vector import DiscreteVector
-from aerodima.workbench.event_order import Stage, declare_ticks, nominal_time
-from aerodima.workbench.parameters import CarParameters, ServoParameters
+from aerodima.workbench.config.car_parameters import CarParameters, ServoParameters
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time
 
 
 def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[float, float]:
@@ -34,7 +34,7 @@ class SteeringServo(LeafSystem):
     30 degrees take 0.14 s (thesis 7.1.1). The servo reads its command once per frame and moves towards it at its rate;
     in between, the angle is that of the moving linkage at every instant. A command that the driver gives at the instant
     of a frame is seen in that frame, and the plant's step of that instant sees the frame
-    (`aerodima.workbench.event_order`). The command is clipped to the servo's limit; NaN holds the last angle.
+    (`aerodima.workbench.systems.event_order`). The command is clipped to the servo's limit; NaN holds the last angle.
 
     Input ports:
         steering_angle (1): commanded bicycle steering angle, rad, positive to the left.

@@ -5,10 +5,10 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, System
 
 from aerodima.workbench.actuators.ak70 import TailMotors
-from aerodima.workbench.actuators.friction import smooth_friction
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.plants.tail import arm_inertia
-from aerodima.workbench.scenario import Scenario
-from aerodima.workbench.wiring import select
+from aerodima.workbench.systems.connections import select
 
 
 def add_tail_drive(

@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from aerodima.workbench.aero.coefficients import (
+from aerodima.workbench.aero.coefficient_functions import (
     LEAST_DRAG,
     PolynomialSurface,
     RegularTable,

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aerodima.workbench.aero.coefficient_files import CoefficientSet
-from aerodima.workbench.aero.coefficients import PolynomialSurface
+from aerodima.workbench.aero.coefficient_functions import PolynomialSurface
 from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
 
 _COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydrake.math import arctan2
 
-from aerodima.workbench.aero.coefficients import LEAST_DRAG, RegularTable
+from aerodima.workbench.aero.coefficient_functions import LEAST_DRAG, RegularTable
 from aerodima.workbench.aero.laws import STILL, Scalar, Vector, dot
 from aerodima.workbench.errors import ModelError
 

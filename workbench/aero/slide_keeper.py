@@ -11,7 +11,7 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import InputPortIndex
 
 from aerodima.workbench.aero.laws import dot
-from aerodima.workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
+from aerodima.workbench.systems.autodiff_system import LeafSystem_, declare_spatial_forces, system_template
 
 
 @system_template("SlideKeeper_")

@@ -23,8 +23,8 @@ from pydrake.systems.framework import (
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, dot, float_of, length
 from aerodima.workbench.aero.sections import Air, SectionLayout
-from aerodima.workbench.aero.system_template import LeafSystem_, declare_spatial_forces, system_template
 from aerodima.workbench.errors import ModelError
+from aerodima.workbench.systems.autodiff_system import LeafSystem_, declare_spatial_forces, system_template
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0

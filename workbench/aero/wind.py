@@ -13,10 +13,10 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from aerodima.workbench.aero.jet import Jet
-from aerodima.workbench.aero.system_template import LeafSystem_, system_template
 from aerodima.workbench.aero.tail_force import resolve_body
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.event_order import Stage, period_of
+from aerodima.workbench.systems.autodiff_system import LeafSystem_, system_template
+from aerodima.workbench.systems.event_order import Stage, period_of
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)

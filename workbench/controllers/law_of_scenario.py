@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any
 
+from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import SwingFileError
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.swing_file import SwingFile, car_mismatches, read_swing
 
 NO_SWING = "none"
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.workbench.config.ports import IMU, STATUS, TAIL_STATE
 from aerodima.workbench.controllers.tail_law import UNKNOWN_IMU, Observation
-from aerodima.workbench.ports import IMU, STATUS, TAIL_STATE
 
 AGE_LIMIT = 0.1
 """s; beyond this a signal counts as silent."""

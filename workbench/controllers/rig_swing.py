@@ -4,9 +4,9 @@ from typing import Any
 
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from aerodima.workbench.discrete_vector import DiscreteVector
-from aerodima.workbench.ports import TAIL_COMMAND
-from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.config.ports import TAIL_COMMAND
+from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
 
 
 class CurrentController(LeafSystem):

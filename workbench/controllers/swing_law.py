@@ -23,10 +23,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.controllers.checks import check_range
+from aerodima.workbench.config.ports import IMU
+from aerodima.workbench.config.range_check import check_range
 from aerodima.workbench.controllers.tail_law import EPSILON, NO_COMMAND, Observation, sign
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.ports import IMU
 
 MODES = ("none", "held", "swing")
 ACCELERATION_Y = IMU.index("acceleration_y")

@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from aerodima.workbench.config.swing_file import SwingFile, gains_at, swing_at
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.swing_file import SwingFile, gains_at, swing_at
 
 Tracking = Literal["automatic", "feedback", "torque", "joint_pd", "open_loop"]
 TRACKINGS: tuple[Tracking, ...] = ("automatic", "feedback", "torque", "joint_pd", "open_loop")

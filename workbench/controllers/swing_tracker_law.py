@@ -22,13 +22,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.controllers.checks import check_range
+from aerodima.workbench.config.range_check import check_range
+from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingMemory, SwingSettings, SwingState, step
 from aerodima.workbench.controllers.swing_reference import SwingReference
 from aerodima.workbench.controllers.tail_law import EPSILON, NO_COMMAND, Observation, sign
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
-from aerodima.workbench.swing_file import SwingFile
 
 
 class TrackerMemory(NamedTuple):

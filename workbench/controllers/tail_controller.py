@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from aerodima.workbench.controllers.checks import check_range
+from aerodima.workbench.config.ports import IMU, PLANNED_TURN, SPEED, STATUS, STEERING_ANGLE, TAIL_COMMAND, TAIL_STATE
+from aerodima.workbench.config.range_check import check_range
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.observation import AGE_LIMIT, observe
 from aerodima.workbench.controllers.tail_law import Observation, TailLaw
-from aerodima.workbench.discrete_vector import DiscreteVector
-from aerodima.workbench.event_order import Stage, declare_ticks, nominal_time, stage_before
-from aerodima.workbench.ports import IMU, PLANNED_TURN, SPEED, STATUS, STEERING_ANGLE, TAIL_COMMAND, TAIL_STATE
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time, stage_before
 
 
 class TailController(LeafSystem):
@@ -22,7 +22,7 @@ class TailController(LeafSystem):
     "not valid", a tail angle as NaN. All memory is discrete state, so a reset context repeats a run.
 
     Input ports:
-        tail_state (6), imu (9), status (13): as the station gives them, see `aerodima.workbench.ports`.
+        tail_state (6), imu (9), status (13): as the station gives them, see `aerodima.workbench.config.ports`.
         planned_turn (1): +1 left, -1 right, 0 none, from the driver.
         speed (1, optional): m/s, from the station; unknown when not connected.
         steering_angle (1, optional): command of the driver, rad; unknown when not connected.
@@ -34,7 +34,7 @@ class TailController(LeafSystem):
     Args:
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
-        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.event_order`).
+        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.event_order`).
 
     Raises:
         UserError: rate or age limit out of range.

@@ -4,10 +4,10 @@ import math
 
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from aerodima.workbench.controllers.checks import check_range
+from aerodima.workbench.config.range_check import check_range
 from aerodima.workbench.controllers.manoeuvre import DriverInput, Schedule
-from aerodima.workbench.discrete_vector import DiscreteVector
-from aerodima.workbench.event_order import Stage, declare_ticks, nominal_time, stage_before
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time, stage_before
 
 
 class TurnDriver(LeafSystem):
@@ -24,7 +24,7 @@ class TurnDriver(LeafSystem):
     Args:
         schedule: from `make_schedule(scenario)`.
         rate: Hz.
-        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.event_order`).
+        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.event_order`).
 
     Raises:
         UserError: rate out of range.

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from aerodima.workbench.config.log_columns import TIME, rig_columns
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.columns import TIME, rig_columns
 from aerodima.workbench.logs.resting import (
     LEAST_REST_SAMPLES,
     REST,
@@ -24,8 +24,7 @@ from aerodima.workbench.logs.resting import (
     stretches,
 )
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.resources import model_path
-from aerodima.workbench.signals import (
+from aerodima.workbench.logs.signals import (
     GAP_FACTOR,
     LowPass,
     check_gaps,
@@ -36,6 +35,7 @@ from aerodima.workbench.signals import (
     resample,
     resting_line,
 )
+from aerodima.workbench.resources import model_path
 
 WRENCH = tuple(column.name for column in rig_columns() if column.name.startswith(("force_", "torque_")))
 """Force and torque columns of a rig log, in the order of `offsets_to_add` and of Table 4.4."""

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.log_columns import TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.columns import TIME
 from aerodima.workbench.logs.conditioning import is_held
 from aerodima.workbench.logs.resting import Interval
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.signals import GAP_FACTOR
+from aerodima.workbench.logs.signals import GAP_FACTOR
 
 MOST_ROWS = 12
 """Signals that one picture holds."""

@@ -17,10 +17,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
 from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
-from aerodima.workbench.quantity import nearest
 
 FloatArray = NDArray[np.float64]
 

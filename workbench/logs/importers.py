@@ -14,9 +14,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aerodima.workbench.config.log_columns import RIG_KINDS, TIME
+from aerodima.workbench.config.units import unit_to
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.columns import RIG_KINDS, TIME
-from aerodima.workbench.logs.findings import (
+from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log
+from aerodima.workbench.logs.log_findings import (
     Finding,
     gap_findings,
     listed,
@@ -25,11 +27,9 @@ from aerodima.workbench.logs.findings import (
     refuse_inconsistent_rates,
     table_findings,
 )
-from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log
 from aerodima.workbench.logs.mapping import ColumnSource, Mapping, known_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.logs.units import unit_to
-from aerodima.workbench.signals import GAP_FACTOR, check_time
+from aerodima.workbench.logs.signals import GAP_FACTOR, check_time
 
 FloatArray = NDArray[np.float64]
 
@@ -219,10 +219,10 @@ def _scenario(mapping: Mapping) -> dict[str, Any]:
         return {}
     base, settings = mapping.scenario.base, list(mapping.scenario.set)
     if mapping.kind not in RIG_KINDS:
-        from aerodima.workbench.scenario import load_scenario
+        from aerodima.workbench.config.scenario import load_scenario
 
         return load_scenario(base, settings).model_dump(mode="json", by_alias=True)
-    from aerodima.workbench.rig_scenario import load_rig_scenario
+    from aerodima.workbench.config.rig_scenario import load_rig_scenario
 
     resolved = load_rig_scenario(base, settings).resolved()
     return {key: value for key, value in resolved.items() if key not in ("experiment", "schema", "name", "seed")}

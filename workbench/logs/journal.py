@@ -19,8 +19,8 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
+from aerodima.workbench.config.log_columns import missing_columns
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.columns import missing_columns
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
     decode_metadata,

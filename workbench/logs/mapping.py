@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, StrictBool, StrictFloat, StrictInt, ValidationError, field_validator
 
-from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.columns import (
+from aerodima.workbench.config.file_errors import Place, StrictModel, explain_strictly, read_log_yaml
+from aerodima.workbench.config.log_columns import (
     RIG_KINDS,
     TIME,
     Column,
@@ -17,9 +17,9 @@ from aerodima.workbench.logs.columns import (
     sensor_columns,
     truth_columns,
 )
-from aerodima.workbench.logs.strict_files import Place, StrictModel, explain_strictly, read_log_yaml
-from aerodima.workbench.logs.units import unit_in_name, unit_to
-from aerodima.workbench.quantity import nearest
+from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.units import unit_in_name, unit_to
+from aerodima.workbench.errors import LogError
 
 MAPPING_SCHEMA = "aerodima/log-mapping/1"
 CAR_LOG = "car_log"

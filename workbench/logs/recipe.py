@@ -13,16 +13,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, StrictBool, ValidationError
 
+from aerodima.workbench.config.file_errors import Place, StrictModel, explain_strictly, read_log_yaml
+from aerodima.workbench.config.log_columns import RIG_KINDS
+from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs import conditioning
-from aerodima.workbench.logs.columns import RIG_KINDS
 from aerodima.workbench.logs.conditioning import Conditioned
 from aerodima.workbench.logs.mapping import known_columns
 from aerodima.workbench.logs.resting import Interval, resting_parts
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.strict_files import Place, StrictModel, explain_strictly, read_log_yaml
-from aerodima.workbench.quantity import nearest
-from aerodima.workbench.signals import (
+from aerodima.workbench.logs.signals import (
     GPS_FILTER,
     IMU_FILTER,
     RIG_FILTER_10_HZ,

@@ -6,9 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
-from aerodima.workbench.event_order import Stage, nominal_time, period_of
-from aerodima.workbench.logs.columns import TIME
+from aerodima.workbench.config.log_columns import TIME
 from aerodima.workbench.logs.unwrapping import RowUnwrapper
+from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
 
 
 class RowSink(Protocol):
@@ -28,9 +28,8 @@ class RunRecorder(LeafSystem):
         journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
         sources: size of each recorded port.
         rate: rows per second, Hz.
-        stage: `Stage.RECORD` beside a simulated car (`aerodima.workbench.event_order`), whose row then has what sensors
-        and
-            controllers did at its instant; without, a row has what stood on the ports before its instant.
+        stage: `Stage.RECORD` beside a simulated car (`aerodima.workbench.systems.event_order`), whose row then has what
+            sensors and controllers did at its instant; without, a row has what stood on the ports before its instant.
     """
 
     def __init__(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.signals import GAP_FACTOR, check_time
+from aerodima.workbench.logs.signals import GAP_FACTOR, check_time
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

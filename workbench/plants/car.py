@@ -28,13 +28,13 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
-from aerodima.workbench.drake_log import drop_message
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.car_model import car_sdf
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.plants.tail import added_mass_layout, tail_sdf
 from aerodima.workbench.resources import models_dir
-from aerodima.workbench.scenario import Scenario
+from aerodima.workbench.systems.drake_log import drop_message
 
 GROUND_STIFFNESS = 1.0e10
 """Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's stiffness to 1e-5."""

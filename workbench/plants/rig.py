@@ -18,7 +18,6 @@ from pydrake.multibody.tree import RevoluteJoint, WeldJoint
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
 
-from aerodima.workbench.actuators.friction import JointFriction, smooth_friction
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.jet import Jet
@@ -28,11 +27,12 @@ from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, connect_spatial_forces
 from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import parse_model
+from aerodima.workbench.plants.joint_friction import JointFriction, smooth_friction
 from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, pivot_position, robot_rig_sdf, tail_layout
 from aerodima.workbench.plants.rig_reactions import SpanwiseBalance, SupportWrench
-from aerodima.workbench.rig_scenario import RigScenario
 
 ADDED_MASS_PARTS = 5
 """Equal parts of the tail that carry the added mass (thesis section 4.6)."""

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.parameters import TailParameters
+from aerodima.workbench.config.car_parameters import TailParameters
+from aerodima.workbench.config.rig_parameters import BarParameters, CheetahTailParameters, MountParameters
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.plants.tail import ROD_RADIUS
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.rig_parameters import BarParameters, CheetahTailParameters, MountParameters
-from aerodima.workbench.rig_scenario import RigScenario
 
 CHEETAH_RIG_SDF = "rig/cheetah_rig.sdf"
 ROBOT_RIG_SDF = "rig/robot_rig.sdf"

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.workbench.actuators.friction import FrictionLaw, smooth_friction
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
 from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, rig_jet, rig_law
 from aerodima.workbench.plants.rig_model import (
     MassProperties,
@@ -31,7 +32,6 @@ from aerodima.workbench.plants.rig_model import (
     robot_tail_properties,
     tail_layout,
 )
-from aerodima.workbench.rig_scenario import RigScenario
 
 MotorTorque = Callable[[float, float, float], float]
 """Time (s), angle (rad), rate (rad/s) to the motor's torque on the joint (N m), positive downstream."""

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.aero.added_mass import AddedMass
-from aerodima.workbench.aero.system_template import declare_spatial_forces
+from aerodima.workbench.systems.autodiff_system import declare_spatial_forces
 
 
 class SupportWrench(LeafSystem):

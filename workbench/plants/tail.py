@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
+from aerodima.workbench.config.car_parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 from aerodima.workbench.resources import model_path
 

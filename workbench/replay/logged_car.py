@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from aerodima.workbench.config.log_columns import PLANT_POSITION_PREFIX
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.errors import LogError, ScenarioError
-from aerodima.workbench.logs.columns import PLANT_POSITION_PREFIX
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import check_time
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
-from aerodima.workbench.scenario import Scenario, scenario_from_dict
-from aerodima.workbench.signals import check_time
 
 FloatArray = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.tail_impulses import FLIP_TILT
-from aerodima.workbench.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
+from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 
 FloatArray = NDArray[np.float64]
 

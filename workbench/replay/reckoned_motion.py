@@ -16,13 +16,13 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import cumulative_trapezoid
 
+from aerodima.workbench.config.log_columns import PLANT_POSITION_PREFIX
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.errors import LogError, ScenarioError
-from aerodima.workbench.logs.columns import PLANT_POSITION_PREFIX
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 from aerodima.workbench.replay.logged_car import with_turning_sail
-from aerodima.workbench.scenario import Scenario, scenario_from_dict
-from aerodima.workbench.signals import check_signals
 
 FloatArray = NDArray[np.float64]
 

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aerodima.workbench.errors import LogError
+from aerodima.workbench.figures.overlay_figures import RUN_STYLES, plot_overlay
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
-from aerodima.workbench.metrics import metrics_of
-from aerodima.workbench.plots.overlay import RUN_STYLES, plot_overlay
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.controls import CONTROLS_SCRIPT, CONTROLS_STYLE, controls_bar
-from aerodima.workbench.replay.page import replay_page
 from aerodima.workbench.replay.reckoned_motion import replayable
-from aerodima.workbench.report.page import Markup, Section, figure, finding, page, paragraph, table
+from aerodima.workbench.replay.replay_page import replay_page
+from aerodima.workbench.report.report_page import Markup, Section, figure, finding, page, paragraph, table
 from aerodima.workbench.text_table import shown_value
 
 MOST_RUNS = len(RUN_STYLES)

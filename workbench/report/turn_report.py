@@ -7,13 +7,17 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from aerodima.workbench.config.car_parameters import CarParameters
+from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
+from aerodima.workbench.figures import plot_turn
+from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.parameters import CarParameters
-from aerodima.workbench.plots import plot_turn
-from aerodima.workbench.plots.style import MODE_STYLES
-from aerodima.workbench.published import tyre_damping
-from aerodima.workbench.report import chapters, findings
-from aerodima.workbench.report.page import (
+from aerodima.workbench.metrics.published_figures import tyre_damping
+from aerodima.workbench.metrics.run_summary import RunSummary, tail_mode_of
+from aerodima.workbench.report import turn_chapters as chapters
+from aerodima.workbench.report import turn_findings as findings
+from aerodima.workbench.report.number_words import degrees
+from aerodima.workbench.report.report_page import (
     Cell,
     Markup,
     Section,
@@ -29,9 +33,6 @@ from aerodima.workbench.report.page import (
     preformatted,
     table,
 )
-from aerodima.workbench.report.words import degrees
-from aerodima.workbench.scenario import SECTIONS, load_parameter_entries
-from aerodima.workbench.summary import RunSummary, tail_mode_of
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, DiagramBuilder, State
 
-from aerodima.workbench.discrete_vector import DiscreteVector
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.noise import CounterNoise
 from aerodima.workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.noise import CounterNoise
 
 TURN = 2.0 * math.pi
 

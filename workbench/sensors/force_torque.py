@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from aerodima.workbench.rig_parameters import ForceSensorParameters
-from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.config.rig_parameters import ForceSensorParameters
 from aerodima.workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.systems.noise import CounterNoise
 
 AXES = 6
 """F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""

@@ -10,8 +10,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from aerodima.workbench.sensors.noise import CounterNoise
 from aerodima.workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.systems.noise import CounterNoise
 
 
 class GpsSpeed(SampledSensor):

@@ -12,9 +12,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from aerodima.workbench.ports import IMU
-from aerodima.workbench.sensors.noise import CounterNoise
+from aerodima.workbench.config.ports import IMU
 from aerodima.workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.systems.noise import CounterNoise
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from aerodima.workbench.sensors.noise import CounterNoise
 from aerodima.workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.systems.noise import CounterNoise
 
 
 class MotorCurrentSensor(SampledSensor):

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, State
 
-from aerodima.workbench.discrete_vector import DiscreteVector
-from aerodima.workbench.rig_parameters import RigEncoderParameters
-from aerodima.workbench.rig_scenario import RigScenario
+from aerodima.workbench.config.rig_parameters import RigEncoderParameters
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.sensors.sampled import SampledSensor
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
 
 
 def count_angle(scenario: RigScenario) -> float:

@@ -4,10 +4,10 @@ from typing import Any
 
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from aerodima.workbench.discrete_vector import DiscreteVector
-from aerodima.workbench.event_order import Stage, declare_ticks, stage_before
-from aerodima.workbench.ports import IMU, SPEED
+from aerodima.workbench.config.ports import IMU, SPEED
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.event_order import Stage, declare_ticks, stage_before
 
 
 class RollEstimator(LeafSystem):
@@ -22,7 +22,7 @@ class RollEstimator(LeafSystem):
 
     Args:
         settings: of the filter; its rate should be the IMU's.
-        stage: of its ticks, beside a simulated car (`aerodima.workbench.event_order`).
+        stage: of its ticks, beside a simulated car (`aerodima.workbench.systems.event_order`).
     """
 
     def __init__(self, settings: RollFilterSettings | None = None, stage: Stage | None = None) -> None:

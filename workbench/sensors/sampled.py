@@ -5,9 +5,9 @@ import math
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
 
-from aerodima.workbench.discrete_vector import DiscreteVector
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.event_order import Stage, period_of
+from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.event_order import Stage, period_of
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
@@ -36,10 +36,10 @@ class SampledSensor(LeafSystem):
     does at the initial time: the output then holds the first sample, and its age is the delay.
 
     Before a discrete plant, sampling and appearing come first of all that happens at an instant, and the plant's step
-    last (`aerodima.workbench.event_order`): the sensor sees the plant as it is at that instant, not one step later, and
-    a controller that acts at that instant already sees a sample without delay. Elsewhere sampling is an unrestricted
-    update, which Drake runs before the discrete updates of the same instant. An instant between two steps of a
-    discrete plant shows the plant as it will be after the step that has begun.
+    last (`aerodima.workbench.systems.event_order`): the sensor sees the plant as it is at that instant, not one step
+    later, and a controller that acts at that instant already sees a sample without delay. Elsewhere sampling is an
+    unrestricted update, which Drake runs before the discrete updates of the same instant. An instant between two steps
+    of a discrete plant shows the plant as it will be after the step that has begun.
 
     Output ports:
         <outputs>: the newest sample that has appeared, cut into ports; cost nothing between samples.

@@ -7,10 +7,10 @@ import pty
 
 import pytest
 
-from aerodima.hardware.console.messages import BeatClock, read_message
 from aerodima.hardware.console.operator_radio import OperatorRadio
-from aerodima.hardware.console.seats import GONE_AFTER, Seats
-from aerodima.hardware.console.words import radio_state
+from aerodima.hardware.console.page_control import GONE_AFTER, Seats
+from aerodima.hardware.console.page_messages import BeatClock, read_message
+from aerodima.hardware.console.page_state import radio_state
 from aerodima.hardware.protocol import radio as frames
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.car_report import Asks, CarReport, decode_report, make_report

@@ -4,14 +4,15 @@ import math
 
 import numpy as np
 
-from aerodima.hardware.motor_state import MotorFault
+from aerodima.hardware.car.wiring import CarReading
+from aerodima.hardware.devices.motor_state import MotorFault
+from aerodima.hardware.devices.radio_link import IDLE
+from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.hardware.radio_link import IDLE
-from aerodima.hardware.wiring.base import CarReading, SourceFault
+from aerodima.workbench.config.ports import STATUS, STATUS_SOURCES
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.ports import STATUS, STATUS_SOURCES
-from aerodima.workbench.scenario import load_scenario
 
 PERIOD = 0.01
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.drive.pilots import ControlPilot
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.hardware.wiring.base import CarReading
+from aerodima.workbench.config.ports import IMU, STATUS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.ports import IMU, STATUS
 from tests.hardware.drive.fake_wiring import quick_turn
 
 SCENARIO = quick_turn()

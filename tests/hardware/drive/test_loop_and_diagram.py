@@ -8,22 +8,23 @@ import time
 import numpy as np
 import pytest
 
-from aerodima.hardware.drive.diagram import DiagramRun
-from aerodima.hardware.drive.guard import CarGuard, Stage
-from aerodima.hardware.drive.loop import PERIOD, idle_until, run_loop
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.wiring import CarReading
+from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.drive.car_guard import CarGuard, Stage
+from aerodima.hardware.drive.car_interface import interface_to
+from aerodima.hardware.drive.drive_diagram import DiagramRun
 from aerodima.hardware.drive.pilots import AutoPilot, ManualPilot
+from aerodima.hardware.drive.plain_loop import PERIOD, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
-from aerodima.hardware.interface import interface_to
-from aerodima.hardware.motor_settings import load_motor_safety
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.hardware.wiring.base import CarReading, SourceFault
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.workbench.config.ports import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import read_journal
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.ports import STATION_INPUTS, STATION_OUTPUTS
-from aerodima.workbench.station import make_car_station
+from aerodima.workbench.stations.car_station import make_car_station
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 
 # The diagram of these tests runs faster than its clock.
@@ -224,7 +225,7 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from aerodima.hardware.drive.run_journal import open_run_journal
-from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.config.scenario import load_scenario
 journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "direct_can")
 print("ready", flush=True)
 while True:

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodima.hardware.watchdog.trial import run_watchdog_test
-from aerodima.hardware.wiring.base import WIRINGS
-from aerodima.workbench.logs.columns import sensor_columns
+from aerodima.hardware.car.wiring import WIRINGS
+from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.workbench.config.log_columns import sensor_columns
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.reckoned_motion import replayable
-from aerodima.workbench.scenario import load_scenario
-from aerodima.workbench.trial import run_trial
+from aerodima.workbench.simulate.trial import run_trial
 from tests.blocked_drake import BLOCK
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.fake_can import wait_until
@@ -43,7 +43,7 @@ PROGRAM = str(Path(sys.executable).with_name("aerodima"))
 NO_DRAKE = (
     BLOCK
     + """
-from aerodima.workbench.cli import main
+from aerodima.workbench.cli.program import main
 sys.argv = ["aerodima", *sys.argv[1:]]
 main()
 """

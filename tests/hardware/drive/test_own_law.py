@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.hardware.drive.session import DriveOptions, run_drive
-from aerodima.hardware.wiring.car_ports import ports_from_dict
-from aerodima.workbench.cli import build_app
+from aerodima.hardware.car.car_ports import ports_from_dict
+from aerodima.hardware.drive.drive_session import DriveOptions, run_drive
+from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log
-from tests.hardware.wiring.fake_devices import PORTS, CarOnTheBench, ImuAtRest
+from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
 
 QUICK = [
     "manoeuvre.straight_time=0.5",

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.devices.bno055 import Bno055Sample, decode_sample, encode_sample
 from aerodima.hardware.drive.standstill import standstill_checks
-from aerodima.hardware.sensors.bno055 import Bno055Sample, decode_sample, encode_sample
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
 
 SAFETY = load_drive_safety()
 LEVEL = np.zeros(9)

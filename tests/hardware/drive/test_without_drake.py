@@ -4,20 +4,22 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 import importlib, pathlib, pkgutil, tempfile
-import aerodima.hardware.commands.drive, aerodima.workbench.bundle
-from aerodima.hardware import drive, sensors, watchdog, wiring
+import aerodima.hardware.commands.drive_command, aerodima.workbench.controllers.scenario_bundle
+from aerodima.hardware import devices as sensors
+from aerodima.hardware import car as wiring
+from aerodima.hardware import drive, watchdog
 for package in (drive, sensors, watchdog, wiring):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
-        if module.name not in ("aerodima.hardware.drive.diagram", "aerodima.hardware.watchdog.__main__"):
+        if module.name not in ("aerodima.hardware.drive.drive_diagram", "aerodima.hardware.watchdog.__main__"):
             importlib.import_module(module.name)
 
 import numpy as np
-from aerodima.hardware.drive.guard import CarGuard
-from aerodima.hardware.drive.loop import idle_until, run_loop
+from aerodima.hardware.drive.car_guard import CarGuard
+from aerodima.hardware.drive.plain_loop import idle_until, run_loop
 from aerodima.hardware.drive.pilots import AutoPilot
 from aerodima.hardware.drive.run_journal import open_run_journal
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.car.drive_safety import load_drive_safety
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 
 class Time:

@@ -17,20 +17,20 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.hardware.drive.guard import CarGuard
-from aerodima.hardware.drive.limits import DriveLimits
+from aerodima.hardware.car.car_ports import CarPorts, read_ports
+from aerodima.hardware.car.direct_can import direct_can
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.emulator_files import PORTS_FILE
+from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.drive.car_guard import CarGuard
+from aerodima.hardware.drive.drive_limits import DriveLimits
 from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
-from aerodima.hardware.emulator.folder import PORTS_FILE
-from aerodima.hardware.watchdog.trial import run_watchdog_test
-from aerodima.hardware.wiring.car_ports import CarPorts, read_ports
-from aerodima.hardware.wiring.direct_can import direct_can
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
-from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
-from aerodima.hardware.wiring.wired_car import WiredCar
+from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.workbench.config.ports import IMU
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError, LogError
 from aerodima.workbench.logs.journal import read_journal
-from aerodima.workbench.ports import IMU
-from aerodima.workbench.scenario import Scenario
 
 
 class Breaker:

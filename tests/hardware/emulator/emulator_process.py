@@ -17,13 +17,13 @@ from typing import Any, TypeVar
 
 import can
 
+from aerodima.hardware.car.car_ports import CarPorts, read_ports
+from aerodima.hardware.car.emulator_files import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
 from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
-from aerodima.hardware.emulator.events import read_events
-from aerodima.hardware.emulator.folder import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
-from aerodima.hardware.emulator.script import Script
-from aerodima.hardware.wiring.car_ports import CarPorts, read_ports
+from aerodima.hardware.emulator.event_log import read_events
+from aerodima.hardware.emulator.fault_script import Script
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.scenario import Scenario
 
 DISTURBED = 0.02
 """A pause of that length, s, is not of our making: the loops of drive and emulator take 2 ms of their 10."""
@@ -33,7 +33,7 @@ _IDLE = 3
 """Place of the idle time in the first line of /proc/stat."""
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(
-    ["aerodima.hardware.emulator.emulator", "aerodima.workbench.run", "aerodima.workbench.scenario"]
+    ["aerodima.hardware.emulator.emulator", "aerodima.workbench.simulate.car_run", "aerodima.workbench.config.scenario"]
 )
 
 T = TypeVar("T")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.hardware.wiring.base import CarCommand
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.wiring import CarCommand
 from tests.hardware.emulator.breakers import (
     Blind,
     Breaker,

@@ -17,21 +17,21 @@ from pathlib import Path
 import can
 import numpy as np
 
-from aerodima.hardware.drive.guard import CarGuard, Stage
-from aerodima.hardware.drive.loop import PERIOD, wait_until
-from aerodima.hardware.emulator.script import JOINTS
+from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.direct_can import direct_can
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.drive.car_guard import CarGuard, Stage
+from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
+from aerodima.hardware.emulator.fault_script import JOINTS
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.hardware.watchdog.process import WatchdogProcess
-from aerodima.hardware.wiring.base import CarCommand
-from aerodima.hardware.wiring.car_ports import CarPorts
-from aerodima.hardware.wiring.direct_can import direct_can
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
-from aerodima.hardware.wiring.teensy_bridge import teensy_bridge
+from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
+from aerodima.workbench.config.ports import STATUS
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.ports import STATUS
-from aerodima.workbench.scenario import Scenario, load_scenario
 from tests.hardware.emulator.breakers import Breaker
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_cases import AT, CASES, PITCH, ROLL, Case

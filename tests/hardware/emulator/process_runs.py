@@ -13,13 +13,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from aerodima.hardware.emulator.folder import PORTS_FILE
-from aerodima.hardware.emulator.script import JOINTS
-from aerodima.hardware.firmware.settings import load_teensy_timing
-from aerodima.hardware.watchdog.settings import load_watchdog_timing
-from aerodima.hardware.watchdog.trial import run_watchdog_test
-from aerodima.hardware.wiring.base import WIRINGS
-from aerodima.workbench.scenario import Scenario, load_scenario
+from aerodima.hardware.car.emulator_files import PORTS_FILE
+from aerodima.hardware.car.firmware_settings import load_teensy_timing
+from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.car.wiring import WIRINGS
+from aerodima.hardware.emulator.fault_script import JOINTS
+from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until
 
@@ -187,7 +187,7 @@ def _start(emulator: EmulatorProcess, folder: Path, scenario: str, settings: tup
     ports, log = str(emulator.folder / PORTS_FILE), str(folder / "drive.parquet")
     command = ["drive", scenario, *words, "--ports", ports, "--wiring", emulator.wiring, "--log", log]
     return subprocess.Popen(
-        [sys.executable, "-m", "aerodima.workbench.cli", *command, "--no-drake", "--arm"],
+        [sys.executable, "-m", "aerodima", *command, "--no-drake", "--arm"],
         env={**os.environ, "XDG_STATE_HOME": str(folder / "state")},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

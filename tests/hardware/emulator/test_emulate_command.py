@@ -8,9 +8,9 @@ from pathlib import Path
 import can
 import pytest
 
-from aerodima.hardware.commands.emulate import emulate
-from aerodima.hardware.emulator.events import read_events
-from aerodima.hardware.wiring.car_ports import read_ports
+from aerodima.hardware.car.car_ports import read_ports
+from aerodima.hardware.commands.emulate_command import emulate
+from aerodima.hardware.emulator.event_log import read_events
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.resources import model_path
@@ -60,7 +60,7 @@ def test_a_missing_compiler_is_one_line(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
     out = tmp_path / "emulated"
-    command = [sys.executable, "-m", "aerodima.workbench.cli", "emulate", "turn_swing", "--out", str(out)]
+    command = [sys.executable, "-m", "aerodima", "emulate", "turn_swing", "--out", str(out)]
     process = subprocess.Popen([*command, "--wiring", "direct_can"], stdout=subprocess.DEVNULL)
     assert wait_until((out / "ready.json").exists, 60.0)
     ports = read_ports(out / "ports.json")
@@ -80,7 +80,7 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
     out = tmp_path / "emulated"
     start = (
         "import os, subprocess, sys, time; "
-        "subprocess.Popen([sys.executable, '-m', 'aerodima.workbench.cli', 'emulate', 'turn_swing', '--out', "
+        "subprocess.Popen([sys.executable, '-m', 'aerodima', 'emulate', 'turn_swing', '--out', "
         "sys.argv[1], '--parent', str(os.getpid())]); time.sleep(60)"
     )
     starter = subprocess.Popen([sys.executable, "-c", start, str(out)], stdout=subprocess.DEVNULL)
@@ -91,5 +91,14 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
 
 
 def _run(out, *arguments, environment=None):
-    command = [sys.executable, "-m", "aerodima.workbench.cli", "emulate", "turn_swing", "--out", str(out), *arguments]
+    command = [
+        sys.executable,
+        "-m",
+        "aerodima.workbench.cli.program",
+        "emulate",
+        "turn_swing",
+        "--out",
+        str(out),
+        *arguments,
+    ]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)

@@ -5,15 +5,18 @@ import math
 import can
 import pytest
 
-from aerodima.hardware.emulator.bus import EmulatedBus
-from aerodima.hardware.emulator.events import EventLog, read_events
+from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.devices.bno055 import make_sample_request
+from aerodima.hardware.devices.ublox import GpsStream
+from aerodima.hardware.emulator.emulated_bus import EmulatedBus
+from aerodima.hardware.emulator.emulated_motor import EmulatedMotor
+from aerodima.hardware.emulator.emulated_teensy import EmulatedTeensy
+from aerodima.hardware.emulator.event_log import EventLog, read_events
 from aerodima.hardware.emulator.fault_board import FaultBoard
-from aerodima.hardware.emulator.motor import EmulatedMotor
-from aerodima.hardware.emulator.script import OperatorEntry, Script, load_emulator_numbers
+from aerodima.hardware.emulator.fault_script import OperatorEntry, Script, load_emulator_numbers
 from aerodima.hardware.emulator.serial_devices import OPERATOR, EmulatedGps, EmulatedImu, EmulatedOperator
-from aerodima.hardware.emulator.slcan import SlcanAdapter, read_frame, write_frame
-from aerodima.hardware.emulator.teensy import EmulatedTeensy
-from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.emulator.slcan_device import SlcanAdapter, read_frame, write_frame
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
@@ -31,9 +34,6 @@ from aerodima.hardware.protocol.car_report import Asks, CarReport, make_report
 from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, StringForm, TeensyCommand
 from aerodima.hardware.protocol.teensy import make_command as make_string
 from aerodima.hardware.protocol.xbee import ApiStream, make_transmit
-from aerodima.hardware.sensors.bno055 import make_sample_request
-from aerodima.hardware.sensors.ublox import GpsStream
-from aerodima.hardware.wiring.mounting import load_mounting
 
 NUMBERS = load_emulator_numbers()
 PUSH = MitCommand(0.4, 0.0, 17.0, 5.0, 1.0)

@@ -8,13 +8,13 @@ import sys
 
 import pytest
 
-from aerodima.hardware.emulator.folder import PORTS_FILE
-from aerodima.hardware.first_contact import joint_angles, read_motor_angles, run_motor_test, write_zeros
-from aerodima.hardware.watchdog.trial import run_watchdog_test
-from aerodima.hardware.wiring.base import WIRINGS
-from aerodima.hardware.wiring.car_ports import read_ports
+from aerodima.hardware.car.car_ports import read_ports
+from aerodima.hardware.car.emulator_files import PORTS_FILE
+from aerodima.hardware.car.wiring import WIRINGS
+from aerodima.hardware.drive.first_contact import joint_angles, read_motor_angles, run_motor_test, write_zeros
+from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.scenario import load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS, open_car
 

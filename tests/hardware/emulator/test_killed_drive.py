@@ -4,13 +4,13 @@ import json
 
 import pytest
 
-from aerodima.hardware.emulator.folder import PORTS_FILE
-from aerodima.hardware.watchdog.record import record_path, require_watchdog_test
-from aerodima.hardware.watchdog.settings import load_watchdog_timing
-from aerodima.hardware.watchdog.trial import run_watchdog_test
-from aerodima.hardware.wiring.base import WIRINGS
+from aerodima.hardware.car.emulator_files import PORTS_FILE
+from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.car.wiring import WIRINGS
+from aerodima.hardware.watchdog.test_record import record_path, require_watchdog_test
+from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.scenario import load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.emulator.fault_runs import SCENARIO, SETTINGS
 from tests.hardware.emulator.process_runs import CASES, REFUSED, check, process_row, run_process_case, run_refused_case

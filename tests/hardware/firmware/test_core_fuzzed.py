@@ -4,8 +4,9 @@ import random
 
 import pytest
 
-from aerodima.hardware.firmware.core import TeensyCore
-from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.car.wiring import WIRINGS
+from aerodima.hardware.firmware.firmware_core import TeensyCore
 from aerodima.hardware.protocol.ak70 import MOST_ID, NEUTRAL, MitCommand
 from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame
@@ -20,7 +21,6 @@ from aerodima.hardware.protocol.teensy import (
     TeensyStatus,
     make_command,
 )
-from aerodima.hardware.wiring.base import WIRINGS
 
 STEPS = 10_000
 TIMING = load_teensy_timing()

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.hardware.firmware.core import limit_command
-from aerodima.hardware.firmware.settings import motor_limits
-from aerodima.hardware.motor_limits import limit_command as limit_on_the_computer
-from aerodima.hardware.motor_load import MotorLoad
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.firmware_settings import motor_limits
+from aerodima.hardware.devices.motor_limits import limit_command as limit_on_the_computer
+from aerodima.hardware.devices.motor_load import MotorLoad
+from aerodima.hardware.firmware.firmware_core import limit_command
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.heartbeat import BeatState, decode_answer, make_beat
 from aerodima.hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
-from aerodima.hardware.wiring.drive_safety import load_drive_safety
+from tests.hardware.devices.test_motor_limits import settings as joint
 from tests.hardware.firmware.test_core_watchdog import MS, PUSH, TIMING, Bench
-from tests.hardware.test_motor_limits import settings as joint
 
 SAFETY = load_drive_safety()
 OVER = Attitude(SAFETY.attitude_limit + 0.02, 0.0, 8)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from aerodima.hardware.firmware.core import TeensyCore
-from aerodima.hardware.firmware.settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.firmware.firmware_core import TeensyCore
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,

@@ -9,11 +9,11 @@ import time
 
 import pytest
 
+from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.transport.can_settings import CanSettings
 from aerodima.hardware.transport.device_lock import lock_devices
-from aerodima.hardware.watchdog.process import WatchdogProcess
-from aerodima.hardware.watchdog.settings import load_watchdog_timing
+from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import SlcanAdapter, wait_until
 
@@ -26,7 +26,7 @@ DRIVE = """
 import sys, time
 from pathlib import Path
 from aerodima.hardware.transport.can_settings import CanSettings
-from aerodima.hardware.watchdog.process import WatchdogProcess
+from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 watchdog = WatchdogProcess(CanSettings("slcan", sys.argv[1]), (1, 2), Path(sys.argv[2]))
 watchdog.arm()
 print(watchdog.pid, flush=True)

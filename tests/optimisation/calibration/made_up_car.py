@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from aerodima.optimisation.calibration.plan import prior_ranges
+from aerodima.optimisation.calibration.calibration_plan import prior_ranges
 
 TAILLESS_GROUP = 1.05
 """Friction x height / half track at which the made-up car flips at 3.47 m/s."""

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.rig_logs import simulate_static_log
-from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.stations.rig_logs import simulate_static_log
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 SPEEDS = (10.0, 20.0, 30.0)

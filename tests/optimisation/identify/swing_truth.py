@@ -14,10 +14,10 @@ import pandas as pd
 from aerodima.optimisation.identify.robot_tail import motor_of
 from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out
 from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
-from aerodima.workbench.rig_logs import rig_log_metadata
-from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.sensors.rig_encoder import count_angle
+from aerodima.workbench.stations.rig_logs import rig_log_metadata
 
 RATE = 1000.0
 

@@ -7,8 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from aerodima.optimisation.errors import FitError
-from aerodima.optimisation.identify.aggregate import aggregate, recompute_averages, weights
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.published_tables import (
     flag_added_mass,
     flag_robot_tail,
@@ -16,6 +15,7 @@ from aerodima.optimisation.identify.published_tables import (
     robot_tail_rows,
     static_rows,
 )
+from aerodima.optimisation.identify.weighted_averages import aggregate, recompute_averages, weights
 
 
 def test_200_of_210_static_rows_and_160_of_185_robot_rows_are_distinct() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.springs import fit_spring
 
 

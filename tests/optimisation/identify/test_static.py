@@ -11,7 +11,7 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.static import fit_static, static_parameters, static_problem
 from aerodima.optimisation.identify.static_balance import StaticBalance
 from aerodima.optimisation.identify.static_log import static_data
@@ -19,7 +19,7 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.conditioning import cut
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.rig_logs import simulate_static_log
+from aerodima.workbench.stations.rig_logs import simulate_static_log
 from tests.optimisation.identify import static_truth as truth
 
 

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.fit.least_squares import Attempt, Problem, solve
 from aerodima.optimisation.identify.added_mass import (
     SEEDS,
     added_mass_model,
@@ -16,14 +18,12 @@ from aerodima.optimisation.identify.added_mass import (
     fit_added_mass,
     seed_value,
 )
-from aerodima.optimisation.identify.comparison import by_wind_speed, compare, section_coefficients
+from aerodima.optimisation.identify.added_mass_comparison import by_wind_speed, compare, section_coefficients
+from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.friction import fit_friction
-from aerodima.optimisation.identify.options import FitOptions
 from aerodima.optimisation.identify.static_log import COLUMNS
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.optimisation.identify.swing_model import Pendulum
-from aerodima.optimisation.least_squares import Attempt, Problem, solve
-from aerodima.optimisation.parameters import Parameter, Parameters
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from tests.optimisation.identify import swing_truth as truth

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.added_mass import (
     added_mass_model,
     added_mass_parameter,
@@ -21,11 +21,11 @@ from aerodima.optimisation.identify.friction import fit_friction
 from aerodima.optimisation.identify.robot_tail import fit_robot_tail
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out, torque_response
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.rig_run import run_rig
-from aerodima.workbench.rig_scenario import load_rig_scenario
+from aerodima.workbench.simulate.rig_run import run_rig
 from tests.optimisation.identify import swing_truth as truth
 
 

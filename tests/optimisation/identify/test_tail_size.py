@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.errors import FitError
+from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.tail_size import (
     READINGS,
     SwingRange,
@@ -28,10 +28,10 @@ from aerodima.optimisation.identify.tail_swings import (
     lever,
     swing_extremes,
 )
-from aerodima.workbench.cli import build_app
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.rig_run import run_rig
-from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.simulate.rig_run import run_rig
 
 SCENARIO = load_rig_scenario("robot")
 TAIL = {name: entry.value for name, entry in prior().items()} | {"law": 0.0}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from aerodima.optimisation.sweep.engine import open_engine
+from aerodima.optimisation.sweep.study_engine import open_engine
 
 
 @pytest.fixture(scope="package")

@@ -1,7 +1,7 @@
 """An engine whose runs cost nothing: survival and numbers as plain functions of the settings."""
 
-from aerodima.optimisation.sweep.engine import SerialEngine
-from aerodima.optimisation.sweep.threshold import FRICTION, SPEED
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
+from aerodima.optimisation.sweep.study_engine import SerialEngine
 
 LIMITS = {"turn_none": 0.62, "turn_held": 0.72, "turn_swing": 0.82}
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.sweep.store import read_table
 from aerodima.optimisation.sweep.study import load_study, plan_runs
-from aerodima.workbench.cli import build_app
+from aerodima.optimisation.sweep.study_store import read_table
+from aerodima.workbench.cli.program import build_app
 
 README = (Path(__file__).resolve().parents[3] / "README.md").read_text(encoding="utf-8")
 SECTION = README[README.index("## Studies of many runs") : README.index("<!-- --8<-- [end:studies] -->")]

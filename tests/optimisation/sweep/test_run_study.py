@@ -7,11 +7,11 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from aerodima.optimisation.sweep import store
-from aerodima.optimisation.sweep.engine import SerialEngine, SweepError
+from aerodima.optimisation.sweep import study_store as store
 from aerodima.optimisation.sweep.run_study import run_study
-from aerodima.optimisation.sweep.store import PARTS, TABLE, make_frame, open_store, read_table
 from aerodima.optimisation.sweep.study import load_study
+from aerodima.optimisation.sweep.study_engine import SerialEngine, SweepError
+from aerodima.optimisation.sweep.study_store import PARTS, TABLE, make_frame, open_store, read_table
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.sweep.study import Normal, Sample, Study, Uniform, load_study, plan_runs
-from aerodima.workbench.ensemble import load_ensemble
+from aerodima.workbench.config.ensemble import load_ensemble
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.scenario import load_scenario
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 

@@ -13,18 +13,18 @@ import psutil
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.sweep.engine import SerialEngine
 from aerodima.optimisation.sweep.run_study import run_study
-from aerodima.optimisation.sweep.store import PARTS, TABLE
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.workbench.cli import build_app
+from aerodima.optimisation.sweep.study_engine import SerialEngine
+from aerodima.optimisation.sweep.study_store import PARTS, TABLE
+from aerodima.workbench.cli.program import build_app
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 PATIENCE = 300.0
 """s; a busy machine starts workers slowly."""
 MANY = 80
 """Runs of a study that cannot end before a test that watches it has stepped in, however late that test is served."""
-AERODIMA = [sys.executable, "-m", "aerodima.workbench.cli"]
+AERODIMA = [sys.executable, "-m", "aerodima"]
 
 
 def wait_for(condition, process=None):

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.errors import SwingError
-from aerodima.optimisation.swing import full_car, optimise
+from aerodima.optimisation.fit.fit_errors import SwingError
+from aerodima.optimisation.swing import full_car
+from aerodima.optimisation.swing import swing_search as optimise
 from aerodima.optimisation.swing.full_car import Outcome, drive_all, varied
-from aerodima.optimisation.swing.optimise import Options, optimise_swing
-from aerodima.workbench.ensemble import load_ensemble
+from aerodima.optimisation.swing.swing_search import Options, optimise_swing
+from aerodima.workbench.config.ensemble import load_ensemble
+from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.swing_file import SwingFile, read_swing
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.scenario import Scenario, load_scenario
-from aerodima.workbench.swing_file import SwingFile, read_swing
 
 SETTINGS = ("manoeuvre.speed=4.5", "manoeuvre.turn_start=1.6", "manoeuvre.duration=3.2", "simulation.step=0.004")
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.swing.candidate import Reference
 from aerodima.optimisation.swing.full_car import LEAST_HEADING, drive, outcome, varied
-from aerodima.optimisation.swing.optimise import Options, optimise_swing
-from aerodima.optimisation.swing.shape import changed
+from aerodima.optimisation.swing.swing_candidate import Reference
+from aerodima.optimisation.swing.swing_search import Options, optimise_swing
+from aerodima.optimisation.swing.swing_shape import changed
+from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing
 from aerodima.workbench.controllers.law_of_scenario import find_swing
 from aerodima.workbench.resources import models_dir
-from aerodima.workbench.scenario import Scenario, load_scenario
-from aerodima.workbench.swing_file import SwingFile, car_mismatches, read_swing
 
 SWINGS = [
     swing

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.swing.tip_path import plot_tip_path, tip_position
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.law_of_scenario import find_swing
-from aerodima.workbench.scenario import load_scenario
 
 QUARTER = np.pi / 2
 

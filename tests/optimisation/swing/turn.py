@@ -6,11 +6,12 @@ from functools import cache
 
 import numpy as np
 
-from aerodima.optimisation.swing import planar, spatial
-from aerodima.optimisation.swing.profile import TurnProfile
+from aerodima.optimisation.swing import planar_model as planar
+from aerodima.optimisation.swing import spatial_model as spatial
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
-from aerodima.workbench.scenario import load_scenario
+from aerodima.optimisation.swing.turn_profile import TurnProfile
+from aerodima.workbench.config.scenario import load_scenario
 
 
 @cache

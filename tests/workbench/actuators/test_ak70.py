@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.actuators.ak70 import StepAhead, TailMotors, mit_torque, torque_speed_limits
-from aerodima.workbench.parameters import TailMotorParameters
+from aerodima.workbench.config.car_parameters import TailMotorParameters
+from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.tail import ArmInertia
-from aerodima.workbench.scenario import scenario_from_dict
 
 MOTOR: TailMotorParameters = scenario_from_dict({}).tail_motor
 LINE = torque_speed_limits(MOTOR)

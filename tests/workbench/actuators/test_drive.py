@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.actuators.drive import Drive, shaft_gain, steady_speed
-from aerodima.workbench.scenario import scenario_from_dict
+from aerodima.workbench.config.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})
 DRIVE, CAR = SCENARIO.drive, SCENARIO.car

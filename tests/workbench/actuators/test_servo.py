@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.actuators.servo import SteeringServo, ackermann
-from aerodima.workbench.scenario import scenario_from_dict
+from aerodima.workbench.config.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})
 CAR, STEP = SCENARIO.car, 0.002

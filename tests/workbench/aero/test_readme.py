@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from aerodima.workbench import aero
-from aerodima.workbench.cli import build_app
+from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 
 SECTION = (Path(aero.__file__).parent / "README.md").read_text(encoding="utf-8").split("## On the car\n")[1]
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.swing_law import (
     FRESH,
     SwingLaw,
@@ -15,7 +16,6 @@ from aerodima.workbench.controllers.swing_law import (
 from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.scenario import load_scenario
 
 INSIDE_LEFT = -math.pi / 2
 """Where the tail waits for a left turn: it lies to the left."""

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, refuse_other_car
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
 from aerodima.workbench.controllers.swing_reference import KD_MAX, SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.controllers.tail_law import UNKNOWN_IMU, Observation
 from aerodima.workbench.errors import ModelError, SwingFileError, UserError
-from aerodima.workbench.scenario import load_scenario
-from aerodima.workbench.swing_file import SwingFile, swing_from_dict
 
 STATES = ["car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate"]
 INSIDE, OUTSIDE, LENGTH = -1.5, 1.2, 0.5
@@ -250,7 +250,7 @@ def test_a_scenario_names_its_law() -> None:
 
 
 def test_a_swing_for_another_car_is_refused_by_name(tmp_path: Any) -> None:
-    from aerodima.workbench.swing_file import write_swing
+    from aerodima.workbench.config.swing_file import write_swing
 
     path = write_swing(swing(car={"car.mass": 6.5}), tmp_path / "heavy.yaml")
     scenario = load_scenario("turn_swing", [f"controller.swing_file={path}"])

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from aerodima.workbench.config.ports import IMU, STATUS, TAIL_STATE
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
 from aerodima.workbench.controllers.tail_controller import TailController
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.ports import IMU, STATUS, TAIL_STATE
 
 HOLD, SWING, SETTLE = float(SwingState.HOLD), float(SwingState.SWING), float(SwingState.SETTLE)
 

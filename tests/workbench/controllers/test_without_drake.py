@@ -6,7 +6,7 @@ PROGRAM = """
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
 from aerodima.workbench.controllers.swing_law import FRESH, SwingSettings, SwingState, step
 from aerodima.workbench.controllers.tail_law import Observation
-from aerodima.workbench.ports import TAIL_COMMAND
+from aerodima.workbench.config.ports import TAIL_COMMAND
 
 schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)
 memory = FRESH
@@ -22,7 +22,7 @@ assert TAIL_COMMAND.read(roll).velocity == 8.0
 from aerodima.workbench.controllers.swing_reference import SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.swing_file import read_swing
+from aerodima.workbench.config.swing_file import read_swing
 
 tracker = SwingTracker(SwingReference(read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))))
 memory, states = tracker.start(), []

@@ -10,10 +10,10 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from aerodima.workbench import logs
-from aerodima.workbench.cli import build_app
+from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.logs.conditioning import WRENCH, published_offsets
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.metrics import metrics_of
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 from tests.workbench.logs.foreign_logs import (
     CAR_SPEED,
     GAP,
@@ -112,9 +112,9 @@ def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
 def test_every_yaml_of_the_readme_is_read_and_every_step_is_explained() -> None:
     assert len(blocks("yaml")) == 3
     assert all("schema" in yaml.safe_load(block) for block in blocks("yaml"))
+    from aerodima.workbench.config.file_errors import keys_of
     from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping
     from aerodima.workbench.logs.recipe import DESIGNS, STEPS
-    from aerodima.workbench.logs.strict_files import keys_of
 
     words = [step.model_fields["step"].annotation.__args__[0] for step in STEPS] + list(DESIGNS)
     words += [key for model in (*STEPS, ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]

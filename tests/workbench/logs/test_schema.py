@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from aerodima.workbench.config.log_columns import car_run_columns, sensor_columns, tail_truth_columns, truth_columns
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.columns import car_run_columns, sensor_columns, tail_truth_columns, truth_columns
 from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, signals_equal, write_run_log
 from tests.workbench.made_up_runs import made_up_run
 

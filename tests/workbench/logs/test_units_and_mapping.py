@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
+from aerodima.workbench.config.units import unit_in_name, unit_to
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from
-from aerodima.workbench.logs.units import unit_in_name, unit_to
 
 MAPPING: dict[str, Any] = {
     "schema": "aerodima/log-mapping/1",

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.replay.surfaces import visible_surfaces
-from aerodima.workbench.scenario import Scenario, load_scenario
-from aerodima.workbench.station import simulated_car
-from aerodima.workbench.trial import Trial, run_trial
+from aerodima.workbench.simulate.trial import Trial, run_trial
+from aerodima.workbench.stations.car_station import simulated_car
 from tests.workbench.stands import CarStand
 
 FULL_THROTTLE = ("manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=1.2")

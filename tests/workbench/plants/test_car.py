@@ -8,12 +8,12 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
+from aerodima.workbench.config.log_columns import WHEELS
+from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.logs.columns import WHEELS
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.car_model import car_sdf, wheel_rates
-from aerodima.workbench.scenario import load_scenario, scenario_from_dict
-from aerodima.workbench.trial import run_trial
+from aerodima.workbench.simulate.trial import run_trial
 from tests.workbench.stands import CarStand, edited
 
 G = 9.81

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from aerodima.workbench.logs.columns import WHEELS
-from aerodima.workbench.metrics import metrics_of
-from aerodima.workbench.run import run_scenario
-from aerodima.workbench.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.config.log_columns import WHEELS
+from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.simulate.car_run import run_scenario
 from tests.workbench.stands import CarStand
 
 QUIET = [

@@ -9,10 +9,10 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import ModelError, ScenarioError, UserError
 from aerodima.workbench.plants.rig import Rig, rig_reaction
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 from tests.workbench.plants.rig_lagrangian import (
     BAR_INERTIA,
     BAR_MASS,

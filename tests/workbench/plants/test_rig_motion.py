@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.friction import smooth_friction
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.plants.rig_motion import RigMotion, logged_torque, no_torque
-from aerodima.workbench.rig_scenario import RigScenario, load_rig_scenario
 
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("flick", {}),

@@ -2,8 +2,8 @@
 
 import pytest
 
+from aerodima.workbench.cli.model_check import nominal_models, sdf_differences
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.model_check import nominal_models, sdf_differences
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 
 ROD = """<?xml version="1.0"?>

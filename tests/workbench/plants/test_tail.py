@@ -10,9 +10,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.actuators.tail_drive import add_tail_drive
 from aerodima.workbench.aero.added_mass import add_added_mass
+from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.tail import added_mass_layout, arm_inertia, ground_partner_friction, tail_sdf
-from aerodima.workbench.scenario import scenario_from_dict
 
 FRICTIONLESS = {"friction": {"coulomb": 0.0, "viscous": 0.0}}
 

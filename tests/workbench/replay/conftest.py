@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.run import run_scenario
-from aerodima.workbench.scenario import load_scenario
+from aerodima.workbench.simulate.car_run import run_scenario
 
 SHORT = {"speed": 1.0, "turn_start": 0.6, "speed_ramp": 0.4, "turn_hold": 0.1, "duration": 0.9}
 """At 2.5 m/s2: harder, up to the tyres' friction, the short car lifts its front wheels."""

@@ -9,8 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
+from aerodima.workbench.config.ports import TAIL_STATE
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.ports import TAIL_STATE
 from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
 
 

@@ -13,8 +13,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
+from aerodima.workbench.config.ports import IMU
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.ports import IMU
 from aerodima.workbench.sensors.imu import BNO055, Imu, motion_at_imu
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}

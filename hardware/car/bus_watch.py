@@ -1,0 +1,168 @@
+"""The Teensy as watchdog on the CAN bus of the computer's adapter (wiring `watched_can`), as the drive sees it.
+
+Every cycle a heartbeat leaves for the Teensy, which answers each on the same bus. One that is not answered in time
+stops the car: a Teensy that is dead, or that cannot reach the bus, would not switch the motors off either.
+"""
+
+from __future__ import annotations
+
+import time
+
+from aerodima.hardware.car.car_devices import Watchdog
+from aerodima.hardware.car.watchdog_settings import WatchdogTiming
+from aerodima.hardware.devices.motor_group import FramePort
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
+from aerodima.hardware.protocol.teensy import TeensyStatus
+from aerodima.workbench.errors import HardwareError
+
+
+class BusWatch:
+    """A `FramePort` that takes the Teensy's answers out of what comes from the bus, and a `Watchdog` that counts them.
+
+    Args:
+        port: the open bus.
+        timing: `answer_timeout` is how long an answer may take.
+
+    Attributes:
+        answers: counted since the start.
+    """
+
+    def __init__(self, port: FramePort, timing: WatchdogTiming) -> None:
+        self._port, self._timeout = port, timing.answer_timeout
+        self._state, self._counter = BeatState.OFF, 0
+        self._asked: float | None = None
+        self._status: TeensyStatus | None = None
+        self.answers = 0
+
+    # -- as a port
+
+    @property
+    def fault(self) -> int:
+        """Of the port."""
+        return self._port.fault
+
+    @property
+    def fault_text(self) -> str:
+        """Of the port."""
+        return self._port.fault_text
+
+    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
+        """Passes a frame on."""
+        return self._port.send(frame, urgent)
+
+    def poll(self) -> list[tuple[float, CanFrame]]:
+        """The port's frames without the answers of the Teensy."""
+        frames = self._port.poll()
+        for _, frame in frames:
+            if frame.arbitration_id == ANSWER_ID:
+                self._take(frame)
+        return [(when, frame) for when, frame in frames if frame.arbitration_id != ANSWER_ID]
+
+    def flush(self, timeout: float = 0.2) -> bool:
+        """Of the port."""
+        return self._port.flush(timeout)
+
+    # -- as a watchdog
+
+    @property
+    def healthy(self) -> bool:
+        """Whether the Teensy answers and has not acted while the motors were armed."""
+        return not self.reason
+
+    @property
+    def reason(self) -> str:
+        """Why it is not healthy; empty while it is."""
+        waited = 0.0 if self._asked is None else time.monotonic() - self._asked
+        if waited > self._timeout:
+            return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
+        if self._status is None:
+            return "the Teensy has not answered on the CAN bus yet"
+        if self._state is BeatState.ARMED and self._status is not TeensyStatus.RUNNING:
+            return f"the Teensy has switched the motors off: {self._status.name.lower().replace('_', ' ')}"
+        return ""
+
+    def arm(self) -> None:
+        """From now on the Teensy waits for heartbeats. Raises `HardwareError` if it does not answer, or has acted."""
+        reason = self.reason
+        if not reason and self._status is not TeensyStatus.RUNNING:
+            reason = "the watchdog of the Teensy has acted"
+        if reason:
+            raise HardwareError(f"{reason}; was it built with --wiring watched_can, is it on the bus?")
+        self._send(BeatState.ARMED)
+
+    def beat(self) -> None:
+        """The loop lives."""
+        self._send(self._state)
+
+    def disarm(self) -> None:
+        """The motors are off; heartbeats that follow say so."""
+        self._send(BeatState.OFF)
+
+    def trip(self) -> None:
+        """Asks the Teensy to switch the motors off."""
+        self._send(BeatState.TRIP)
+
+    def close(self) -> None:
+        """Nothing to end: the Teensy goes on listening."""
+
+    def _send(self, state: BeatState) -> None:
+        self._state = state
+        self._counter = (self._counter + 1) % 256
+        if self._asked is None:
+            self._asked = time.monotonic()
+        self._port.send(make_beat(state, self._counter))
+
+    def _take(self, frame: CanFrame) -> None:
+        try:
+            status, counter = decode_answer(frame)
+        except FrameError:
+            return
+        if (self._counter - counter) % 256 < 128:  # an answer that waited in a buffer still shows that it lives
+            self._status, self._asked = status, None
+            self.answers += 1
+
+
+class Watchdogs:
+    """Several watchdogs as one: all must be healthy, and all are told everything."""
+
+    def __init__(self, *watchdogs: Watchdog) -> None:
+        self._all = watchdogs
+
+    @property
+    def healthy(self) -> bool:
+        """Whether all are."""
+        return not self.reason
+
+    @property
+    def reason(self) -> str:
+        """Of the first that is not healthy."""
+        return next((watchdog.reason for watchdog in self._all if not watchdog.healthy), "")
+
+    def arm(self) -> None:
+        """All of them; `HardwareError` of the first that is not healthy, before any is armed."""
+        for watchdog in self._all:
+            if not watchdog.healthy:
+                raise HardwareError(watchdog.reason)
+        for watchdog in self._all:
+            watchdog.arm()
+
+    def beat(self) -> None:
+        """To all."""
+        for watchdog in self._all:
+            watchdog.beat()
+
+    def disarm(self) -> None:
+        """To all."""
+        for watchdog in self._all:
+            watchdog.disarm()
+
+    def trip(self) -> None:
+        """To all."""
+        for watchdog in self._all:
+            watchdog.trip()
+
+    def close(self) -> None:
+        """All of them."""
+        for watchdog in self._all:
+            watchdog.close()

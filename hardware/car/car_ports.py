@@ -1,0 +1,154 @@
+"""The ports file of a car: which device is where, and how its parts are mounted (`--ports FILE.json`).
+
+```json
+{"schema": "aerodima/ports/1", "firmware_profile": "ak70_10_v1_0_8",
+ "can": {"interface": "socketcan", "channel": "can0"}, "teensy": {"path": "/dev/ttyACM0"},
+ "imu": {"path": "/dev/ttyUSB0"}, "gps": {"path": "/dev/ttyACM1"}, "radio": {"path": "/dev/ttyUSB1"},
+ "tail_pitch": {"motor_id": 1, "zero": 0.0}, "tail_roll": {"motor_id": 2, "zero": 0.0}}
+```
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile, firmware_profile
+from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.protocol.xbee import BROADCAST
+from aerodima.hardware.transport.can_settings import BITRATE, CanSettings
+from aerodima.hardware.transport.serial_link import SerialSettings
+from aerodima.workbench.config.quantity import explain
+from aerodima.workbench.errors import HardwareError
+
+SCHEMA = "aerodima/ports/1"
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+
+class CanPort(_Part):
+    """A CAN adapter as python-can names it, see `aerodima.hardware.transport.can_settings.CanSettings`."""
+
+    interface: str
+    channel: str
+    bitrate: int = Field(BITRATE, gt=0)
+    options: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def settings(self) -> CanSettings:
+        """For `CanBus.open`."""
+        return CanSettings(self.interface, self.channel, self.bitrate, self.options)
+
+
+class SerialDevice(_Part):
+    """A serial device; rate in bit/s, which a USB port ignores."""
+
+    path: str = Field(min_length=1)
+    rate: int = Field(115_200, gt=0)
+
+    @property
+    def settings(self) -> SerialSettings:
+        """For `SerialLink.open`."""
+        return SerialSettings(self.path, self.rate)
+
+
+class GpsDevice(SerialDevice):
+    """The receiver's serial port."""
+
+    rate: int = Field(38_400, gt=0)
+
+
+class RadioDevice(SerialDevice):
+    """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: whoever sends)."""
+
+    operator: int | None = Field(None, ge=0, lt=2**64)
+    escaped: bool = False
+
+
+class ConsoleDevice(SerialDevice):
+    """The operator's own XBee module, where `aerodima console` runs; `receiver` is the serial number of the car's."""
+
+    receiver: int = Field(BROADCAST, ge=0, lt=2**64)
+    escaped: bool = False
+
+
+class MountedMotor(_Part):
+    """One tail motor: id on the bus, motor angle at joint angle 0 (rad), sign of its angle against the joint's."""
+
+    motor_id: int
+    zero: float = 0.0
+    direction: Literal[1, -1] | None = None
+    """None: as in the table of signs."""
+
+
+class CarPorts(_Part):
+    """Where everything is plugged in; a device that is None is not fitted.
+
+    `can` is needed by `direct_can` and `watched_can` only, `console` by `aerodima console` only. `car` is the number of
+    the car among those that share a radio channel: its reports carry it, and the console believes no other.
+    """
+
+    schema_: Literal["aerodima/ports/1"] = Field("aerodima/ports/1", alias="schema")
+    firmware_profile: str = "ak70_10_v1_0_8"
+    string_form: StringForm = StringForm.CHECKED
+    car: int = Field(0, ge=0, le=255)
+    can: CanPort | None = None
+    teensy: SerialDevice
+    imu: SerialDevice
+    gps: GpsDevice | None = None
+    radio: RadioDevice | None = None
+    console: ConsoleDevice | None = None
+    tail_pitch: MountedMotor = MountedMotor(motor_id=1)
+    tail_roll: MountedMotor = MountedMotor(motor_id=2)
+
+    @property
+    def profile(self) -> FirmwareProfile:
+        """Of both motors; `HardwareError` for an unknown name."""
+        return firmware_profile(self.firmware_profile)
+
+    @property
+    def motor_ids(self) -> tuple[int, int]:
+        """Pitch, roll."""
+        return self.tail_pitch.motor_id, self.tail_roll.motor_id
+
+
+def read_ports(path: Path) -> CarPorts:
+    """Reads a ports file.
+
+    Raises:
+        HardwareError: no such file, not JSON, unknown key, value not allowed, one device named twice; names the place.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise HardwareError(f"{path}: no such ports file") from None
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    return ports_from_dict(data, str(path))
+
+
+def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
+    """The ports in plain data; see `read_ports`."""
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
+        raise HardwareError(f"{where}: schema: {found!r} cannot be read; allowed: {SCHEMA!r}")
+    try:
+        ports = CarPorts.model_validate(data)
+    except ValidationError as error:
+        raise HardwareError(str(explain(error, where, CarPorts))) from None
+    devices = {"teensy": ports.teensy, "imu": ports.imu, "gps": ports.gps, "radio": ports.radio}
+    if ports.console is not None:
+        devices["console"] = ports.console
+    seen: dict[str, str] = {}
+    for name, device in devices.items():
+        if device is not None and device.path in seen:
+            raise HardwareError(f"{where}: {name}.path: {device.path} is that of {seen[device.path]} too")
+        if device is not None:
+            seen[device.path] = name
+    firmware_profile(ports.firmware_profile)
+    return ports

@@ -1,0 +1,43 @@
+"""When the computer stops the car, and what is checked before it drives: numbers with their reasons in one file."""
+
+from __future__ import annotations
+
+from aerodima.workbench.config.parameter_files import load_section
+from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.resources import model_path
+
+
+class DriveSafety(QuantityModel):
+    """Limits of `models/parameters/hardware/drive_safety.yaml`."""
+
+    operator_silence: float = quantity("s", "age of the operator's command at which the car stops", gt=0, le=1)
+    tail_hold: float = quantity("s", "from throttle 0 to the exit of the motors", ge=0, le=5)
+    after_exit: float = quantity("s", "from the exit of the motors to the end of the loop", ge=0, le=5)
+    imu_silence: float = quantity("s", "age of a sample at which the IMU counts as silent", gt=0, le=1)
+    gps_silence: float = quantity("s", "age of a sample at which the GPS counts as silent", gt=0, le=10)
+    attitude_limit: float = quantity("rad", "of roll and pitch", gt=0, le=3.2)
+    attitude_time: float = quantity("s", "beyond that limit, after which the car stops", ge=0, le=1)
+    throttle_limit: float = quantity("1", "largest throttle, forwards and backwards", gt=0, le=1)
+    throttle_start: float = quantity("1", "throttle that comes on at once", ge=0, le=1)
+    throttle_rate: float = quantity("1/s", "at which the rest comes on; it goes back at once", gt=0, le=100)
+    speed_limit: float = quantity("m/s", "measured speed at which the car stops", gt=0, le=30)
+    speed_time: float = quantity("s", "beyond that limit, after which the car stops", ge=0, le=2)
+    still_time: float = quantity("s", "for which the car is looked at before it is armed", gt=0, le=10)
+    still_rate: float = quantity("rad/s", "of a car that stands still", gt=0, le=10)
+    still_acceleration: float = quantity("m/s2", "of a car that stands still, gravity removed, on average", gt=0, le=20)
+    upright: float = quantity("rad", "roll and pitch of a car that may be armed", gt=0, le=1.6)
+    gyro_calibration: int = quantity("1", "least level of the IMU's gyro, 0 to 3", ge=0, le=3)
+    overrun: float = quantity("s", "lateness of a cycle that counts as an overrun", gt=0, le=1)
+    most_overruns: int = quantity("1", "overruns in a row at which the car stops", ge=1, le=1000)
+    arm_timeout: float = quantity("s", "in which the motors must take commands", gt=0, le=60)
+    answer_timeout: float = quantity("s", "in which every device must have answered", gt=0, le=60)
+    zero_tolerance: float = quantity("rad", "between the tail held at its mark and what is measured", gt=0, le=1)
+    least_disk: float = quantity("MB", "free space where the log is written", ge=0, le=1e6)
+    least_voltage: float = quantity("V", "of the tail motors' pack", ge=0, le=100)
+    most_voltage: float = quantity("V", "of the tail motors' pack", ge=0, le=100)
+    fuse: float = quantity("A", "of the tail motors' pack", gt=0, le=1000)
+
+
+def load_drive_safety() -> DriveSafety:
+    """The limits; `ScenarioError` names what is wrong in the file."""
+    return load_section(model_path("parameters/hardware/drive_safety.yaml"), DriveSafety)

@@ -1,0 +1,142 @@
+"""Numbers of the Teensy's firmware, from the parameters: for the core on this computer and for the sketch alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from aerodima.hardware.car.drive_safety import DriveSafety, load_drive_safety
+from aerodima.hardware.car.wiring import WIRINGS
+from aerodima.hardware.devices.motor_settings import MotorSettings
+from aerodima.hardware.protocol.ak70 import check_motor_id
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
+from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, StringForm
+from aerodima.workbench.config.parameter_files import load_section
+from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.resources import model_path
+
+
+class TeensyTiming(QuantityModel):
+    """When the watchdog of the Teensy acts, and what it sends then."""
+
+    watchdog_timeout: float = quantity("s", "without a valid string, after which it acts", ge=0.1, le=0.25)
+    exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
+    exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
+    exit_cycle: float = quantity("s", "interval of these", gt=0, le=0.1)
+    reminder: float = quantity("s", "interval of the exit frames after that", gt=0, le=1)
+    attitude_time: float = quantity("s", "beyond the attitude limit, after which it acts", ge=0, le=1)
+    attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
+    reply_wait: float = quantity("s", "how long a reply string waits for the motors", gt=0, le=0.01)
+
+
+def load_teensy_timing() -> TeensyTiming:
+    """The values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names what is wrong in it."""
+    return load_section(model_path("parameters/hardware/teensy_firmware.yaml"), TeensyTiming)
+
+
+@dataclass(frozen=True)
+class MotorLimits:
+    """What the firmware lets through to one motor, in the motor's own angle.
+
+    Attributes:
+        low, high: rad. speed: rad/s. torque: of the whole loop, N m. kp: N m/rad. kd: N m s/rad.
+        rated_torque: N m for ever. budget: (N m)^2 s beyond that.
+    """
+
+    low: float
+    high: float
+    speed: float
+    torque: float
+    kp: float
+    kd: float
+    rated_torque: float
+    budget: float
+
+
+def motor_limits(settings: MotorSettings) -> MotorLimits:
+    """The limits that the computer keeps for this motor."""
+    ends = settings.motor_angle(settings.low), settings.motor_angle(settings.high)
+    safety = settings.safety
+    return MotorLimits(
+        min(ends),
+        max(ends),
+        safety.speed_limit,
+        settings.torque_limit,
+        settings.kp_max,
+        settings.kd_max,
+        safety.rated_torque,
+        safety.overload,
+    )
+
+
+def wide_limits(profile: FirmwareProfile) -> MotorLimits:
+    """Everything that the profile can express: for tests of what comes before the limits."""
+    p = profile
+    return MotorLimits(-p.position, p.position, p.speed, p.torque, p.kp, p.kd, p.torque, 1e9)
+
+
+@dataclass(frozen=True)
+class FirmwareSettings:
+    """What one Teensy is built for.
+
+    Attributes:
+        wiring: in `direct_can` the Teensy does not touch the CAN bus; in `watched_can` it sends exit frames only.
+        profile: of the motors. encoder: of the sail. form: of the strings. timing: of its watchdog and its replies.
+        motor_ids: pitch and roll; switched off when the Teensy starts.
+        limits: of the two motors; None: all that the profile allows. safety: of attitude and throttle.
+
+    Raises:
+        HardwareError: unknown wiring; an id that is not allowed, or one id for both motors.
+    """
+
+    wiring: str
+    profile: FirmwareProfile
+    timing: TeensyTiming
+    motor_ids: tuple[int, int] = (1, 2)
+    encoder: EncoderProfile = AEAT_6012
+    form: StringForm = StringForm.CHECKED
+    limits: tuple[MotorLimits, MotorLimits] | None = None
+    safety: DriveSafety = field(default_factory=load_drive_safety)
+
+    def __post_init__(self) -> None:
+        if self.wiring not in WIRINGS:
+            raise HardwareError(f"wiring {self.wiring!r} is unknown; allowed: {', '.join(WIRINGS)}")
+        for motor_id in self.motor_ids:
+            check_motor_id(motor_id)
+        if self.motor_ids[0] == self.motor_ids[1]:
+            raise HardwareError(f"both motors have the id {self.motor_ids[0]}: each needs its own")
+
+    @property
+    def owns_can(self) -> bool:
+        """Whether the motors hang on the Teensy."""
+        return self.wiring == "teensy_bridge"
+
+    @property
+    def watches_bus(self) -> bool:
+        """Whether the Teensy listens to the heartbeat on the bus of the computer's adapter."""
+        return self.wiring == "watched_can"
+
+    @property
+    def last_limits(self) -> tuple[MotorLimits, MotorLimits]:
+        """Of the two motors."""
+        wide = wide_limits(self.profile)
+        return self.limits or (wide, wide)
+
+    @property
+    def throttle_pulses(self) -> tuple[int, int, float, float]:
+        """Least and most pulse (us), the part that comes on at once (us), and the rate of the rest (us/ms)."""
+        least, idle, most = THROTTLE_PULSES
+        safety, half = self.safety, (THROTTLE_PULSES[2] - THROTTLE_PULSES[0]) / 2
+        share = safety.throttle_limit
+        return (
+            round(idle - share * (idle - least)),
+            round(idle + share * (most - idle)),
+            safety.throttle_start * half,
+            safety.throttle_rate * half / 1000.0,
+        )
+
+
+def milliseconds(seconds: float) -> int:
+    """The firmware's clock counts milliseconds."""
+    return round(seconds * 1000.0)

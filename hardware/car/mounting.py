@@ -1,0 +1,164 @@
+"""Every sign swap between the devices of the real car and the car's frame, in one table.
+
+Body frame B: x forward, y left, z up; steering and yaw positive to the left; tail roll positive to the right (design
+section 4). The functions go both ways: the car's computer reads with them, an emulator writes with them.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from pydantic import field_validator
+
+from aerodima.hardware.devices.bno055 import Bno055Sample
+from aerodima.hardware.devices.teensy_link import pulse
+from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
+from aerodima.workbench.config.parameter_files import load_section
+from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.resources import model_path
+
+AXES = {
+    f"{sign}{axis}": factor * np.eye(3)["xyz".index(axis)] for axis in "xyz" for sign, factor in (("+", 1), ("-", -1))
+}
+_TURN = 2.0 * math.pi
+
+
+class Mounting(QuantityModel):
+    """Directions (+1 or -1) and zeros of what is bolted to the car."""
+
+    tail_pitch_direction: int = quantity("1", "sign of the pitch motor's angle", ge=-1, le=1)
+    tail_roll_direction: int = quantity("1", "sign of the roll motor's angle", ge=-1, le=1)
+    sail_direction: int = quantity("1", "sign of the sail encoder", ge=-1, le=1)
+    sail_zero: float = quantity("rad", "encoder angle at sail angle 0", ge=-7, le=7)
+    steering_direction: int = quantity("1", "+1: a longer pulse steers to the left", ge=-1, le=1)
+    steering_range: float = quantity("rad", "steering angle at the least and most pulse", gt=0, le=1.2)
+    throttle_direction: int = quantity("1", "+1: a longer pulse drives forward", ge=-1, le=1)
+    imu_x: str = quantity("1", "chip axis along B's x, such as +x or -y")
+    imu_y: str = quantity("1", "chip axis along B's y")
+
+    @field_validator(
+        "tail_pitch_direction", "tail_roll_direction", "sail_direction", "steering_direction", "throttle_direction"
+    )
+    @classmethod
+    def _is_a_sign(cls, value: int) -> int:
+        if value not in (1, -1):
+            raise ValueError(f"{value}; allowed is 1 or -1")
+        return value
+
+    @property
+    def chip_to_body(self) -> np.ndarray:
+        """R_BI (3, 3), turns chip axes into body axes. `HardwareError` if imu_x and imu_y are no two axes."""
+        return _chip_to_body(self.imu_x, self.imu_y)
+
+    # -- read by the car's computer
+
+    def imu_reading(self, sample: Bno055Sample) -> np.ndarray:
+        """(9,) as `ports.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2; in body axes."""
+        R_WB = sample.rotation @ self.chip_to_body.T
+        return np.array(
+            [
+                math.atan2(R_WB[2, 1], R_WB[2, 2]),
+                math.asin(max(-1.0, min(1.0, -R_WB[2, 0]))),
+                math.atan2(R_WB[1, 0], R_WB[0, 0]),
+                *(self.chip_to_body @ sample.gyro),
+                *(self.chip_to_body @ sample.acceleration),
+            ]
+        )
+
+    def sail_angle(self, encoder: float) -> float:
+        """Sail angle in [0, 2 pi) rad of an encoder angle, rad."""
+        return self.sail_direction * (encoder - self.sail_zero) % _TURN
+
+    def servo_pulse(self, steering_angle: float) -> int:
+        """Pulse (us) of a steering angle (rad, positive to the left), clipped to what the servo reaches."""
+        share = min(1.0, max(-1.0, steering_angle / self.steering_range))
+        return pulse(self.steering_direction * share, SERVO_PULSES)
+
+    def throttle_pulse(self, throttle: float) -> int:
+        """Pulse (us) of a throttle, clipped to -1..1."""
+        return pulse(self.throttle_direction * min(1.0, max(-1.0, throttle)), THROTTLE_PULSES)
+
+    # -- written by an emulator
+
+    def imu_sample(self, reading: np.ndarray) -> Bno055Sample:
+        """The chip's sample of a reading (9,) in body axes; the inverse of `imu_reading`."""
+        roll, pitch, yaw = (0.5 * float(angle) for angle in reading[:3])
+        (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
+        body = (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+        quaternion = _times(body, _quaternion(self.chip_to_body))
+        gyro, acceleration = self.chip_to_body.T @ reading[3:6], self.chip_to_body.T @ reading[6:9]
+        return Bno055Sample(quaternion, _three(gyro), _three(acceleration))
+
+    def encoder_angle(self, sail_angle: float) -> float:
+        """Encoder angle in [0, 2 pi) rad of a sail angle, rad."""
+        return (self.sail_zero + self.sail_direction * sail_angle) % _TURN
+
+    def steering_angle(self, servo_pulse: int) -> float:
+        """Steering angle (rad, positive to the left) that a pulse (us) asks for."""
+        return self.steering_direction * self.steering_range * _share(servo_pulse, SERVO_PULSES)
+
+    def throttle(self, throttle_pulse: int) -> float:
+        """Throttle (-1 to 1) that a pulse (us) asks for."""
+        return self.throttle_direction * _share(throttle_pulse, THROTTLE_PULSES)
+
+
+def load_mounting() -> Mounting:
+    """The table of `models/parameters/hardware/mounting.yaml`; `UserError` names what is wrong in it."""
+    mounting = load_section(model_path("parameters/hardware/mounting.yaml"), Mounting)
+    mounting.chip_to_body  # noqa: B018 - raises if the axes are none
+    return mounting
+
+
+@cache
+def _chip_to_body(imu_x: str, imu_y: str) -> np.ndarray:
+    if imu_x not in AXES or imu_y not in AXES:
+        raise HardwareError(f"imu_x {imu_x!r}, imu_y {imu_y!r}; allowed: {', '.join(AXES)}")
+    x, y = AXES[imu_x], AXES[imu_y]
+    if x @ y != 0.0:
+        raise HardwareError(f"imu_x {imu_x!r} and imu_y {imu_y!r} lie on one axis of the chip")
+    return np.array([x, y, np.cross(x, y)])
+
+
+def _share(value: int, pulses: tuple[int, int, int]) -> float:
+    least, idle, most = pulses
+    return (value - idle) / ((most - idle) if value >= idle else (idle - least))
+
+
+def _three(vector: np.ndarray) -> tuple[float, float, float]:
+    return float(vector[0]), float(vector[1]), float(vector[2])
+
+
+def _quaternion(R: np.ndarray) -> tuple[float, float, float, float]:
+    """(w, x, y, z) of a rotation matrix, by its largest component."""
+    traces = np.array([np.trace(R), R[0, 0], R[1, 1], R[2, 2]])
+    largest = int(np.argmax(traces))
+    if largest == 0:
+        parts = (1 + np.trace(R), R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
+    else:
+        i = largest - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        vector = np.zeros(3)
+        vector[i], vector[j], vector[k] = 1 + R[i, i] - R[j, j] - R[k, k], R[j, i] + R[i, j], R[k, i] + R[i, k]
+        parts = (R[k, j] - R[j, k], *vector)
+    w, x, y, z = np.array(parts) / np.linalg.norm(parts)
+    return float(w), float(x), float(y), float(z)
+
+
+def _times(
+    a: tuple[float, float, float, float], b: tuple[float, float, float, float]
+) -> tuple[float, float, float, float]:
+    """Product of two quaternions (w, x, y, z)."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )

@@ -1,0 +1,59 @@
+"""`aerodima firmware`: the Arduino sketch of the Teensy with its numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodima.workbench.cli.help_sections import CAR
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command(rich_help_panel=CAR)(firmware)
+
+
+def firmware(
+    folder: Annotated[Path, typer.Argument(help="New folder for the sketch; its last name is the sketch's.")],
+    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
+    profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
+    motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),
+    encoder: Annotated[str, typer.Option(help="Part that reads the sail: aeat_6012 or aeat_6010.")] = "aeat_6012",
+    ports: Annotated[
+        Path | None, typer.Option(help="Ports file (JSON): ids, zeros and profile of the motors from there.")
+    ] = None,
+    scenario: Annotated[str, typer.Option(help="Scenario whose tail the limits of the motors are of.")] = "auto_turn",
+    published_strings: Annotated[
+        bool, typer.Option("--published-strings", help="Strings as printed in the thesis, without checksum.")
+    ] = False,
+) -> None:
+    """Write the Teensy's sketch with a config.h made of the parameters, ready for the Arduino IDE.
+
+    Example: aerodima firmware aerodima_teensy --ports car.json
+    """
+    from aerodima.hardware.car.car_ports import SCHEMA, ports_from_dict, read_ports
+    from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
+    from aerodima.hardware.car.open_ports import firmware_limits
+    from aerodima.hardware.firmware.core_build import firmware_hash
+    from aerodima.hardware.firmware.sketch_export import export_sketch
+    from aerodima.hardware.protocol.sail_encoder import encoder_profile
+    from aerodima.hardware.protocol.teensy import StringForm
+    from aerodima.workbench.config.scenario import load_scenario
+
+    motors = {"tail_pitch": {"motor_id": motor_ids[0]}, "tail_roll": {"motor_id": motor_ids[1]}}
+    bare = {"schema": SCHEMA, "firmware_profile": profile, "teensy": {"path": "-"}, "imu": {"path": "+"}, **motors}
+    car = ports_from_dict(bare, "firmware") if ports is None else read_ports(ports)
+    settings = FirmwareSettings(
+        wiring,
+        car.profile,
+        load_teensy_timing(),
+        car.motor_ids,
+        encoder_profile(encoder),
+        StringForm.PUBLISHED if published_strings else StringForm.CHECKED,
+        firmware_limits(load_scenario(scenario), car),
+    )
+    sketch = export_sketch(settings, folder)
+    typer.echo(f"sketch: {sketch}")
+    typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {car.firmware_profile}")

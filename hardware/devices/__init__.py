@@ -1,0 +1,1 @@
+"""The car's devices, each behind an object of its own: tail motors, Teensy, radio, IMU and GPS. No Drake."""

@@ -1,0 +1,159 @@
+"""The motors of the tail on one bus: frames go to the motor that they name, and a fault of one switches off all.
+
+As a context manager the group switches the motors off on the way out, whatever the way out is.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from aerodima.hardware.devices.motor_settings import MotorSettings
+from aerodima.hardware.devices.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
+from aerodima.hardware.devices.tail_motor import Motor
+from aerodima.hardware.protocol.ak70 import make_exit
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.workbench.errors import HardwareError
+
+
+class FramePort(FrameSink, Protocol):
+    """What the group needs of a bus: `CanBus` and the Teensy's bridge have it. None of these calls blocks or raises."""
+
+    @property
+    def fault(self) -> int:
+        """0 while the bus can be trusted."""
+        ...
+
+    @property
+    def fault_text(self) -> str:
+        """The fault in words."""
+        ...
+
+    def poll(self) -> list[tuple[float, CanFrame]]:
+        """Frames since the last call with their arrival, s, monotonic."""
+        ...
+
+    def flush(self, timeout: float = ...) -> bool:
+        """Waits at most `timeout` s until all frames have left."""
+        ...
+
+
+class MotorGroup:
+    """Motors of one bus.
+
+    Args:
+        settings: of the motors, in the order of `motors`.
+        port: the open bus; the caller closes it.
+
+    Attributes:
+        motors: one per settings.
+        foreign: frames that name none of them.
+
+    Raises:
+        HardwareError: two motors have one id.
+    """
+
+    def __init__(self, settings: Sequence[MotorSettings], port: FramePort) -> None:
+        check_distinct_ids(settings)
+        self._port = port
+        self.motors = tuple(Motor(item, port) for item in settings)
+        self._by_id = {motor.settings.motor_id: motor for motor in self.motors}
+        self.foreign = 0
+
+    def __enter__(self) -> MotorGroup:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.exit_now(time.monotonic())
+
+    @property
+    def fault_text(self) -> str:
+        """Fault of the first motor that has one of its own, empty while there is none."""
+        texts = [(motor.fault is MotorFault.OTHER_MOTOR, motor.fault_text) for motor in self.motors if motor.fault]
+        return min(texts)[1] if texts else ""
+
+    @property
+    def ready(self) -> bool:
+        """Whether every motor takes commands."""
+        return all(motor.state in (MotorState.HOLDING, MotorState.RUNNING) for motor in self.motors)
+
+    def set_enter(self, now: float) -> None:
+        """Begins to switch all motors on. Raises `HardwareError` if one is not off or the bus has a fault."""
+        if self._port.fault:
+            raise HardwareError(f"the bus has a fault: {self._port.fault_text}")
+        for motor in self.motors:
+            if motor.state is not MotorState.OFF:
+                motor.set_enter(now)  # raises, before any other motor is switched on
+        for motor in self.motors:
+            motor.set_enter(now)
+
+    def set_hold(self, now: float) -> None:
+        """Holds all running motors where they are."""
+        for motor in self.motors:
+            motor.set_hold(now)
+
+    def set_exit(self, now: float) -> None:
+        """Switches all motors off."""
+        for motor in self.motors:
+            motor.set_exit(now)
+
+    def reset(self, now: float) -> None:
+        """Forgets the faults, by hand only."""
+        for motor in self.motors:
+            motor.reset(now)
+
+    def step(self, now: float) -> None:
+        """One cycle: hands out what came in, checks the bus, lets every motor send what its state asks for."""
+        for arrival, frame in self._port.poll():
+            self._hand_out(arrival, frame)
+        if self._port.fault:
+            for motor in self.motors:
+                motor.set_fault(MotorFault.BUS, self._port.fault_text, now)
+        for motor in self.motors:
+            motor.step(now)
+        self._switch_off_together(now)
+
+    def exit_now(self, now: float, timeout: float = 0.2) -> bool:
+        """Switches all motors off and waits at most `timeout` s until the frames have left; whether they have.
+
+        Does not wait for replies. For the end of a program: `step` need not be called any more.
+        """
+        self.set_exit(now)
+        return self._port.flush(timeout)
+
+    def _hand_out(self, arrival: float, frame: CanFrame) -> None:
+        motor = self._addressed(frame)
+        if motor is None:
+            self.foreign += 1
+        else:
+            motor.receive(frame, arrival)
+
+    def _addressed(self, frame: CanFrame) -> Motor | None:
+        """The motor of a frame: named in its first byte or as its CAN id, in the last byte of an extended one."""
+        if frame.extended:
+            return self._by_id.get(frame.arbitration_id & 0xFF)
+        if frame.arbitration_id == 0:
+            return self._by_id.get(frame.data[0]) if frame.data else None
+        return self._by_id.get(frame.arbitration_id)
+
+    def _switch_off_together(self, now: float) -> None:
+        for faulted in self.motors:
+            if faulted.state is MotorState.FAULTED:
+                for motor in self.motors:
+                    if motor.state in ENERGISED:
+                        motor.set_fault(MotorFault.OTHER_MOTOR, f"switched off with {faulted.fault_text}", now)
+
+
+def check_distinct_ids(settings: Iterable[MotorSettings]) -> None:
+    """Raises `HardwareError` that names the joints if two of them have one id."""
+    seen: dict[int, str] = {}
+    for item in settings:
+        if item.motor_id in seen:
+            raise HardwareError(f"{seen[item.motor_id]} and {item.name} both have the motor id {item.motor_id}")
+        seen[item.motor_id] = item.name
+
+
+def exit_frames(motor_ids: Iterable[int], repeats: int = 3) -> list[CanFrame]:
+    """The frames that switch motors off, for a watchdog that knows nothing but their ids."""
+    return [make_exit(motor_id) for motor_id in motor_ids for _ in range(repeats)]

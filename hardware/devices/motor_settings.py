@@ -1,0 +1,154 @@
+"""Limits of one tail motor, put together from the parameters: what it can, where it may go, when it is switched off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from aerodima.hardware.protocol.ak70 import MOST_ID, check_motor_id
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.workbench.config.car_parameters import TailMotorParameters
+from aerodima.workbench.config.parameter_files import load_section
+from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.resources import model_path
+
+
+class MotorSafety(QuantityModel):
+    """When a motor is switched off by the computer, and how gently it is taken over."""
+
+    speed_limit: float = quantity("rad/s", "largest speed, commanded (clipped) and measured (fault)", gt=0, le=50)
+    rated_torque: float = quantity("N m", "torque that the winding bears for ever", gt=0, le=50)
+    overload: float = quantity("N2 m2 s", "square of the torque above the rated one, over time", gt=0, le=1e5)
+    overload_share: float = quantity("1", "of that at which the motor is switched off", gt=0, le=1)
+    follow_torque: float = quantity(
+        "N m", "commanded torque from which the reported one is compared with it", gt=0, le=25
+    )
+    follow_share: float = quantity("1", "of the commanded torque that must be reported", gt=0, le=1)
+    follow_time: float = quantity("s", "with less, after which the motor counts as not following", gt=0, le=1)
+    tracking_error: float = quantity("rad", "between commanded and measured position", gt=0, le=3.2)
+    tracking_time: float = quantity(
+        "s", "beyond that error, not approaching, after which it counts as well", gt=0, le=5
+    )
+    temperature_limit: float = quantity("degC", "warmest reading", gt=0, le=150)
+    range_margin: float = quantity("rad", "how far beyond its range a joint may be measured", ge=0, le=1)
+    jump_margin: float = quantity("rad", "how much more than its speed allows a reading may change", ge=0, le=1)
+    ramp_speed: float = quantity("rad/s", "of the way from the measured position to the first command", gt=0, le=10)
+    gain_ramp: float = quantity("s", "in which the gains come on", gt=0, le=5)
+    missed_replies: int = quantity("1", "cycles in a row without a reply", ge=1, le=100)
+    reply_time: float = quantity(
+        "s", "in which a motor answers; shorter cycles are not counted as missed", ge=0, le=0.1
+    )
+    enter_replies: int = quantity("1", "replies to the neutral command before the motor is used", ge=1, le=100)
+    enter_timeout: float = quantity("s", "for these replies", gt=0, le=5)
+    command_timeout: float = quantity("s", "without a command, after which the position is held", gt=0, le=1)
+    stall_time: float = quantity("s", "longest gap between two cycles", gt=0, le=1)
+    exit_burst: int = quantity("1", "exit frames sent at once", ge=1, le=50)
+    exit_cycles: int = quantity("1", "cycles in which a further one is sent", ge=1, le=1000)
+
+
+def load_motor_safety(changes: Mapping[str, Any] | None = None) -> MotorSafety:
+    """The values of `models/parameters/hardware/motor_safety.yaml` with `changes` on top.
+
+    Raises:
+        ScenarioError: names key, value and what is allowed.
+    """
+    return load_section(model_path("parameters/hardware/motor_safety.yaml"), MotorSafety, changes)
+
+
+@dataclass(frozen=True)
+class MotorSettings:
+    """One motor on its joint. Joint angle = direction * (motor angle - zero).
+
+    Attributes:
+        name: of the joint, for messages.
+        motor_id: on the bus.
+        profile: ranges of its firmware.
+        safety: when it is switched off, and how gently it is taken over.
+        low, high: range of the joint, rad.
+        torque_limit: of the total PD torque, N m. kp_max: N m/rad. kd_max: N m s/rad.
+        jump_speed: fastest change of position that is believed, rad/s.
+        hold_kp, hold_kd: gains with which a position is held, N m/rad and N m s/rad.
+        direction: +1 or -1: sign of the motor's angle against the joint's.
+        zero: motor angle at joint angle 0, rad.
+
+    Raises:
+        HardwareError: a range that the profile cannot express, an id not allowed, a direction other than +1 and -1.
+    """
+
+    name: str
+    motor_id: int
+    profile: FirmwareProfile
+    safety: MotorSafety
+    low: float
+    high: float
+    torque_limit: float
+    kp_max: float
+    kd_max: float
+    jump_speed: float
+    hold_kp: float
+    hold_kd: float
+    direction: int = 1
+    zero: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_motor_id(self.motor_id)
+        if self.direction not in (1, -1):
+            raise HardwareError(f"{self.name}: direction {self.direction!r}; allowed is 1 or -1")
+        if not self.low < self.high:
+            raise HardwareError(f"{self.name}: range {self.low:g} to {self.high:g} rad is empty")
+        ends = (self.motor_angle(self.low), self.motor_angle(self.high))
+        # Below this a command looks like a reply of the motor, see `aerodima.hardware.protocol.ak70.MOST_ID`.
+        least = self.profile.position * (2 * (MOST_ID + 1) / 256 - 1)
+        if not least < min(ends) or not max(ends) < self.profile.position:
+            raise HardwareError(
+                f"{self.name}: motor angles {min(ends):.3g} to {max(ends):.3g} rad; firmware profile "
+                f"{self.profile.name} allows {least:.3g} to {self.profile.position:g} rad: set the zero nearer"
+            )
+
+    def motor_angle(self, joint: float) -> float:
+        """Motor angle (rad) of a joint angle (rad)."""
+        return self.zero + self.direction * joint
+
+    def joint_angle(self, motor: float) -> float:
+        """Joint angle (rad) of a motor angle (rad)."""
+        return self.direction * (motor - self.zero)
+
+
+def motor_settings(
+    name: str,
+    motor_id: int,
+    profile: FirmwareProfile,
+    parameters: TailMotorParameters,
+    joint_range: tuple[float, float],
+    hold_gains: tuple[float, float],
+    direction: int = 1,
+    zero: float = 0.0,
+    safety: MotorSafety | None = None,
+) -> MotorSettings:
+    """Settings whose physical limits are the scenario's, never wider than the profile can express.
+
+    Args:
+        parameters: `scenario.tail_motor`.
+        joint_range: low and high, rad (`scenario.tail.roll_limit` to either side, ...).
+        hold_gains: kp and kd (`scenario.controller.hold_kp` and `hold_kd`).
+        safety: `load_motor_safety()` when None.
+    """
+    kp_max, kd_max = min(parameters.kp_max, profile.kp), min(parameters.kd_max, profile.kd)
+    return MotorSettings(
+        name=name,
+        motor_id=motor_id,
+        profile=profile,
+        safety=safety or load_motor_safety(),
+        low=joint_range[0],
+        high=joint_range[1],
+        torque_limit=min(parameters.torque_limit, profile.torque),
+        kp_max=kp_max,
+        kd_max=kd_max,
+        jump_speed=min(parameters.speed_range, profile.speed),
+        hold_kp=min(hold_gains[0], kp_max),
+        hold_kd=min(hold_gains[1], kd_max),
+        direction=direction,
+        zero=zero,
+    )

@@ -1,0 +1,151 @@
+"""The two sensors of the car as threads: BNO055 at 100 Hz over its UART, u-blox GPS at its own pace."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+from aerodima.hardware.devices.bno055 import (
+    CHIP_ID,
+    RADIANS,
+    RATE,
+    WRITE_DONE,
+    Answer,
+    AnswerStream,
+    Bno055Sample,
+    Mode,
+    Register,
+    decode_sample,
+    make_read,
+    make_sample_request,
+    make_write,
+)
+from aerodima.hardware.devices.sensor_thread import SensorThread
+from aerodima.hardware.devices.ublox import GpsSample, GpsStream
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.transport.serial_link import SerialPort
+from aerodima.workbench.errors import HardwareError
+
+_ANSWER_TIME = 0.05
+_MODE_CHANGE = 0.03
+"""Between operation modes, s (data sheet table 3-6: 19 ms to CONFIG, 7 ms from it)."""
+_LEAD = 0.006
+"""From the request of a sample to the instant at which it is wanted, s: 40 bytes last 3.5 ms, the chip adds to it."""
+_STATUS_EVERY = 100
+_MOST_MISSED = 20
+"""Requests in a row without an answer after which the chip is set up anew."""
+
+
+class Bno055Session:
+    """Requests one sample per period; asks once a second what the chip says of itself.
+
+    Attributes: missed: requests without a usable answer. last_error: of the last of them.
+    """
+
+    def __init__(self, mode: Mode = Mode.IMU, rate: float = RATE) -> None:
+        self._mode = mode
+        self._period = 1.0 / rate
+        self._stream = AnswerStream()
+        self._next = self._due = 0.0
+        self._requests = self._missed_in_a_row = 0
+        self.missed = 0
+        self.last_error = self.fault_text = ""
+
+    def begin(self, port: SerialPort) -> None:
+        """Checks the chip and switches its fusion on. Raises `HardwareError` if it is no BNO055 that answers."""
+        self._stream.forget()
+        port.read(max(1, port.in_waiting))
+        found = self._ask(port, make_read(Register.CHIP_ID, 1)).data
+        if found != bytes([CHIP_ID]):
+            raise HardwareError(f"IMU: chip id {found.hex() or 'none'}; a BNO055 has {CHIP_ID:02x}")
+        for register, value, wait in (
+            (Register.MODE, Mode.CONFIG, _MODE_CHANGE),
+            (Register.PAGE_ID, 0, 0.0),
+            (Register.UNITS, RADIANS, 0.0),
+            (Register.MODE, self._mode, _MODE_CHANGE),
+        ):
+            answer = self._ask(port, make_write(register, bytes([value])))
+            if answer.status != WRITE_DONE:
+                raise HardwareError(f"IMU: register {register:#04x} cannot be written ({answer})")
+            time.sleep(wait)
+        self._next = time.monotonic()
+        self._missed_in_a_row = 0
+
+    def align(self, due: float) -> None:
+        """Requests are sent so that a sample is at hand at `due` (s, monotonic) and every period after it."""
+        self._due = due
+
+    def read(self, port: SerialPort) -> tuple[float, Bno055Sample] | None:
+        """Waits for the next period and reads one sample, taken at the instant of the request at the latest."""
+        time.sleep(max(0.0, self._next - time.monotonic()))
+        asked = time.monotonic()
+        self._next = self._after(asked)
+        self._requests += 1
+        if self._requests % _STATUS_EVERY == 0:
+            self._check_status(port)
+        try:
+            sample = decode_sample(self._ask(port, make_sample_request()).data)
+        except FrameError as error:
+            self._miss(str(error))
+            return None
+        self._missed_in_a_row = 0
+        return asked, sample
+
+    def _after(self, asked: float) -> float:
+        """When the next sample is asked for: about a period later, in step with whoever wants it."""
+        first = self._due - _LEAD
+        return first + math.ceil((asked + 0.5 * self._period - first) / self._period) * self._period
+
+    def _check_status(self, port: SerialPort) -> None:
+        data = self._ask(port, make_read(Register.SYSTEM_STATUS, 2)).data
+        if len(data) == 2:
+            self.fault_text = f"the IMU reports system error {data[1]}" if data[0] == 1 else ""
+
+    def _miss(self, reason: str) -> None:
+        self.missed += 1
+        self._missed_in_a_row += 1
+        self.last_error = reason
+        if self._missed_in_a_row >= _MOST_MISSED:
+            raise HardwareError(f"{self._missed_in_a_row} requests in a row without a sample: {reason}")
+
+    def _ask(self, port: SerialPort, request: bytes) -> Answer:
+        """The answer to a request; an empty one if none comes in time."""
+        self._stream.forget()
+        port.write(request)
+        end = time.monotonic() + _ANSWER_TIME
+        while time.monotonic() < end:
+            answers = self._stream.feed(port.read(max(1, port.in_waiting)))
+            if answers:
+                return answers[-1]
+        return Answer()
+
+
+class GpsSession:
+    """Takes whatever navigation solutions the receiver sends; nothing is configured."""
+
+    def __init__(self) -> None:
+        self.stream = GpsStream()
+        self.fault_text = ""
+
+    def begin(self, port: SerialPort) -> None:
+        """Nothing to set up."""
+
+    def align(self, due: float) -> None:
+        """The receiver is not asked."""
+
+    def read(self, port: SerialPort) -> tuple[float, GpsSample] | None:
+        """The newest solution of the bytes at hand, with their arrival; None if there is none."""
+        data = port.read(max(1, port.in_waiting))
+        samples = self.stream.feed(data) if data else []
+        return (time.monotonic(), samples[-1]) if samples else None
+
+
+def imu_thread(open_port: Callable[[], SerialPort], silent: float) -> SensorThread[Bno055Sample]:
+    """The IMU; HardwareError if its port cannot be opened."""
+    return SensorThread("IMU", open_port, Bno055Session(), silent)
+
+
+def gps_thread(open_port: Callable[[], SerialPort], silent: float) -> SensorThread[GpsSample]:
+    """The GPS receiver; HardwareError if its port cannot be opened."""
+    return SensorThread("GPS", open_port, GpsSession(), silent)

@@ -1,0 +1,368 @@
+"""One tail motor: explicit states between the bus and whoever commands the joint.
+
+```
+off -- set_enter --> entering -- replies --> holding <-- command --> running
+ ^                      |                       |                      |
+ |                      +----------- a fault ---+----------------------+--> faulted -- reset --> off
+ +-- exit frames sent -- exiting <-- set_exit, from every state
+```
+
+Entering sends zero gains, reads the position, and holds from there with gains that come on slowly: these motors are
+known to jump to their last command. A fault sends exit frames at once and goes on sending them; only `reset`, by hand,
+leads out of it. The frame that sets the zero is never sent. `make_*` builds a frame and touches nothing, `set_*` sends
+it.
+
+One thread calls `receive` for every frame of this motor and `step` once per cycle, with the same monotonic clock.
+"""
+
+from __future__ import annotations
+
+import math
+
+from aerodima.hardware.devices.motor_following import Following
+from aerodima.hardware.devices.motor_limits import check_command, limit_command, scale_gains, to_motor
+from aerodima.hardware.devices.motor_load import MotorLoad
+from aerodima.hardware.devices.motor_settings import MotorSettings
+from aerodima.hardware.devices.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
+from aerodima.hardware.devices.reply_count import ReplyCount
+from aerodima.hardware.protocol.ak70 import (
+    MitCommand,
+    MitReply,
+    decode_reply,
+    make_command,
+    make_enter,
+    make_exit,
+    make_neutral,
+    unwrap,
+)
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.workbench.errors import HardwareError
+
+_REMIND = 0.1
+"""Interval of the exit frames to a faulted motor after the first ones, s."""
+_CAUGHT_UP = 1e-3
+"""Distance at which the ramp to the first command ends, rad."""
+
+
+class Motor:
+    """A joint driven by one AK70-10.
+
+    Args:
+        settings: limits, id, signs.
+        sink: takes the frames.
+
+    Attributes:
+        state, fault, fault_text: see the enumerations; fault and text stay until `reset`.
+        position, speed, torque: of the joint, by the last reply: rad (unwrapped), rad/s, N m; NaN before the first.
+        temperature: degrees Celsius; None if the motor does not report it.
+        missed: cycles in a row without a reply.
+        load: I2t of its winding.
+        bad_frames: frames under this motor's id that were no valid reply.
+    """
+
+    def __init__(self, settings: MotorSettings, sink: FrameSink) -> None:
+        self.settings = settings
+        self._sink = sink
+        self.state = MotorState.OFF
+        self.fault = MotorFault.NONE
+        self.fault_text = ""
+        self.position = self.speed = self.torque = math.nan
+        self.temperature: float | None = None
+        self.missed = self.bad_frames = 0
+        self._reply_time: float | None = None
+        self._step_time: float | None = None
+        self._state_time = 0.0
+        self._exit_time = 0.0
+        self._exits_left = 0
+        self._unanswered = self._cycle_frames = self._cycle_replies = self._enter_replies = 0
+        self.load = MotorLoad(settings.safety.rated_torque, settings.safety.overload)
+        self._asked: MitCommand | None = None
+        self._following = Following(settings.safety)
+        self._count = ReplyCount(settings.safety.stall_time)
+        self._off_time = 0.0
+        self._off_replies: int | None = None
+        self._motor_angle: float | None = None
+        self._hold_position = 0.0
+        self._gain_time = 0.0
+        self._command_time = 0.0
+        self._ramp: float | None = None
+
+    # -- what the caller asks for
+
+    def set_enter(self, now: float) -> None:
+        """Begins to switch the motor on. Raises `HardwareError` unless it is off."""
+        if self.state is not MotorState.OFF:
+            reason = f" ({self.fault_text}); reset it first" if self.fault else ""
+            raise HardwareError(f"{self.settings.name}: cannot be entered while {self.state.name.lower()}{reason}")
+        self._go(MotorState.ENTERING, now)
+        self._motor_angle = None
+        self.missed = self._unanswered = self._enter_replies = 0
+        self._count.clear()
+        self._step_time = now
+        neutral = make_neutral(self.settings.motor_id, self.settings.profile)
+        for frame in (neutral, make_enter(self.settings.motor_id), neutral):
+            self._send(frame, urgent=True)
+
+    def set_command(self, command: MitCommand, now: float) -> bool:
+        """Limits a command of the joint and sends it, if the motor is holding or running; whether it was sent.
+
+        A command with NaN, infinity or a negative gain is a fault: what sends such things is broken.
+        """
+        if self.state not in (MotorState.HOLDING, MotorState.RUNNING):
+            return False
+        if self.state is MotorState.HOLDING:
+            self._go(MotorState.RUNNING, now)
+            self._ramp = self.position
+            self._command_time = now
+        try:
+            check_command(command)
+            limited = self._limited(self._towards(command, now), now)
+            frame = self._frame(limited)
+        except HardwareError as error:
+            self.set_fault(MotorFault.BAD_COMMAND, str(error), now)
+            return False
+        self._ramp = self._ramped(command, now)
+        self._command_time = now
+        self._asked = limited
+        self._send(frame)
+        return True
+
+    def set_hold(self, now: float) -> None:
+        """Leaves the commands and holds the present position, if running."""
+        if self.state is MotorState.RUNNING:
+            self._hold_position = self.position
+            self._go(MotorState.HOLDING, now)
+
+    def set_exit(self, now: float) -> None:
+        """Switches the motor off, from every state: exit frames at once, and again in the following cycles."""
+        if self.state is not MotorState.FAULTED:
+            self._go(MotorState.EXITING, now)
+            self._exits_left = self.settings.safety.exit_cycles
+        self._send_exits(now)
+
+    def set_fault(self, fault: MotorFault, text: str, now: float) -> None:
+        """Switches the motor off for a reason that stays until `reset`. The first reason counts."""
+        if self.state not in ENERGISED:
+            return
+        self.fault, self.fault_text = fault, f"{self.settings.name}: {text}"
+        self._go(MotorState.FAULTED, now)
+        self._send_exits(now)
+
+    def reset(self, now: float) -> None:
+        """Forgets the fault, by hand only; the motor is off. Nothing else if there is no fault."""
+        if self.state is MotorState.FAULTED:
+            self._send_exits(now)
+            self.fault, self.fault_text = MotorFault.NONE, ""
+            self._go(MotorState.OFF, now)
+
+    @property
+    def off_confirmed(self) -> bool:
+        """Whether it has answered since it was switched off; of one that was never on there is nothing to confirm.
+
+        One reply may be an old one; as many are needed as for switching it on.
+        """
+        if self.state in ENERGISED:
+            return False
+        return self._off_replies is None or self._off_replies >= self.settings.safety.enter_replies
+
+    def off_overdue(self, now: float) -> bool:
+        """Whether it was switched off a while ago and has not answered: the exit frames may not have arrived."""
+        waited = self.state not in ENERGISED and now - self._off_time > self.settings.safety.exit_cycles * 0.01
+        return waited and not self.off_confirmed
+
+    def age(self, now: float) -> float:
+        """Seconds since the last valid reply; infinite before the first."""
+        return math.inf if self._reply_time is None else now - self._reply_time
+
+    # -- frames
+
+    def make_command_frame(self, command: MitCommand, now: float) -> CanFrame:
+        """The frame of a checked command of the joint, after ramps and limits."""
+        return self._frame(self._limited(self._towards(command, now), now))
+
+    def make_hold_frame(self, now: float) -> CanFrame:
+        """The frame that holds the position of `set_hold` or of the end of entering."""
+        return self._frame(self._limited(self._hold_command(), now))
+
+    def _hold_command(self) -> MitCommand:
+        return MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)
+
+    def _towards(self, command: MitCommand, now: float) -> MitCommand:
+        return MitCommand(self._target(command, now), command.velocity, command.kp, command.kd, command.torque)
+
+    def _limited(self, command: MitCommand, now: float) -> MitCommand:
+        share = min(1.0, max(0.0, now - self._gain_time) / self.settings.safety.gain_ramp)
+        most = self.load.allowed(self.settings.torque_limit)
+        return limit_command(scale_gains(command, share), self.position, self.speed, self.settings, most)
+
+    def _frame(self, limited: MitCommand) -> CanFrame:
+        return make_command(self.settings.motor_id, to_motor(limited, self.settings), self.settings.profile)
+
+    def _target(self, command: MitCommand, now: float) -> float:
+        """Position of the command, or where the ramp towards it is."""
+        ramp = self._ramped(command, now)
+        return command.position if ramp is None else ramp
+
+    def _ramped(self, command: MitCommand, now: float) -> float | None:
+        """Next place of the ramp; None once the command is reached or has no use for a position."""
+        if self._ramp is None or command.kp == 0:
+            return None
+        most = self.settings.safety.ramp_speed * max(0.0, now - self._command_time)
+        wanted = min(max(command.position, self.settings.low), self.settings.high)
+        place = self._ramp + min(max(wanted - self._ramp, -most), most)
+        return None if abs(wanted - place) < _CAUGHT_UP else place
+
+    # -- what comes from the bus
+
+    def receive(self, frame: CanFrame, time: float) -> None:
+        """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
+        try:
+            reply = decode_reply(frame, self.settings.profile)
+        except FrameError as error:
+            self.bad_frames += 1
+            if frame.extended:
+                self.set_fault(MotorFault.WRONG_FIRMWARE, str(error), time)
+            return
+        jump = self._jump(reply, time)
+        self._motor_angle = self._unwrapped(reply)
+        self.position = self.settings.joint_angle(self._motor_angle)
+        self.speed = self.settings.direction * reply.velocity
+        self.torque = self.settings.direction * reply.torque
+        self.temperature = reply.temperature
+        self.load.add(self.torque, time)
+        self._reply_time = time
+        self._cycle_replies += 1
+        self._enter_replies += 1
+        if self._off_replies is not None:
+            self._off_replies += 1
+        energised = self.state in (MotorState.HOLDING, MotorState.RUNNING)
+        lost = self._following.look(self._asked if energised else None, self.position, self.speed, self.torque, time)
+        self._check(reply, jump, time)
+        if lost:
+            self.set_fault(MotorFault.NOT_FOLLOWING, lost, time)
+
+    def _unwrapped(self, reply: MitReply) -> float:
+        if self._motor_angle is None:
+            return reply.position
+        return unwrap(self._motor_angle, reply.position, self.settings.profile)
+
+    def _jump(self, reply: MitReply, time: float) -> float:
+        """By how much the position changed more than the motor can turn, rad."""
+        if self._motor_angle is None or self._reply_time is None:
+            return 0.0
+        change = abs(self._unwrapped(reply) - self._motor_angle)
+        return change - self.settings.jump_speed * max(0.0, time - self._reply_time)
+
+    def _check(self, reply: MitReply, jump: float, time: float) -> None:
+        settings, safety = self.settings, self.settings.safety
+        beyond = max(settings.low - self.position, self.position - settings.high)
+        checks = (
+            (bool(reply.fault), MotorFault.MOTOR_REPORTED, f"reports {settings.profile.fault_name(reply.fault or 0)}"),
+            (
+                (reply.temperature or 0.0) > safety.temperature_limit,
+                MotorFault.OVER_TEMPERATURE,
+                f"{reply.temperature} degC; allowed is {safety.temperature_limit:g}",
+            ),
+            (jump > safety.jump_margin, MotorFault.POSITION_JUMP, f"position jumped by {jump:.3g} rad"),
+            (
+                abs(self.speed) > safety.speed_limit,
+                MotorFault.OVER_SPEED,
+                f"{self.speed:.3g} rad/s; allowed is {safety.speed_limit:g}",
+            ),
+            (
+                self.load.share > safety.overload_share,
+                MotorFault.OVERLOAD,
+                f"overloaded: {100 * self.load.share:.0f} % of what its winding bears beyond "
+                f"{safety.rated_torque:g} N m",
+            ),
+            (
+                beyond > safety.range_margin,
+                MotorFault.OUT_OF_RANGE,
+                f"at {self.position:.3g} rad; allowed is {settings.low:.3g} to {settings.high:.3g}",
+            ),
+        )
+        for failed, fault, text in checks:
+            if failed:
+                self.set_fault(fault, text, time)
+                return
+
+    # -- once per cycle
+
+    def step(self, now: float) -> None:
+        """Checks what should have happened since the last cycle and sends what the state asks for.
+
+        While running nothing is sent here: `set_command` does, later in the cycle.
+        """
+        self._check_cycle(now)
+        if self.state is MotorState.ENTERING:
+            self._enter(now)
+        if self.state is MotorState.RUNNING and now - self._command_time > self.settings.safety.command_timeout:
+            self.set_hold(now)
+        if self.state is MotorState.HOLDING:
+            self._asked = self._limited(self._hold_command(), now)
+            self._send(self._frame(self._asked))
+        elif self.state is MotorState.EXITING:
+            self._exit(now)
+        elif self.state is MotorState.FAULTED:
+            recent = now - self._state_time < self.settings.safety.exit_cycles * 0.01
+            if recent or now - self._exit_time >= _REMIND:
+                self._send(make_exit(self.settings.motor_id), urgent=True)
+                self._exit_time = now
+
+    def _check_cycle(self, now: float) -> None:
+        gap = 0.0 if self._step_time is None else now - self._step_time
+        self._step_time = now
+        self._unanswered = 0 if self._cycle_replies else self._unanswered + self._cycle_frames
+        if not self._unanswered:
+            self.missed = 0
+        elif gap >= self.settings.safety.reply_time:  # a late loop catches up faster than a motor can answer
+            self.missed += 1
+        self._count.add(self._cycle_frames, self._cycle_replies, now)
+        self._cycle_frames = self._cycle_replies = 0
+        safety = self.settings.safety
+        if gap < 0 or gap > safety.stall_time:
+            self.set_fault(MotorFault.LOOP_STALLED, f"{gap:.3g} s between two cycles", now)
+        elif self._count.too_many:
+            self.set_fault(MotorFault.DOUBLE_ID, f"two motors answer to the id {self.settings.motor_id}", now)
+        elif self.state is not MotorState.ENTERING and self.missed >= safety.missed_replies:
+            bad = f", {self.bad_frames} bad frames" if self.bad_frames else ""
+            self.set_fault(MotorFault.NO_REPLY, f"no reply for {self.missed} cycles{bad}", now)
+
+    def _enter(self, now: float) -> None:
+        safety = self.settings.safety
+        if self._enter_replies >= safety.enter_replies:
+            self._hold_position = self.position
+            self._gain_time = now
+            self._go(MotorState.HOLDING, now)
+        elif now - self._state_time > safety.enter_timeout:
+            bad = f" ({self.bad_frames} bad frames)" if self.bad_frames else ""
+            self.set_fault(MotorFault.NO_REPLY, f"does not answer{bad}; is it powered, is its id right?", now)
+        else:
+            self._send(make_neutral(self.settings.motor_id, self.settings.profile))
+
+    def _exit(self, now: float) -> None:
+        if self._exits_left == 0:
+            self._go(MotorState.OFF, now)
+            return
+        self._exits_left -= 1
+        self._send(make_exit(self.settings.motor_id), urgent=True)
+
+    def _send_exits(self, now: float) -> None:
+        """The neutral command first, for the motor may jump to its last command when it is entered again."""
+        self._exit_time = now
+        self._send(make_neutral(self.settings.motor_id, self.settings.profile), urgent=True)
+        for _ in range(self.settings.safety.exit_burst):
+            self._send(make_exit(self.settings.motor_id), urgent=True)
+
+    def _send(self, frame: CanFrame, urgent: bool = False) -> None:
+        self._cycle_frames += 1
+        try:
+            self._sink.send(frame, urgent)
+        except Exception as error:  # whatever it is, the next exit frame must get its chance
+            self.set_fault(MotorFault.BUS, f"sending failed: {error}", self._state_time)
+
+    def _go(self, state: MotorState, now: float) -> None:
+        if self.state in ENERGISED and state not in ENERGISED:
+            self._off_time, self._off_replies = now, 0
+        self.state = state
+        self._state_time = now

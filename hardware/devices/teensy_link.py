@@ -1,0 +1,224 @@
+"""The Teensy behind its serial strings: pulses out, sail angle in and, in the bridge wiring, the tail motors too.
+
+In the bridge wiring the link is a `FramePort`: the motors' frames become the fields of the string and its reply becomes
+frames again, so that the same `Motor` with the same checks works on both wirings. One string leaves per `commit`, with
+the order of each motor: exit before enter before command. Where nothing was asked for in a cycle the last command is
+repeated for a short while, then it is exit; a motor that was never asked anything is ordered to exit.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from enum import IntEnum
+
+from aerodima.hardware.devices.clock_alignment import ClockAlignment
+from aerodima.hardware.protocol.ak70 import NEUTRAL, MitReply, decode_command, is_special, make_reply
+from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
+from aerodima.hardware.protocol.sail_encoder import signed_angle
+from aerodima.hardware.protocol.teensy import (
+    SERVO_PULSES,
+    THROTTLE_PULSES,
+    Attitude,
+    MotorOrder,
+    MotorReport,
+    MotorRequest,
+    StringForm,
+    TeensyCommand,
+    TeensyReply,
+    TeensyStatus,
+    make_command,
+)
+from aerodima.hardware.protocol.teensy_stream import reply_stream
+from aerodima.hardware.transport.serial_link import SerialLink
+from aerodima.workbench.errors import HardwareError
+
+_SILENT = 0.1
+"""Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
+_MOST_REPEATS = 20
+"""Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at least every tenth."""
+_ACTED = {
+    TeensyStatus.WATCHDOG_ACTED: "the watchdog of the Teensy has acted",
+    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude is not known",
+    TeensyStatus.BEATS_STOPPED: "the Teensy has switched the motors off: no heartbeat on the bus",
+}
+_REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
+
+
+class TeensyFault(IntEnum):
+    """Why the Teensy cannot be trusted at present."""
+
+    NONE = 0
+    NO_REPLY_YET = 1
+    SILENT = 2
+    LOST = 3
+    WATCHDOG_ACTED = 4
+
+
+class TeensyLink:
+    """Strings to and from the Teensy, one of each per cycle.
+
+    Args:
+        link: open serial link; the caller closes it.
+        motor_ids: of the two motors in the string; in the direct wiring their orders stay `EXIT`.
+        profile: of the motors' frames.
+        form: of the strings.
+
+    Attributes:
+        sail: last sail angle, rad in (-pi, pi]; NaN before the first reply.
+        sent_time: when the Teensy sent the last reply, s on the computer's monotonic clock.
+        status: of the last reply; None before the first and in the published form.
+        fault, fault_text: at the last `poll`; they go away by themselves, the motors' faults that they caused do not.
+    """
+
+    def __init__(
+        self,
+        link: SerialLink,
+        motor_ids: tuple[int, int],
+        profile: FirmwareProfile,
+        form: StringForm = StringForm.CHECKED,
+    ) -> None:
+        if motor_ids[0] == motor_ids[1]:
+            raise HardwareError(f"both motors have the id {motor_ids[0]}: each needs its own")
+        self._link = link
+        self._ids = motor_ids
+        self._profile = profile
+        self._form = form
+        self._stream = reply_stream(form)
+        self._orders: dict[int, MotorOrder] = {}
+        self._last = {motor_id: _exit_order(motor_id) for motor_id in motor_ids}
+        self._repeats = dict.fromkeys(motor_ids, 0)
+        self._counters: dict[int, int | None] = dict.fromkeys(motor_ids)
+        self._servo, self._throttle = SERVO_PULSES[1], THROTTLE_PULSES[1]
+        self._attitude: tuple[float, float, float] | None = None
+        self._reply_time: float | None = None
+        self._clock = ClockAlignment()
+        self.sail = self.sent_time = math.nan
+        self.status: TeensyStatus | None = None
+        self.fault = TeensyFault.NO_REPLY_YET
+        self.fault_text = "the Teensy has not answered yet"
+
+    @property
+    def rejected(self) -> int:
+        """Strings that were damaged."""
+        return self._stream.rejected
+
+    def age(self, now: float) -> float:
+        """Seconds since the last valid reply string; infinite before the first."""
+        return math.inf if self._reply_time is None else now - self._reply_time
+
+    def set_pulses(self, servo: int, throttle: int) -> None:
+        """Pulses (us) of the next strings. Raises `FrameError` out of range, and keeps the old ones."""
+        check = TeensyCommand((_exit_order(self._ids[0]), _exit_order(self._ids[1])), servo, throttle)
+        make_command(check, self._form)
+        self._servo, self._throttle = servo, throttle
+
+    def set_attitude(self, roll: float, pitch: float, taken: float) -> None:
+        """Attitude (rad) for the next strings, and when it was taken (s, monotonic); ignored while it is not finite."""
+        if math.isfinite(roll) and math.isfinite(pitch) and math.isfinite(taken):
+            self._attitude = roll, pitch, taken
+
+    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
+        """Notes a motor's frame for the next string. A frame that sets the zero, or of another motor, is not sent."""
+        del urgent
+        if frame.arbitration_id not in self._ids or frame.extended:
+            return False
+        request, command = MotorRequest.COMMAND, NEUTRAL
+        if is_special(frame.data):
+            if frame.data[7] not in _REQUESTS:
+                return False
+            request = _REQUESTS[frame.data[7]]
+        else:
+            command = decode_command(frame.data, self._profile)
+        noted = self._orders.get(frame.arbitration_id)
+        rank = (MotorRequest.COMMAND, MotorRequest.ENTER, MotorRequest.EXIT).index
+        if noted is None or rank(request) >= rank(noted.request):
+            self._orders[frame.arbitration_id] = MotorOrder(frame.arbitration_id, request, command)
+        return True
+
+    def commit(self) -> None:
+        """Writes the string of this cycle."""
+        first, second = (self._next_order(motor_id) for motor_id in self._ids)
+        attitude = None
+        if self._attitude is not None:
+            roll, pitch, taken = self._attitude
+            attitude = Attitude(roll, pitch, round(1000.0 * max(0.0, time.monotonic() - taken)))
+        command = TeensyCommand((first, second), self._servo, self._throttle, attitude)
+        self._link.write(make_command(command, self._form))
+
+    def poll(self) -> list[tuple[float, CanFrame]]:
+        """Reads what came in; the motors' answers as frames, with their arrival."""
+        frames: list[tuple[float, CanFrame]] = []
+        for arrival, data in self._link.poll():
+            for reply in self._stream.feed(data):
+                self._take(reply, arrival)
+                frames += [(arrival, frame) for report in reply.motors if (frame := self._frame_of(report))]
+                self._set_fault(reply)
+        self._check_silence(time.monotonic())
+        return frames
+
+    def flush(self, timeout: float = 0.2) -> bool:
+        """Writes a string with what is noted and waits at most `timeout` s until it has left."""
+        self.commit()
+        return self._link.flush(timeout)
+
+    def _next_order(self, motor_id: int) -> MotorOrder:
+        order = self._orders.pop(motor_id, None)
+        self._repeats[motor_id] = 0 if order else self._repeats[motor_id] + 1
+        if order is None:
+            last = self._last[motor_id]
+            keep = last.request is not MotorRequest.EXIT and self._repeats[motor_id] <= _MOST_REPEATS
+            order = MotorOrder(motor_id, MotorRequest.COMMAND, last.command) if keep else _exit_order(motor_id)
+        self._last[motor_id] = order
+        return order
+
+    def _take(self, reply: TeensyReply, arrival: float) -> None:
+        self._reply_time = self.sent_time = arrival
+        self.sail = signed_angle(reply.sail)
+        if reply.clock is not None:
+            self.sent_time = self._clock.add(reply.clock, arrival)
+
+    def _frame_of(self, report: MotorReport) -> CanFrame | None:
+        """The frame of a report; None if the motor has not answered since the last one, or is none of ours."""
+        if report.motor_id not in self._counters:
+            return None
+        if report.replies is not None and report.replies == (self._counters[report.motor_id] or 0):
+            return None  # a counter that is 0 at the start: the motor has never answered
+        self._counters[report.motor_id] = report.replies
+        temperature = None if report.temperature is None else float(report.temperature)
+        state = MitReply(report.motor_id, report.position, report.velocity, report.torque, temperature, report.fault)
+        try:
+            return make_reply(state, self._profile)
+        except FrameError:
+            return None  # beyond the range of the profile: the motor counts a missed reply
+
+    def _set_fault(self, reply: TeensyReply) -> None:
+        self.status = reply.status
+        if reply.status in _ACTED:
+            self.fault, self.fault_text = TeensyFault.WATCHDOG_ACTED, _ACTED[reply.status]
+        else:
+            self.fault, self.fault_text = TeensyFault.NONE, ""
+
+    def _check_silence(self, now: float) -> None:
+        if not self._link.healthy:
+            self.fault, self.fault_text = TeensyFault.LOST, f"the Teensy's port is lost: {self._link.error}"
+        elif self._reply_time is not None and now - self._reply_time > _SILENT:
+            self.fault = TeensyFault.SILENT
+            self.fault_text = f"the Teensy is silent for {now - self._reply_time:.2f} s"
+
+
+def pulse(share: float, pulses: tuple[int, int, int]) -> int:
+    """Pulse (us) of a share from -1 to 1 of the way from idle to the least or most pulse; 0 is idle.
+
+    Raises:
+        FrameError: NaN or beyond -1 to 1.
+    """
+    if not -1.0 <= share <= 1.0:  # also catches NaN
+        raise FrameError(f"share {share!r} of a pulse: allowed is -1 to 1")
+    least, idle, most = pulses
+    return round(idle + share * ((most - idle) if share >= 0 else (idle - least)))
+
+
+def _exit_order(motor_id: int) -> MotorOrder:
+    return MotorOrder(motor_id, MotorRequest.EXIT, NEUTRAL)

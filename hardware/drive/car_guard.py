@@ -1,0 +1,281 @@
+"""Between whoever drives and the cables: what reaches the car, and when it stops.
+
+```
+ READY -- arm, by hand --> ARMED -- drive --> DRIVING        (a reason to stop before that: STOPPED)
+   ^                         |                   |
+   |                         +-- a soft reason --+--> HOLDING (throttle 0, tail held) --+
+   |                         |                                                          | after `tail_hold`
+   |                         +-- a hard reason -------------------------------------> EXITING (exit frames)
+   |                                                                                    | after `after_exit`
+   +--------------------- reset, by hand ------------------------------------------- STOPPED
+```
+Soft: the operator, the IMU or the GPS is silent, the operator takes the car out of AUTO, the car is too fast, the run
+is over. Hard: the operator's emergency stop, a fault of a motor, a bus or the Teensy, a car that has tipped over, a
+command that is not finite, a loop that comes too late, a signal. Every reason means throttle 0 and steering 0 in the
+same cycle, and stays until `reset`.
+
+A switch that stands on AUTO, MANUAL or CONTROL while the car is being armed moves nothing: the operator must be heard
+in IDLE once the motors hold, and only what is chosen after that is obeyed.
+"""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import replace
+from enum import IntEnum
+
+from aerodima.hardware.car.drive_safety import DriveSafety
+from aerodima.hardware.car.wiring import CarCommand, CarReading, Wiring
+from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.drive.drive_limits import DriveLimits
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.workbench.config.ports import STATUS, TAIL_STATE
+from aerodima.workbench.errors import HardwareError
+
+_ARMED = STATUS.index("armed")
+_TAIL = (STATUS.index("tail_pitch_fault"), STATUS.index("tail_roll_fault"))
+_SAIL, _IMU, _SPEED, _OPERATOR = (STATUS.index(f"{name}_fault") for name in ("sail", "imu", "speed", "operator"))
+_OPERATOR_AGE = STATUS.index("operator_age")
+_RATES = (TAIL_STATE.index("pitch_rate"), TAIL_STATE.index("roll_rate"))
+_GONE = (SourceFault.SILENT, SourceFault.LOST, SourceFault.REPORTED)
+_UNFITTED = (SourceFault.NONE, SourceFault.NOT_FITTED)
+
+
+class Stage(IntEnum):
+    """How far the car is."""
+
+    READY = 0
+    ARMED = 1
+    DRIVING = 2
+    HOLDING = 3
+    EXITING = 4
+    STOPPED = 5
+
+
+_LIVE = (Stage.ARMED, Stage.DRIVING, Stage.HOLDING)
+
+
+class CarGuard:
+    """One car, one loop.
+
+    Args:
+        wiring: started.
+        safety: limits.
+        has_tail: the car has tail motors, so it drives only while they are armed.
+
+    Attributes:
+        stage: see the picture above.
+        reason: why it stopped, empty before. hard: that reason was a hard one.
+        left: the operator has left the mode, and was heard while the car was being stopped. One who falls silent then
+            has not chosen to end the drive: the console sends a car to rest whose page has gone.
+        reading: of the last cycle.
+        rested: the operator was heard in IDLE since the car took commands.
+        lateness: of the last cycle, s; 0 for a cycle without a due time.
+        overruns: cycles that came later than `safety.overrun`.
+        cycle_times: `time.monotonic` of every cycle since `drive`, s.
+    """
+
+    def __init__(self, wiring: Wiring, safety: DriveSafety, has_tail: bool = True) -> None:
+        self.wiring = wiring
+        self._safety = safety
+        self._limits = DriveLimits(safety)
+        self._has_tail = has_tail
+        self.stage = Stage.READY
+        self.reason = ""
+        self.hard = self.left = False
+        self.reading = CarReading()
+        self.lateness = 0.0
+        self.overruns = self._overruns_in_a_row = 0
+        self.cycle_times = array("d")
+        self._since = 0.0
+        self._was_armed = False
+        self.rested = False
+        self._ready_since: float | None = None
+        self._mode = RadioMode.AUTO
+
+    @property
+    def finished(self) -> bool:
+        """Whether the motors are off and stay off."""
+        return self.stage is Stage.STOPPED
+
+    @property
+    def ready(self) -> bool:
+        """Whether the car takes commands."""
+        return self.stage is Stage.ARMED and (not self._has_tail or self.reading.status[_ARMED] == 1.0)
+
+    @property
+    def asks(self) -> Asks:
+        """What the operator must do before the car drives."""
+        if not self.ready or self.reason:
+            return Asks.NOTHING
+        return Asks.CHOICE if self.rested else Asks.REST
+
+    # -- by hand
+
+    def arm(self, now: float) -> None:
+        """Switches the motors on.
+
+        Raises:
+            HardwareError: something stands against it: a reason to stop that was not reset, a silent device, a missing
+                watchdog test.
+        """
+        if self.stage is not Stage.READY:
+            because = f" ({self.reason}); reset it by hand" if self.reason else ""
+            raise HardwareError(f"the car cannot be armed: it is {self.stage.name.lower()}{because}")
+        _, reason = self._reason(self.reading)
+        if reason:
+            raise HardwareError(f"the car cannot be armed: {reason}")
+        self.wiring.arm()
+        self._was_armed = self.rested = False
+        self._ready_since = None
+        self._go_unless_stopped(Stage.ARMED, now)
+
+    def drive(self, mode: RadioMode, now: float) -> None:
+        """Lets commands through from now on, for as long as the operator stays in `mode`.
+
+        Raises:
+            HardwareError: the car is not ready, or the operator was not heard in IDLE since it is.
+        """
+        if not self.ready:
+            raise HardwareError(f"the car cannot drive: it is not armed{f' ({self.reason})' if self.reason else ''}")
+        if not self.rested:
+            raise HardwareError("the car cannot drive: the operator was not heard in IDLE since it was armed")
+        self.cycle_times = array("d")
+        self._mode = mode
+        self._go_unless_stopped(Stage.DRIVING, now)
+
+    def reset(self, now: float) -> None:
+        """Forgets the reason and the devices' faults; the car is ready to be armed, and not armed."""
+        if self.stage not in (Stage.READY, Stage.STOPPED):
+            raise HardwareError(f"the car cannot be reset: it is {self.stage.name.lower()}")
+        self.wiring.reset(now)
+        self.reason, self.hard, self.left = "", False, False
+        self._go(Stage.READY, now)
+
+    def stop(self, reason: str, now: float, hard: bool = False) -> None:
+        """Begins to stop: softly with the tail held first, hard with exit frames at once. The first reason counts.
+
+        A car that is not armed yet is stopped at once, and cannot be armed before `reset`.
+        """
+        if not self.reason:
+            self.reason, self.hard = reason, hard
+        if self.stage is Stage.READY:
+            self._go(Stage.STOPPED, now)
+        elif self.stage in _LIVE and hard:
+            self._exit(now)
+        elif self.stage in (Stage.ARMED, Stage.DRIVING):
+            self.wiring.hold(now)
+            self._go(Stage.HOLDING, now)
+
+    # -- once per cycle
+
+    def exchange(self, command: CarCommand, now: float, due: float | None = None) -> CarReading:
+        """A whole cycle at once, for those whose command does not depend on its reading."""
+        reading = self.read(now, due)
+        self.write(command, now)
+        return reading
+
+    def read(self, now: float, due: float | None = None) -> CarReading:
+        """The first half of a cycle: what the car says, and what follows from it.
+
+        Args:
+            now: `time.monotonic()`, s.
+            due: when the cycle should have been, on the same clock; None outside of a run.
+        """
+        self._look_at_clock(now, due)
+        self.reading = self.wiring.read(now)
+        self._judge(now)
+        self._look_for_rest(now)
+        self.wiring.asks = self.asks
+        if self.stage is Stage.HOLDING and now - self._since >= self._safety.tail_hold:
+            self._exit(now)
+        elif self.stage is Stage.EXITING and now - self._since >= self._safety.after_exit:
+            self._go(Stage.STOPPED, now)
+        return self.reading
+
+    def write(self, command: CarCommand, now: float) -> None:
+        """The second half: the command of driver and tail law, if the car drives; otherwise throttle 0."""
+        if self.stage is Stage.DRIVING and not command.finite:
+            self.stop("the controller commands NaN or infinity", now, hard=True)
+        if self.stage is Stage.DRIVING:
+            self.wiring.write(replace(command, throttle=self._limits.throttle(command.throttle, now)), now)
+        else:
+            self._limits.rest()
+            self.wiring.write(CarCommand(), now)
+
+    def _look_at_clock(self, now: float, due: float | None) -> None:
+        self.lateness = 0.0 if due is None else now - due
+        if self.stage is Stage.DRIVING:
+            self.cycle_times.append(now)
+        late = self.lateness > self._safety.overrun
+        self.overruns += late
+        self._overruns_in_a_row = self._overruns_in_a_row + 1 if late else 0
+        if self._overruns_in_a_row >= self._safety.most_overruns and self.stage in _LIVE:
+            text = f"the loop is {self.lateness * 1000:.0f} ms late for {self._overruns_in_a_row} cycles"
+            self.stop(text, now, hard=True)
+
+    def _look_for_rest(self, now: float) -> None:
+        """A command counts that was given when the car was ready; the newest one may be from before."""
+        if not self.ready:
+            self._ready_since = None
+            return
+        if self._ready_since is None:
+            self._ready_since = now
+        given = now - self.reading.status[_OPERATOR_AGE]
+        if self.reading.operator.mode is RadioMode.IDLE and given > self._ready_since:
+            self.rested = True
+
+    def _judge(self, now: float) -> None:
+        hard, reason = self._reason(self.reading)
+        tilt, speed = self._limits.tilt(self.reading, now), self._limits.too_fast(self.reading, now)
+        hard, reason = hard or bool(tilt), reason or tilt or speed
+        armed = self.reading.status[_ARMED] == 1.0
+        if self.stage in _LIVE and self._has_tail and self._was_armed and not armed:
+            hard, reason = True, reason or "the tail motors are off"
+        self._was_armed = armed
+        if self.stage is Stage.DRIVING and not reason and self.reading.operator.mode is not self._mode:
+            reason = f"the operator left {self._mode.name} for {self.reading.operator.mode.name}"
+            self.left = True
+        elif self.left and self.reading.status[_OPERATOR] in _GONE:
+            self.left = False
+            self.reason += " and was not heard any more"
+        stopped = self.reading.status[_OPERATOR] == SourceFault.STOPPED  # latches before the car is armed too
+        if reason and (self.stage in _LIVE or (stopped and self.stage is Stage.READY)):
+            self.stop(reason, now, hard)
+
+    def _reason(self, reading: CarReading) -> tuple[bool, str]:
+        """Whether the car must stop at once, and why it must stop; empty if it need not."""
+        status = reading.status
+        hard = (
+            status[_OPERATOR] == SourceFault.STOPPED
+            or (self._has_tail and any(status[index] != 0.0 for index in _TAIL))
+            or status[_SAIL] not in _UNFITTED
+        )
+        soft = status[_OPERATOR] != 0.0 or status[_IMU] != 0.0 or status[_SPEED] in _GONE
+        if hard or soft:
+            return hard, reading.fault_text or "a device has a fault"
+        current = self._least_current(reading)
+        too_much = current > self._safety.fuse
+        return too_much, f"the tail motors draw {current:.0f} A; the fuse has {self._safety.fuse:g} A" * too_much
+
+    def _least_current(self, reading: CarReading) -> float:
+        """What the tail motors draw at least, A: their mechanical power at the lowest voltage allowed.
+
+        Replies of the MIT mode carry neither voltage nor current of the pack.
+        """
+        power = float(reading.tail_torque @ reading.tail_state[list(_RATES)])
+        return max(0.0, power) / self._safety.least_voltage
+
+    def _go_unless_stopped(self, stage: Stage, now: float) -> None:
+        """Goes on by hand; a signal may have come in between."""
+        self._go(stage, now)
+        if self.reason:
+            self._exit(now)
+
+    def _exit(self, now: float) -> None:
+        self.wiring.disarm(now)
+        self._go(Stage.EXITING, now)
+
+    def _go(self, stage: Stage, now: float) -> None:
+        self.stage, self._since = stage, now

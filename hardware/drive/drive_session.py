@@ -1,0 +1,333 @@
+"""One drive from the checks to the log: check, arm, drive by sequence or by radio, disarm, write.
+
+Whatever happens in between (a fault, an exception, a signal, a failed start), the motors' exit frames and throttle 0 go
+out, and the log is readable up to there.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.drive_safety import DriveSafety, load_drive_safety
+from aerodima.hardware.car.latency import DRIVE_PRIORITY, prefer_latency, restore_latency
+from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.devices.bno055 import Bno055Sample
+from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.drive.car_guard import CarGuard, Stage
+from aerodima.hardware.drive.drive_checks import (
+    Check,
+    desk_checks,
+    device_checks,
+    motor_checks,
+    refuse_failed,
+    watchdog_check,
+)
+from aerodima.hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
+from aerodima.hardware.drive.plain_loop import idle_until, run_loop
+from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
+from aerodima.hardware.drive.standstill import standstill_checks
+from aerodima.hardware.drive.stop_signals import stop_on_signals
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.workbench.config.ports import STATUS
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.logs.schema import TAIL_LAW
+from aerodima.workbench.realtime import is_realtime, prefer_realtime, restore_ordinary
+
+_HOUR = 3600.0
+"""s; the longest drive by radio."""
+_SETTLE = 0.5
+"""s with the motors holding before their replies are judged."""
+RUN_OVER = "the run is over"
+_REST_NOTICE = 0.5
+"""s in which a switch that stands in IDLE is heard; after that the drive says what it waits for."""
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DriveResult:
+    """How a drive ended.
+
+    Attributes:
+        reason: `RUN_OVER`, or why it was stopped.
+        orderly: the run came to its end, or the operator ended it without an emergency and was heard until then.
+        log: the run log; None when none was written.
+        signal: number of the signal that ended it; 0 for none.
+        traffic_error: why the log of the CAN traffic is not whole; empty if it is, or if there is none.
+    """
+
+    reason: str
+    orderly: bool
+    log: Path | None
+    signal: int = 0
+    traffic_error: str = ""
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """How to drive.
+
+    Attributes:
+        log: the run log to be written. force: replace it.
+        dry_run: never arm; the sequence runs with the car switched off.
+        with_drake: the diagram in Drake's simulator, otherwise the plain loop.
+        confirm: asks somebody beside the car whether it may be armed; None arms without asking.
+        wait_for_operator: s until the operator must have chosen AUTO or MANUAL, out of IDLE.
+        tail_law: name for the log of a tail law that the scenario does not name; empty for one that it names.
+    """
+
+    log: Path
+    force: bool = False
+    dry_run: bool = False
+    with_drake: bool = True
+    confirm: Callable[[], bool] | None = None
+    wait_for_operator: float = _HOUR
+    tail_law: str = ""
+
+
+def run_drive(
+    car: WiredCar, scenario: Scenario, law: TailLaw, ports: CarPorts, options: DriveOptions, say: Say
+) -> DriveResult:
+    """Drives a scenario with a tail law on a car that is not started yet.
+
+    Raises:
+        UserError: a check failed, a device is missing, the log cannot be written; the motors are off by then.
+    """
+    safety = load_drive_safety()
+    make_schedule(scenario)
+    _tell(desk_checks(scenario, options.log.parent, safety), say)
+    if not options.dry_run:
+        car.authorise()
+    guard = CarGuard(car, safety, has_tail=scenario.tail.mode != "none")
+
+    def stop(name: str) -> None:
+        guard.stop(name, time.monotonic(), hard=True)
+
+    with stop_on_signals(stop) as came:
+        scheduling = prefer_realtime(DRIVE_PRIORITY)
+        say(str(Check("scheduling", True if is_realtime() else None, scheduling)))
+        try:
+            car.start()
+            result = _on_open_devices(_Drive(car, guard, scenario, law, ports, options, safety, say), came)
+        except HardwareError:
+            if came:  # before the run began: what follows from the signal is no error of its own
+                return DriveResult(guard.reason, False, None, came[0])
+            raise
+        finally:
+            car.stop(guard.reason or "the drive is over")
+            restore_latency()
+            restore_ordinary()
+    return replace(result, traffic_error=car.traffic_error)
+
+
+@dataclass
+class _Drive:
+    car: WiredCar
+    guard: CarGuard
+    scenario: Scenario
+    law: TailLaw
+    ports: CarPorts
+    options: DriveOptions
+    safety: DriveSafety
+    say: Say
+
+
+def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
+    guard, options = drive.guard, drive.options
+    _wait_for_devices(drive)
+    checks = device_checks(guard.reading, _gps_time(drive.car), drive.safety)
+    checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
+    _tell(checks, drive.say, refuse=not options.dry_run)
+    journal = open_run_journal(options.log, drive.scenario, drive.car.name, options.force)
+    try:
+        run = _prepare(drive, journal)
+        mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)
+    except BaseException:
+        journal.discard()
+        raise
+    if came or guard.finished:
+        _let_stop(guard)
+        journal.discard()
+        return DriveResult(guard.reason, False, None, came[0] if came else 0)
+    log = _logged_run(drive, journal, lambda: run(mode))
+    return DriveResult(guard.reason, not guard.hard and _is_orderly(guard), log, came[0] if came else 0)
+
+
+def _wait_for_devices(drive: _Drive) -> None:
+    """Until sail, IMU, GPS, operator and watchdog are heard; what is still silent then is named by the checks."""
+    faults = [STATUS.index(f"{source}_fault") for source in ("sail", "imu", "speed", "operator")]
+    # A Teensy that heard nothing yet reports that its watchdog has acted; an IMU that is being set up counts as lost.
+    waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT, SourceFault.REPORTED, SourceFault.LOST)
+    idle_until(
+        drive.guard,
+        lambda: not (any(drive.guard.reading.status[index] in waiting for index in faults) or drive.car.unwatched),
+        drive.safety.answer_timeout,
+    )
+
+
+def _arm_and_choose(drive: _Drive) -> RadioMode:
+    idle_until(drive.guard, lambda: False, 0.1)  # what came while the diagram was built
+    _ask(drive)
+    _look_at_standing_car(drive)
+    _arm(drive)
+    return _wait_for_operator(drive)
+
+
+def _look_at_standing_car(drive: _Drive) -> None:
+    """Refuses a car that is moved, lies on its side, or whose IMU has frozen."""
+    seen: dict[float, Bno055Sample] = {}
+    imu = None if drive.car.devices is None else drive.car.devices.imu
+
+    def collect() -> bool:
+        if imu is not None and imu.newest is not None:
+            seen[imu.newest[0]] = imu.newest[1]
+        return False
+
+    idle_until(drive.guard, collect, drive.safety.still_time)
+    _tell(standstill_checks(list(seen.values()), drive.guard.reading.imu, drive.safety), drive.say)
+
+
+def _ask(drive: _Drive) -> None:
+    """Waits for the answer with the loop turning, so that no device falls silent meanwhile."""
+    confirm = drive.options.confirm
+    if confirm is None:
+        return
+    answers: list[bool] = []
+    threading.Thread(target=lambda: answers.append(confirm()), name="confirm", daemon=True).start()
+    idle_until(drive.guard, lambda: bool(answers or drive.guard.reason), _HOUR)
+    if drive.guard.reason or not answers or not answers[0]:
+        raise HardwareError(f"not armed: {drive.guard.reason or 'nobody said that the car may be armed'}")
+
+
+def _arm(drive: _Drive) -> None:
+    guard, say = drive.guard, drive.say
+    say("arming: keep clear of the tail")
+    guard.arm(time.monotonic())
+    if not idle_until(guard, lambda: guard.ready, drive.safety.arm_timeout):
+        reason = guard.reason or f"the motors do not take commands within {drive.safety.arm_timeout:g} s"
+        guard.stop(reason, time.monotonic(), hard=True)
+        _let_stop(guard)
+        raise HardwareError(f"arming failed: {reason}")
+    if drive.scenario.tail.mode != "none":
+        idle_until(guard, lambda: False, _SETTLE)
+        checks = motor_checks(drive.car, drive.scenario, drive.ports, drive.safety)
+        try:
+            _tell(checks, say)
+        except HardwareError as error:
+            guard.stop(str(error), time.monotonic(), hard=True)
+            _let_stop(guard)
+            raise
+    say("armed")
+
+
+def _wait_for_operator(drive: _Drive) -> RadioMode:
+    guard = drive.guard
+    wanted = (RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL)
+    end = time.monotonic() + drive.options.wait_for_operator
+    if not idle_until(guard, lambda: guard.asks is not Asks.REST, min(_REST_NOTICE, drive.options.wait_for_operator)):
+        stands = guard.reading.operator.mode.name
+        drive.say(f"the operator's switch stands on {stands}: put it in IDLE first; nothing is obeyed before")
+        idle_until(guard, lambda: guard.asks is not Asks.REST, end - time.monotonic())
+    if guard.asks is Asks.CHOICE:
+        drive.say("waiting for the operator: AUTO runs the sequence, MANUAL and CONTROL drive by radio")
+    chosen = idle_until(
+        guard, lambda: guard.asks is Asks.CHOICE and guard.reading.operator.mode in wanted, end - time.monotonic()
+    )
+    if not chosen and not guard.reason:
+        reason = "chose neither AUTO nor MANUAL nor CONTROL" if guard.rested else "did not put the switch in IDLE"
+        guard.stop(f"the operator {reason}", time.monotonic())
+    if not chosen:
+        _let_stop(guard)
+        return RadioMode.IDLE
+    mode = guard.reading.operator.mode
+    guard.drive(mode, time.monotonic())
+    drive.say(f"driving: {mode.name}")
+    return mode
+
+
+def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) -> Path:
+    """The run with its log, then the end of it; the log is closed whatever happened."""
+    guard, stopped = drive.guard, math.nan
+    begin, busy = time.monotonic(), time.process_time()
+    try:
+        stopped = run()
+        guard.stop(RUN_OVER, time.monotonic())
+        _let_stop(guard)
+    except BaseException as error:
+        guard.stop(f"{type(error).__name__}: {error}", time.monotonic(), hard=True)
+        drive.car.stop(guard.reason)  # before anything else: writing a log may take its time
+        raise
+    finally:
+        share = (time.process_time() - busy) / (time.monotonic() - begin)
+        journal.add_facts({**log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns), "cpu_share": share})
+        if drive.options.tail_law:
+            journal.add_facts({TAIL_LAW: drive.options.tail_law})
+        path = journal.close()
+    return path
+
+
+def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]:
+    """Builds what takes time; the returned function drives in a mode and says when the car began to stop."""
+    scenario, guard, with_drake = drive.scenario, drive.guard, drive.options.with_drake
+    links, length = _links_of(drive.car, guard), run_time(drive.scenario)
+    if with_drake:
+        from aerodima.hardware.drive.drive_diagram import DiagramRun
+
+        diagram = DiagramRun(guard, scenario, journal, links, drive.law)
+
+    def run(mode: RadioMode) -> float:
+        if mode is RadioMode.MANUAL:
+            return run_loop(guard, ManualPilot(scenario), scenario, _HOUR, journal, links)
+        if mode is RadioMode.CONTROL:
+            return run_loop(guard, ControlPilot(scenario, drive.law), scenario, _HOUR, journal, links)
+        if with_drake:
+            return diagram.run(length)
+        return run_loop(guard, AutoPilot(scenario, drive.law), scenario, length, journal, links)
+
+    prefer_latency()
+    return run
+
+
+def _links_of(car: WiredCar, guard: CarGuard) -> Callable[[float], np.ndarray]:
+    """Values of `LINK_COLUMNS` on the clock of a run that started at the given time."""
+
+    def links(start: float) -> np.ndarray:
+        return np.array([guard.lateness, car.imu_time - start, car.teensy_time - start])
+
+    return links
+
+
+def _let_stop(guard: CarGuard) -> None:
+    """Turns the loop until the motors are off; one that was never armed has nothing to wait for."""
+    if guard.stage is not Stage.READY:
+        idle_until(guard, lambda: guard.finished, 5.0)
+
+
+def _is_orderly(guard: CarGuard) -> bool:
+    return guard.reason == RUN_OVER or guard.left
+
+
+def _gps_time(car: WiredCar) -> float | None:
+    gps = None if car.devices is None else car.devices.gps
+    newest = None if gps is None else gps.newest
+    if newest is None or newest[1].time_of_day is None:
+        return None
+    return newest[1].time_of_day + time.monotonic() - newest[0]
+
+
+def _tell(checks: list[Check], say: Say, refuse: bool = True) -> None:
+    for check in checks:
+        say(str(check))
+    if refuse:
+        refuse_failed(checks)

@@ -1,0 +1,150 @@
+"""The simulated car of the emulator: commands in, joints and sensors out, a log of the truth in our schema."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource
+
+from aerodima.hardware.drive.run_journal import RunJournal
+from aerodima.hardware.protocol.ak70 import MitCommand
+from aerodima.workbench.config.log_columns import sensor_columns
+from aerodima.workbench.config.ports import STATION_INPUTS
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.logs.schema import run_metadata
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.sensors.roll_filter import RollFilterSettings
+from aerodima.workbench.simulate.car_run import truth_signals
+from aerodima.workbench.stations.car_station import make_car_station, simulated_car
+from aerodima.workbench.systems.event_order import Stage
+
+_INPUTS = ("steering_angle", "throttle", "planned_turn", "tail_pitch_command", "tail_roll_command", "controller_state")
+_OUTPUTS = ("tail_state", "tail_torque", "imu", "speed", "status")
+
+
+class EmulatedCar:
+    """The station of a scenario with constant inputs that are set from outside, advanced step by step.
+
+    The IMU of the car inside samples at every step: the chip of the emulated car, read at any time, then shows what was
+    `imu.delay` before, as the simulated station does at the ticks of its controller. A real chip renews its data at
+    `imu.rate` by its own clock, up to a period later.
+
+    The columns of commands hold what reached the actuators: `planned_turn` and `controller_state` are known to the
+    drive process only and stay 0.
+
+    Args:
+        log: Parquet file of the truth; its journal beside it grows while the emulator runs.
+        log_rate: rows per second, Hz.
+        facts: go into the log's metadata under `extra`.
+        meshcat: where the car is shown, None nowhere.
+
+    Attributes:
+        has_tail: whether there are motors and a sail.
+    """
+
+    def __init__(
+        self, scenario: Scenario, log: Path, log_rate: float, facts: dict[str, Any], meshcat: Meshcat | None = None
+    ) -> None:
+        builder = DiagramBuilder()
+        station = make_car_station(_with_eager_imu(scenario), meshcat=meshcat)
+        builder.AddSystem(station)
+        self._sources: dict[str, Any] = {}
+        self._values: dict[str, tuple[float, ...]] = {}
+        for name in _INPUTS:
+            size = STATION_INPUTS[name].size if name in STATION_INPUTS else 1
+            self._sources[name] = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(size)))
+            if name in STATION_INPUTS:
+                builder.Connect(self._sources[name].get_output_port(), station.GetInputPort(name))
+        settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
+        estimator = RollEstimator.add_to_builder(builder, settings, station=station)
+        signals = self._signals(
+            [
+                *(self._sources[name].get_output_port() for name in _INPUTS),
+                *(station.GetOutputPort(name) for name in _OUTPUTS),
+                *(estimator.GetOutputPort(name) for name in ("roll_estimate", "roll_rate_estimate")),
+            ]
+        )
+        signals += truth_signals(station)
+        metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
+        self._journal = RunJournal(log, recorded_columns(signals), metadata)  # a disk that is asked to sync may wait
+        RunRecorder.add_to_builder(builder, self._journal, signals, log_rate, Stage.RECORD)
+        self._simulator = Simulator(builder.Build())
+        self._context: Any = self._simulator.get_mutable_context()
+        self._simulator.Initialize()
+        self._station_context: Any = station.GetMyContextFromRoot(self._context)
+        self._ports: dict[str, Any] = {name: station.GetOutputPort(name) for name in (*_OUTPUTS, "plant_state_truth")}
+        self.has_tail = scenario.tail.mode != "none"
+        self._joints = self._joint_places(simulated_car(station).plant) if self.has_tail else []
+
+    @staticmethod
+    def _signals(ports: list[OutputPort]) -> list[tuple[OutputPort, list[str]]]:
+        names = [column.name for column in sensor_columns()][1:]
+        signals = []
+        for port in ports:
+            signals.append((port, names[: port.size()]))
+            names = names[port.size() :]
+        return signals
+
+    @staticmethod
+    def _joint_places(plant: Any) -> list[int]:
+        """Of the angles, then of the rates, of pitch and roll in the plant's state."""
+        joints = [plant.GetJointByName(name) for name in ("tail_pitch", "tail_roll")]
+        rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
+        return [*(joint.position_start() for joint in joints), *rates]
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return float(self._context.get_time())
+
+    def set_steering(self, angle: float) -> None:
+        """rad, positive to the left."""
+        self._set("steering_angle", (angle,))
+
+    def set_throttle(self, throttle: float) -> None:
+        """-1 to 1."""
+        self._set("throttle", (throttle,))
+
+    def set_tail(self, joint: str, command: MitCommand) -> None:
+        """What the motor of `tail_pitch` or `tail_roll` does."""
+        values = (command.position, command.velocity, command.kp, command.kd, command.torque)
+        self._set(f"{joint}_command", values)
+
+    def advance(self, time: float) -> None:
+        """Simulates up to `time`, s."""
+        self._simulator.AdvanceTo(time)
+
+    def joints(self) -> np.ndarray:
+        """(4,) angles of pitch and roll (rad), then their rates (rad/s), as they are now."""
+        return self._read("plant_state_truth")[self._joints]
+
+    def output(self, name: str) -> np.ndarray:
+        """A vector port of the station."""
+        return self._read(name)
+
+    def close(self) -> Path:
+        """Ends the log; its path."""
+        return self._journal.close()
+
+    def _read(self, name: str) -> np.ndarray:
+        return np.array(self._ports[name].Eval(self._station_context))
+
+    def _set(self, name: str, values: tuple[float, ...]) -> None:
+        if self._values.get(name) == values:
+            return
+        self._values[name] = values
+        source = self._sources[name]
+        source.get_mutable_source_value(source.GetMyMutableContextFromRoot(self._context)).SetFromVector(values)
+
+
+def _with_eager_imu(scenario: Scenario) -> Scenario:
+    """A sample is seen after the step that follows it, so a step of the delay is in the stepping."""
+    step = scenario.simulation.step
+    imu = scenario.imu.model_copy(update={"rate": 1.0 / step, "delay": max(0.0, scenario.imu.delay - step)})
+    return scenario.model_copy(update={"imu": imu})

@@ -1,0 +1,162 @@
+"""What happens to the emulated car and when: faults of its devices, and the operator at the radio.
+
+```yaml
+schema: aerodima/emulation/1
+clock: entered          # seconds since the first motor was entered; driving: since the throttle first left neutral;
+                        # start: since the emulator was ready
+faults:
+  - {time: 1.0, fault: reply_lost, part: tail_roll, duration: 0.1}
+  - {time: 3.0, fault: unplugged, part: can}
+operator:
+  - {time: 0.0, mode: auto_when_asked}
+  - {time: 5.0, stop: true}
+```
+An operator in `auto_when_asked`, as without a script, keeps IDLE until the car reports that it waits for a choice, and
+goes back to IDLE when the car asks for that. One in `auto` sends AUTO whatever the car says.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.workbench.config.parameter_files import load_section, read_yaml
+from aerodima.workbench.config.quantity import QuantityModel, explain, quantity
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.resources import model_path
+
+SCHEMA = "aerodima/emulation/1"
+Device = Literal["can", "teensy", "imu", "gps", "radio", "console"]
+Joint = Literal["tail_pitch", "tail_roll"]
+Clock = Literal["entered", "driving", "start"]
+JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
+
+
+class Fault(StrEnum):
+    """What can go wrong. The first group is of one motor, `part` names its joint."""
+
+    REPLY_LOST = "reply_lost"
+    REPLY_CORRUPTED = "reply_corrupted"
+    REPLY_SHORT = "reply_short"
+    REPLY_LONG = "reply_long"
+    FOREIGN_ID = "foreign_id"
+    DOUBLE_ID = "double_id"
+    V3_FRAME = "v3_frame"
+    OVER_TEMPERATURE = "over_temperature"
+    MOTOR_FAULT = "motor_fault"
+    ENCODER_JUMP = "encoder_jump"
+    OUT_OF_RANGE = "out_of_range"
+    MOTOR_OFF = "motor_off"
+    BLOCKED = "blocked"
+    BUS_OFF = "bus_off"
+    TEENSY_HUNG = "teensy_hung"
+    TEENSY_OFF_BUS = "teensy_off_bus"
+    TIPPED_OVER = "tipped_over"
+    OVER_SPEED = "over_speed"
+    IMU_FROZEN = "imu_frozen"
+    SILENT = "silent"
+    UNPLUGGED = "unplugged"
+    SERIAL_NOISE = "serial_noise"
+
+
+_OF_A_MOTOR = tuple(Fault)[: tuple(Fault).index(Fault.BUS_OFF)]
+_OF_A_DEVICE = (Fault.SILENT, Fault.UNPLUGGED, Fault.SERIAL_NOISE)
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    time: float = Field(ge=0.0, description="s, on the clock of the script")
+
+
+class FaultEntry(_Entry):
+    """One fault. duration: s, None for ever. count: of the replies that it meets, None all. code: of `motor_fault`."""
+
+    fault: Fault
+    part: str | None = None
+    duration: float | None = Field(default=None, gt=0.0)
+    count: int | None = Field(default=None, ge=1)
+    code: int = Field(default=2, ge=1, le=255)
+
+    @model_validator(mode="after")
+    def _has_its_part(self) -> FaultEntry:
+        allowed: tuple[str, ...] = ()
+        if self.fault in _OF_A_MOTOR:
+            allowed = JOINTS
+        elif self.fault in _OF_A_DEVICE:
+            allowed = ("can", "teensy", "imu", "gps", "radio")
+        if (self.part is None) != (not allowed) or (self.part is not None and self.part not in allowed):
+            raise ValueError(f"part of {self.fault}: {self.part!r}; allowed: {', '.join(allowed) or 'none'}")
+        return self
+
+
+class OperatorEntry(_Entry):
+    """What the operator asks for from that time on. throttle: -1 to 1. steering, tails: rad. stop: emergency stop.
+
+    mode: as the switch stands; `auto_when_asked`: AUTO once the car asks for a choice, IDLE before; `manual_when_asked`
+    likewise.
+    """
+
+    mode: Literal["idle", "manual", "auto", "control", "auto_when_asked", "manual_when_asked"] = "auto_when_asked"
+    throttle: float = Field(default=0.0, ge=-1.0, le=1.0)
+    steering: float = Field(default=0.0, ge=-3.14, le=3.14)
+    pitch_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
+    roll_tail: float = Field(default=0.0, ge=-3.14, le=3.14)
+    stop: bool = False
+
+    def command(self, asked: bool) -> OperatorCommand:
+        """As a frame carries it; `asked`: the car asks for a choice, or did so last."""
+        chosen, waits, _ = self.mode.partition("_when_asked")
+        if waits:
+            mode = RadioMode[chosen.upper()] if asked else RadioMode.IDLE
+        else:
+            mode = RadioMode[self.mode.upper()]
+        return OperatorCommand(mode, self.throttle, self.steering, self.pitch_tail, self.roll_tail)
+
+
+class Script(BaseModel):
+    """The whole script."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    schema_: Literal["aerodima/emulation/1"] = Field(default="aerodima/emulation/1", alias="schema")
+    clock: Clock = "entered"
+    faults: tuple[FaultEntry, ...] = ()
+    operator: tuple[OperatorEntry, ...] = (OperatorEntry(time=0.0),)
+
+
+def no_faults() -> Script:
+    """The script without a fault."""
+    return Script.model_validate({})
+
+
+def read_script(path: Path) -> Script:
+    """Reads a script. Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed."""
+    data = read_yaml(path)
+    if data.get("schema") != SCHEMA:
+        raise HardwareError(f"{path}: schema: {data.get('schema')!r} cannot be read; allowed: {SCHEMA!r}")
+    try:
+        return Script.model_validate(data)
+    except ValidationError as error:
+        raise HardwareError(str(explain(error, str(path), Script))) from None
+
+
+class EmulatorNumbers(QuantityModel):
+    """What the emulated devices report, and how large the injected faults are."""
+
+    temperature: float = quantity("degC", "of a healthy motor", ge=0, le=100)
+    hot_temperature: float = quantity("degC", "of one that is too warm", ge=0, le=200)
+    encoder_jump: float = quantity("rad", "by which a reading jumps", gt=0, le=12)
+    drift_rate: float = quantity("rad/s", "with which a reading leaves its range", gt=0, le=25)
+    restart_time: float = quantity("s", "after which a hung Teensy is restarted", gt=0, le=10)
+    truth_rate: float = quantity("Hz", "rows per second of the log of the truth", gt=0, le=1000)
+    operator_rate: float = quantity("Hz", "of the operator's commands and heartbeats", gt=0, le=100)
+
+
+def load_emulator_numbers() -> EmulatorNumbers:
+    """The values of `models/parameters/hardware/emulator.yaml`; `ScenarioError` names what is wrong in it."""
+    return load_section(model_path("parameters/hardware/emulator.yaml"), EmulatorNumbers)

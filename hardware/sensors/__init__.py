@@ -1,1 +1,0 @@
-"""IMU and GPS of the car: bytes as pure functions, and the threads that read them. No Drake."""

@@ -1,0 +1,212 @@
+"""The watchdog test: the motors hold, the link is cut, and somebody sees that they are off.
+
+`direct_can`: a process that holds the motors is killed (SIGKILL); the watchdog process reports when it sent the first
+exit frame. `watched_can`: both are killed together; the Teensy reports that the heartbeat on the bus has stopped.
+`teensy_bridge`: the strings stop; the Teensy reports that its watchdog has acted. No report shows what the motors do:
+`confirm` asks the operator to move the tail by hand.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.car.open_ports import tail_motors
+from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.devices.motor_group import MotorGroup
+from aerodima.hardware.devices.teensy_link import TeensyFault, TeensyLink
+from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
+from aerodima.hardware.transport.device_lock import lock_devices
+from aerodima.hardware.transport.serial_link import SerialLink
+from aerodima.hardware.watchdog.holder import PERIOD, SETTLING
+from aerodima.hardware.watchdog.test_record import WatchdogTest, new_record, write_record
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.errors import HardwareError
+
+QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
+_START_TIME, _ACT_TIME = 30.0, 2.0
+
+
+def run_watchdog_test(
+    scenario: Scenario,
+    ports: CarPorts,
+    wiring: WiringName,
+    confirm: Callable[[str], bool],
+    seen_by: str = "operator",
+    folder: Path | None = None,
+) -> tuple[WatchdogTest, Path]:
+    """Makes a watchdog test and records it. The motors hold where they are, with the scenario's gains, for a second.
+
+    Args:
+        confirm: puts `QUESTION` to somebody who sees the motors; True if they are off.
+        seen_by: who that is.
+        folder: of the record, see `record_path`.
+
+    Raises:
+        HardwareError: the motors cannot be held, the watchdog did not act in time, or the motors were not seen off. No
+            record is written then.
+    """
+    if scenario.tail.mode == "none":
+        raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
+    cut = {"direct_can": _kill_holder, "teensy_bridge": _stop_strings, "watched_can": _kill_both}[wiring]
+    time_to_exit, what = cut(scenario, ports)
+    if not confirm(QUESTION):
+        raise HardwareError(f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded")
+    record = new_record(wiring, ports, what, time_to_exit, seen_by)
+    return record, write_record(record, folder)
+
+
+def _kill_holder(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "watchdog.json"
+        with _holding(scenario, ports, "direct_can", report) as (holder, _):
+            killed = time.monotonic()
+            holder.kill()
+            holder.wait()
+        found = _wait_for(report)
+    if not found["taken_by_driver"]:
+        raise HardwareError("watchdog test: the adapter did not take the exit frames; cut the power")
+    return max(0.0, found["first_exit_time_s"] - killed), "drive process killed (SIGKILL)"
+
+
+def _kill_both(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
+    """Nobody is left but the Teensy, which tells of itself over its own port."""
+    with tempfile.TemporaryDirectory() as folder, _Teensy(ports) as teensy:
+        with _holding(scenario, ports, "watched_can", Path(folder) / "watchdog.json") as (holder, watchdog):
+            os.kill(watchdog, signal.SIGKILL)
+            holder.kill()
+            killed = time.monotonic()
+            holder.wait()
+        while teensy.stopped is None:
+            if time.monotonic() - killed > _ACT_TIME:
+                raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
+            time.sleep(0.001)
+        return max(0.0, teensy.stopped - killed), "drive and watchdog process killed together (SIGKILL)"
+
+
+class _Teensy:
+    """Neutral strings to the Teensy, and when it first said that the heartbeat on the bus has stopped (s)."""
+
+    def __init__(self, ports: CarPorts) -> None:
+        self.stopped: float | None = None
+        self._ports, self._end = ports, threading.Event()
+        self._lock = lock_devices([ports.teensy.path], "a watchdog test")
+        try:
+            self._serial = SerialLink.open(ports.teensy.settings)
+        except HardwareError:
+            self._lock.close()
+            raise
+        self._thread = threading.Thread(target=self._turn, name="neutral-strings", daemon=True)
+
+    def __enter__(self) -> _Teensy:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+        self._serial.close()
+        self._lock.close()
+
+    def _turn(self) -> None:
+        link = TeensyLink(self._serial, self._ports.motor_ids, self._ports.profile, self._ports.string_form)
+        while not self._end.wait(PERIOD / 4):
+            link.poll()
+            if link.status is TeensyStatus.BEATS_STOPPED and self.stopped is None:
+                self.stopped = time.monotonic()
+            link.commit()
+
+
+@contextmanager
+def _holding(
+    scenario: Scenario, ports: CarPorts, wiring: WiringName, report: Path
+) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """A process that holds the motors, and the id of its watchdog; it is dead at the end of the block."""
+    content = {
+        "scenario": scenario.resolved(),
+        "ports": ports.model_dump(mode="json", by_alias=True),
+        "report": str(report),
+        "wiring": wiring,
+    }
+    holder = subprocess.Popen(
+        [sys.executable, "-P", "-m", "aerodima.hardware.watchdog.holder", json.dumps(content)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    give_up = threading.Timer(_START_TIME, holder.kill)
+    give_up.start()
+    try:
+        word, _, rest = (holder.stdout.readline().strip() if holder.stdout else "").partition(" ")
+        give_up.cancel()
+        if word != "holding":
+            raise HardwareError(rest if word == "error:" else "watchdog test: the motors could not be held")
+        yield holder, int(rest)
+    finally:
+        give_up.cancel()
+        holder.kill()
+        holder.wait()
+
+
+def _wait_for(report: Path) -> dict[str, float]:
+    end = time.monotonic() + _ACT_TIME
+    while time.monotonic() < end:
+        try:
+            content: dict[str, float] = json.loads(report.read_text(encoding="utf-8"))
+            return content
+        except (OSError, ValueError):  # not there yet, or not whole
+            time.sleep(PERIOD)
+    raise HardwareError(f"watchdog test: the watchdog process did not act within {_ACT_TIME:g} s; cut the power")
+
+
+def _stop_strings(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
+    if ports.string_form is not StringForm.CHECKED:
+        raise HardwareError("string_form: published; the Teensy reports its watchdog in the checked form only")
+    lock = lock_devices([ports.teensy.path], "a watchdog test")
+    serial = None
+    try:
+        serial = SerialLink.open(ports.teensy.settings)
+        teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+        group = MotorGroup(tail_motors(scenario, ports, load_mounting()), teensy)
+        last = _hold_over_strings(group, teensy)
+        while teensy.fault is not TeensyFault.WATCHDOG_ACTED:
+            if time.monotonic() - last > _ACT_TIME:
+                raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
+            teensy.poll()
+            time.sleep(0.001)
+        return time.monotonic() - last, "strings stopped"
+    finally:
+        if serial is not None:
+            serial.close()
+        lock.close()
+
+
+def _hold_over_strings(group: MotorGroup, teensy: TeensyLink) -> float:
+    """Enters the motors and holds them for a while; when the last string left, s."""
+    begin = due = time.monotonic()
+    holding = 0
+    while holding < SETTLING:
+        now = time.monotonic()
+        group.step(now)
+        if not teensy.fault and not holding and all(motor.state.name == "OFF" for motor in group.motors):
+            group.set_enter(now)
+        teensy.commit()
+        holding = holding + 1 if group.ready else 0
+        if group.fault_text or now - begin > _START_TIME:
+            reason = group.fault_text or teensy.fault_text or "the motors do not answer"
+            group.exit_now(now)
+            raise HardwareError(f"watchdog test: {reason}")
+        due = max(due + PERIOD, now)
+        time.sleep(due - now)
+    teensy.flush()
+    return time.monotonic()

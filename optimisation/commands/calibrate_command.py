@@ -1,0 +1,52 @@
+"""`aerodima calibrate`: from the published figures to the cars and tails that they leave possible."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
+from aerodima.workbench.cli.help_sections import THESIS
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command `calibrate`."""
+    app.command(rich_help_panel=THESIS)(calibrate)
+
+
+def calibrate(
+    out: Annotated[Path, typer.Option(help="Folder for runs, ensemble and report.")] = Path("out/calibration"),
+    plan: Annotated[str, typer.Option(help="Plan: a name of models/calibration/plans, or a file.")] = "car",
+    seed: Annotated[int | None, typer.Option(help="Seed; that of the plan when left out.")] = None,
+    workers: Annotated[int, typer.Option(help="Processes on this computer.")] = 2,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Drop the runs that are in the folder.")] = False,
+) -> None:
+    """Calibrate the car: ensemble, best set, sensitivities, validation. Ctrl-C stops it; the same command goes on."""
+    # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars are drawn, and an
+    # interrupted calibration would not go on with its own runs.
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    from aerodima.optimisation.calibration.calibration import calibrate as carry_out
+    from aerodima.optimisation.calibration.calibration_output import write_calibration
+    from aerodima.optimisation.calibration.calibration_plan import load_plan
+    from aerodima.optimisation.calibration.calibration_runs import RunStore
+    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.report.demo import terminal
+
+    chosen = load_plan(plan)
+    if seed is not None:
+        chosen = chosen.model_copy(update={"seed": seed})
+    store = RunStore(out, (*chosen.car, *chosen.tail), force=force)
+    say = terminal()
+    try:
+        with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+            result = carry_out(chosen, store, engine, say)
+            report = write_calibration(result, out, store, engine, say)
+    except KeyboardInterrupt:
+        say(f"stopped: {len(store)} runs are in {store.path}; the same command goes on with the rest")
+        raise
+    typer.echo(report)

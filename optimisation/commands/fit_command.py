@@ -1,0 +1,309 @@
+"""`aerodima fit ...`: from logs and tables to coefficients with intervals."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from aerodima.optimisation.commands import fit_batch_report as report
+from aerodima.workbench.cli.help_sections import COEFFICIENTS
+
+Logs = Annotated[list[Path], typer.Argument(help="Logs (Parquet), or data files.")]
+Out = Annotated[Path, typer.Option(help="Folder for CSV, YAML, PNG and report.html.")]
+Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
+Force = Annotated[bool, typer.Option("--force", help="Drop earlier results in the folder.")]
+Seeds = Annotated[int, typer.Option(help="Random starts beside the published seed.", min=0, max=1000)]
+LossOption = Annotated[str, typer.Option(help="squares, or huber: samples that lie far off are held back.")]
+BoundOption = Annotated[
+    list[str] | None, typer.Option("--bound", help="name=lowest,highest of a parameter; may be repeated.")
+]
+
+Rig = Annotated[
+    str, typer.Option(help="Rig scenario the logs were made on: name or YAML file; default: the log's own.")
+]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", help="section.key=value of the rig, over --rig; may be repeated.")
+]
+
+Free = Annotated[
+    str, typer.Option(help="Constants and instrument errors that are unknowns: encoder_zero,current_delay, ...")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the group `fit`."""
+    group = typer.Typer(no_args_is_help=True, help="Fit coefficients to logs and tables.")
+    group.callback()(_group)
+    group.command()(static)
+    group.command()(friction)
+    group.command("added-mass")(added_mass)
+    group.command("robot-tail")(robot_tail)
+    group.command()(springs)
+    group.command()(throttle)
+    group.command()(published)
+    group.command("tail-size")(tail_size)
+    app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
+
+
+def _group() -> None:
+    """Fit coefficients to logs and tables: value, 95 % interval, what the data do not determine."""
+
+
+def static(
+    logs: Logs,
+    out: Out,
+    bounds: Annotated[str, typer.Option(help="wide, or printed (Tables 4.10 and 10.1-10.5).")] = "wide",
+    freeze: Annotated[list[str] | None, typer.Option(help="cd, cl, psi3 or current keeps its published seed.")] = None,
+    rest: Annotated[tuple[float, float] | None, typer.Option(help="Start and end of the rest (wind off), s.")] = None,
+    seeds: Seeds = 0,
+    drift: Annotated[str, typer.Option(help="Of the force sensor: linear, quadratic or exponential.")] = "linear",
+    loss: Annotated[str, typer.Option(help="For the samples: squares, huber, or bisquare (bursts).")] = "squares",
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
+    workers: Workers = 2,
+    force: Force = False,
+) -> None:
+    """C_D, C_L, psi3 and holding current of static holds.
+
+    Drift and step of the readings go through all samples of rest and hold, by the loss; the hold is then fitted to
+    seven means.
+
+    Example: aerodima fit static logs/*.parquet --out fits --set maxon.torque_constant=0.40
+    """
+    from aerodima.optimisation.identify.hold_mean import DRIFTS, HOLD_LOSSES
+    from aerodima.optimisation.identify.log_fits import fit_static_log
+    from aerodima.optimisation.identify.static import UNITS
+
+    for name in freeze or []:
+        report.choice("--freeze", name, tuple(UNITS))
+    chosen: Any = report.choice("--bounds", bounds, ("wide", "printed"))
+    drifts: Any = report.choice("--drift", drift, DRIFTS)
+    hold_loss: Any = report.choice("--loss", loss, HOLD_LOSSES)
+    options, more = _options("squares", None, rig, set_, free, drift=drifts, hold_loss=hold_loss)
+    settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
+    settings |= {key: value for key, value in more.items() if key not in ("loss", "bound")}
+    work = partial(
+        fit_static_log, bounds=chosen, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest, options=options
+    )
+    report.fit_batch("Static fits", work, logs, out, settings, workers, force, report.static_tables)
+
+
+def friction(
+    logs: Logs,
+    out: Out,
+    stribeck: Annotated[bool, typer.Option("--stribeck", help="Also a breakaway torque that dies out.")] = False,
+    loss: LossOption = "squares",
+    bound: BoundOption = None,
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
+    workers: Workers = 2,
+    force: Force = False,
+) -> None:
+    """Coulomb and viscous friction of bar swings, or of robot swings.
+
+    Example: aerodima fit friction bar_*.parquet --out fits
+    """
+    from aerodima.optimisation.identify.log_fits import fit_friction_log
+    from aerodima.optimisation.identify.swing_fit import friction_names
+
+    options, chosen = _options(loss, bound, rig, set_, free)
+    options.require_known(friction_names(stribeck))
+    work = partial(fit_friction_log, stribeck=stribeck, options=options)
+    settings = {"fit": "friction", "stribeck": stribeck, **chosen}
+    report.fit_batch("Friction", work, logs, out, settings, workers, force, report.averages)
+
+
+def added_mass(
+    logs: Logs,
+    out: Out,
+    seed: Annotated[
+        list[str] | None,
+        typer.Option(help="zero, potential-flow, table-4.12 (nearest wind), table-4.12-10, table-4.12-20, or kg."),
+    ] = None,
+    bounds: Annotated[str, typer.Option(help="wide, or printed (Table 4.12).")] = "wide",
+    loss: LossOption = "squares",
+    bound: BoundOption = None,
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
+    workers: Workers = 2,
+    force: Force = False,
+) -> None:
+    """Added mass of swings, and the comparison of thesis section 4.9: QSS against QSS-AM.
+
+    Position, six reactions, coefficients and Reynolds number of the sections, verdict per wind speed, and the fitted
+    mass beside pi R^2 rho of potential flow. Without --seed it starts from zero and from table-4.12.
+
+    Example: aerodima fit added-mass flick_*.parquet --out fits
+    """
+    from aerodima.optimisation.identify.added_mass import BOUNDS, DEFAULT_SEEDS, require_seed
+    from aerodima.optimisation.identify.log_fits import fit_added_mass_log
+
+    seeds = tuple(dict.fromkeys(seed or DEFAULT_SEEDS))
+    for name in seeds:
+        require_seed(name)
+    limits: Any = report.choice("--bounds", bounds, BOUNDS)
+    options, chosen = _options(loss, bound, rig, set_, free)
+    options.require_known(["added_mass"])
+    work = partial(fit_added_mass_log, seeds=seeds, bounds=limits, options=options)
+    settings = {"fit": "added-mass", "seeds": list(seeds), "bounds": bounds, **chosen}
+    title = "Added mass: QSS against QSS-AM"
+    report.fit_batch(title, work, logs, out, settings, workers, force, report.compared)
+
+
+def robot_tail(
+    logs: Logs,
+    out: Out,
+    shape: Annotated[str, typer.Option(help="C_N as constant, line or bins over the relative speed.")] = "bins",
+    loss: LossOption = "squares",
+    bound: BoundOption = None,
+    rig: Rig = "",
+    set_: Set = None,
+    free: Free = "",
+    workers: Workers = 2,
+    force: Force = False,
+) -> None:
+    """C_N of the robot tail from its swings.
+
+    Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
+    """
+    from aerodima.optimisation.identify.log_fits import fit_robot_tail_log
+
+    shaped: Any = report.choice("--shape", shape, ("constant", "line", "bins"))
+    options, chosen = _options(loss, bound, rig, set_, free)
+    work = partial(fit_robot_tail_log, shape=shaped, options=options)
+    settings = {"fit": "robot-tail", "shape": shape, **chosen}
+    report.fit_batch("Robot tail", work, logs, out, settings, workers, force, report.robot_tables)
+
+
+def springs(logs: Logs, out: Out, loss: LossOption = "squares", workers: Workers = 1, force: Force = False) -> None:
+    """Spring rates from CSV files with displacement_m and force_n.
+
+    Example: aerodima fit springs front_tyre.csv rear_tyre.csv --out fits
+    """
+    from aerodima.optimisation.identify.log_fits import fit_spring_file
+
+    options, _ = _options(loss)
+    work = partial(fit_spring_file, loss=options.loss)
+    report.fit_batch("Spring rates", work, logs, out, {"fit": "springs", "loss": loss}, workers, force)
+
+
+def throttle(
+    logs: Logs,
+    out: Out,
+    window: Annotated[float, typer.Option(help="Length of the steady end of a part, s.", min=0.1)] = 1.0,
+    drift: Annotated[float, typer.Option(help="Largest change of speed over it, of the mean.", min=0.0)] = 0.03,
+    loss: LossOption = "squares",
+) -> None:
+    """Throttle to steady speed, one line through the steady parts of all drives.
+
+    There is one fit, over all drives; reading them takes no time worth keeping, so a second call begins anew.
+
+    Example: aerodima fit throttle drive_1.parquet drive_2.parquet --out fits
+    """
+    import pandas as pd
+
+    from aerodima.optimisation.fit.fit_report import write_report
+    from aerodima.optimisation.identify.throttle import SteadyRule, fit_throttle, read_drive, steady_points
+    from aerodima.workbench.errors import UserError
+
+    options, _ = _options(loss)
+    rule = SteadyRule(window=window, drift=drift)
+    points, failed = [], {}
+    for path in logs:
+        try:
+            found = steady_points(read_drive(path), rule, str(path))
+        except UserError as error:
+            failed[str(path)] = str(error)
+            continue
+        if not found:
+            failed[str(path)] = "no steady part: no throttle was held until the speed settled"
+        points += found
+    report.warn(failed)
+    result = fit_throttle(points, loss=options.loss)
+    units = {"speed": "speed_m_per_s", "scatter": "scatter_m_per_s", "start": "start_s", "end": "end_s"}
+    table = pd.DataFrame(points).rename(columns=units)
+    write_report(out, "Throttle to speed", [result], failed=failed, tables={"steady_points": table})
+    report.show([result])
+    report.finish(out, failed, len(logs))
+
+
+def _options(
+    loss: str,
+    bound: list[str] | None = None,
+    rig: str = "",
+    set_: list[str] | None = None,
+    free: str = "",
+    **more: Any,
+) -> tuple[Any, dict[str, Any]]:
+    """The `FitOptions` of a command, and what of them tells results apart; what is as ever is not in it."""
+    from aerodima.optimisation.fit.robust_loss import LOSSES
+    from aerodima.optimisation.identify.fit_options import FitOptions
+
+    chosen: Any = report.choice("--loss", loss, LOSSES)
+    names = tuple(dict.fromkeys(name.strip() for name in free.split(",") if name.strip()))
+    options = FitOptions(chosen, report.bounds_of(bound), rig, tuple(set_ or ()), names, **more)
+    told = {key: value for key, value in asdict(options).items() if value != getattr(FitOptions(), key)}
+    return options, {"loss": loss, "bound": [list(entry) for entry in options.bounds], **told}
+
+
+def published(
+    out: Out,
+    seeds: Annotated[int, typer.Option(help="Random starts for the rig constants.", min=0, max=100)] = 2,
+) -> None:
+    """Recompute what the published tables allow: rig constants, averages, errata.
+
+    Example: aerodima fit published --out fits
+    """
+    from aerodima.optimisation.fit.fit_errors import FitError
+    from aerodima.optimisation.fit.fit_report import write_report
+    from aerodima.optimisation.identify.published_check import check_published
+    from aerodima.workbench.atomic_write import make_folder
+
+    make_folder(out, FitError)
+    found = check_published(seeds)
+    tables = {
+        "currents_by_cell": found.constants.by_cell,
+        "current_outliers": found.constants.outliers,
+        "weighted_averages": found.averages,
+        "static_cells": found.cells,
+        "flags": found.flag_table,
+    }
+    write_report(
+        out, "Published tables", [found.constants.fit, found.robot_tail_line], tables=tables, notes=found.notes()
+    )
+    for note in found.notes():
+        typer.echo(note)
+    typer.echo(f"wrote {out / 'report.html'}")
+
+
+def tail_size(
+    out: Out,
+    tails: Annotated[int, typer.Option(help="Tails drawn from the prior.", min=2**8, max=2**20)] = 2**15,
+    seed: Annotated[int, typer.Option(help="Of the draw.", min=0)] = 1,
+) -> None:
+    """Size of the robot's sail from the published swings in the tunnel (thesis section 6.3).
+
+    Possible tails are swung and weighted by the published speeds; prior: models/identification/tail_size.yaml.
+    Example: aerodima fit tail-size --out fits
+    """
+    from aerodima.optimisation.fit.fit_errors import FitError
+    from aerodima.optimisation.fit.fit_report import write_report
+    from aerodima.optimisation.identify.tail_size import find_tails, published_ranges
+    from aerodima.optimisation.identify.tail_size_tables import report_tables
+    from aerodima.workbench.atomic_write import make_folder
+
+    make_folder(out, FitError)
+    with typer.progressbar(length=tails, label="swinging", file=sys.stderr) as bar:
+        found = find_tails(published_ranges(), tails, seed, progress=bar.update)
+    result, tables, figures = report_tables(found, seed)
+    write_report(out, "Size of the robot's sail from the tunnel", [result], tables=tables, figures=figures)
+    report.show([result])
+    report.finish(out, {}, 1)

@@ -1,0 +1,68 @@
+"""`aerodima leaderboard`: every tail controller on the same turns and the same possible cars."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodima.workbench.cli.help_sections import SWINGS
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command(rich_help_panel=SWINGS)(leaderboard)
+
+
+def leaderboard(
+    out: Annotated[Path, typer.Option(help="Folder for tables, page, replays and runs.")] = Path("out/leaderboard"),
+    swing: Annotated[
+        list[str] | None, typer.Option(help="Swing file or name, may be repeated; by default all that ship.")
+    ] = None,
+    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
+    members: Annotated[
+        int | None, typer.Option(help="Only that many members, drawn by weight; 0: the own car alone.", min=0)
+    ] = None,
+    speed: Annotated[
+        list[float] | None, typer.Option(help="Speed of the turn, m/s; may be repeated.", min=1.0, max=8.0)
+    ] = None,
+    robustness: Annotated[bool, typer.Option(help="Also play the best swing with what was not planned.")] = True,
+    quick: Annotated[bool, typer.Option("--quick", help="One speed, coarse searches, no robustness.")] = False,
+    step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-4, max=0.005)] = 0.002,
+    replays: Annotated[bool, typer.Option(help="Write a replay of each controller.")] = True,
+    workers: Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")] = 2,
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler to use instead.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Drop runs of other parameters or versions.")] = False,
+) -> None:
+    """Compare no tail, held, 8 rad/s, the best fixed speed and optimised swings by what the car survives.
+
+    Asked for again after Ctrl-C, or with more members, it keeps the runs that are there.
+    Example: aerodima leaderboard --members 2 --quick --out out/leaderboard
+    """
+    import sys
+    from dataclasses import replace
+
+    from aerodima.optimisation.studies.leaderboard.contestants import shipped_swings, standard_contestants
+    from aerodima.optimisation.studies.leaderboard.leaderboard import make_leaderboard
+    from aerodima.optimisation.studies.leaderboard.leaderboard_runs import QUICK, Plan
+    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.config.ensemble import load_ensemble
+
+    swings = swing if swing is not None else shipped_swings()
+    standard_contestants(swings)
+    cars = load_ensemble(ensemble)
+    chosen = cars.members if members is None else cars.drawn(members) if members else ()
+    plan = replace(QUICK if quick else Plan(perturbed=robustness), step=step)
+    if speed:
+        plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
+    say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
+    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        board, files = make_leaderboard(out, plan, swings, chosen, engine, replays=replays, force=force, say=say)
+    for row in board.claims.to_dict("records"):
+        typer.echo(
+            f"{row['controller']:42} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f} "
+            f"({row['gain_over_8_rad_per_s']:+.1%}), heading {row['heading_ratio']:.1%} of that with 8 rad/s"
+        )
+    typer.echo(f"page: {files[-1]}")

@@ -1,0 +1,127 @@
+"""`aerodima optimise swing`: from a scenario to a swing file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from aerodima.workbench.cli.help_sections import SWINGS
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the group `optimise`."""
+    group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
+    group.callback()(_group)
+    group.command()(swing)
+    app.add_typer(group, name="optimise", rich_help_panel=SWINGS)
+
+
+def _group() -> None:
+    """Find tail swings that let the car turn with more grip or speed."""
+
+
+def swing(
+    scenario: Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")],
+    out: Annotated[Path, typer.Option(help="Swing file to write.")] = Path("swing.yaml"),
+    dof: Annotated[int, typer.Option(help="1: roll; 2: roll and pitch.")] = 1,
+    objective: Annotated[str, typer.Option(help="friction, speed, roll or effort.")] = "friction",
+    seed: Annotated[int, typer.Option(help="Of the random starts.", min=0)] = 1,
+    starts: Annotated[int, typer.Option(help="Random starts per round.", min=1, max=1000)] = 4,
+    knots: Annotated[int, typer.Option(help="Of the first mesh.", min=11, max=121)] = 41,
+    length: Annotated[float, typer.Option(help="Length of the swing from its release, s.", min=0.2, max=3.0)] = 1.0,
+    threshold: Annotated[float | None, typer.Option(help="Yaw rate that releases the swing, rad/s.")] = None,
+    wait: Annotated[float, typer.Option(help="Fixed rest after the release, s; 0 leaves it free.", min=0.0)] = 0.0,
+    torque: Annotated[float | None, typer.Option(help="Torque limit, N m; the motor's by default.")] = None,
+    rounds: Annotated[
+        int, typer.Option(help="Most rounds of profile, solution, full car; 0: only polish.", min=0, max=20)
+    ] = 4,
+    bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
+    solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
+    members: Annotated[int, typer.Option(help="Cars drawn from the ensemble to serve as well.", min=0)] = 0,
+    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
+    polish: Annotated[
+        int, typer.Option(help="Candidates to drive in a polish on the full car; 0: none.", min=0, max=100_000)
+    ] = 0,
+    feedback: Annotated[bool, typer.Option(help="Store gains for the tracker with the swing.")] = True,
+    workers: Annotated[int, typer.Option(help="Worker processes of the polish.", min=1)] = 2,
+    wall_time: Annotated[float, typer.Option(help="Limit of the collocation, s.", min=1.0)] = 600.0,
+    warm_start: Annotated[
+        str | None, typer.Option(help="Swing to begin with: a file, or the name of one that ships.")
+    ] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the swing file.")] = False,
+) -> None:
+    """The swing with which the car survives most friction or speed, rolls least, or asks least of its motors.
+
+    With --polish the full car has the last word: most friction, turning at least 95 % as far as the published swing.
+    An interrupted search goes on when the same command is given again.
+
+    Example: aerodima optimise swing turn_swing --set manoeuvre.speed=4.5 --threshold 0.5 --out swing.yaml
+    """
+    from contextlib import nullcontext
+
+    from aerodima.optimisation.fit.fit_errors import SwingError
+    from aerodima.optimisation.sweep.study_engine import SerialEngine, open_engine
+    from aerodima.optimisation.swing.swing_search import Options, optimise_swing
+    from aerodima.optimisation.swing.transcription import OBJECTIVES
+    from aerodima.workbench.atomic_write import make_folder, refuse_existing
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.config.swing_file import write_swing
+    from aerodima.workbench.controllers.law_of_scenario import find_swing
+
+    chosen: Any = objective
+    solver_name: Any = solver
+    for flag, value, allowed in (
+        ("--objective", objective, OBJECTIVES),
+        ("--solver", solver, ("snopt", "ipopt")),
+        ("--dof", dof, (1, 2)),
+    ):
+        if value not in allowed:
+            raise SwingError(f"{flag}: {value!r}; allowed: {', '.join(map(str, allowed))}")
+    refuse_existing(out, force, SwingError)
+    make_folder(out.parent, SwingError)
+    _refuse_unwritable(out.parent)
+    options = Options(
+        dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
+        torque=torque, rounds=rounds, bound=bound, solver=solver_name, warm_start=warm_start or "",
+        ensemble=ensemble, members=members,
+        polish=polish, feedback=feedback, wall_time=wall_time,
+    )  # fmt: skip
+    turn = load_scenario(scenario, list(settings or []))
+    record = out.with_suffix(".workers.jsonl")
+    with open_engine(workers, record=record) if polish else nullcontext(SerialEngine()) as engine:
+        found = optimise_swing(
+            turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
+            warm_start=None if warm_start is None else find_swing(warm_start),
+            checkpoint=out.with_suffix(".search.json"), engine=engine, told=lambda line: typer.echo(line, err=True),
+        )  # fmt: skip
+    write_swing(found, out, force=force)
+    facts = found.provenance.found
+    typer.echo(f"swing: {out}")
+    if "survived_friction" in facts:
+        typer.echo(
+            f"full car: clean at {facts['survived_speed_m_per_s']:.2f} m/s, friction {facts['survived_friction']:.3f}, "
+            f"peak roll {facts['peak_roll_rad']:.3f} rad"
+        )
+    if "heading_ratio" in facts:
+        typer.echo(
+            f"heading: {facts['heading_ratio']:.1%} of the published swing's at friction "
+            f"{facts['reference_friction']:.3f}, the highest that both survive"
+        )
+    if "collocation_error_rad" in facts:
+        typer.echo(f"collocation error {facts['collocation_error_rad']:.4f} rad on {facts['knots']} knots")
+
+
+def _refuse_unwritable(folder: Path) -> None:
+    """A search takes minutes: that its result cannot be written is said before it."""
+    import tempfile
+
+    from aerodima.optimisation.fit.fit_errors import SwingError
+
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as cause:
+        raise SwingError(f"{folder}: cannot be written ({cause.strerror}); allowed: another --out") from None

@@ -1,0 +1,79 @@
+"""`aerodima verify`: a swing file against the full car and the ensemble."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodima.workbench.cli.help_sections import SWINGS
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command(rich_help_panel=SWINGS)(verify)
+
+
+def verify(
+    swing: Annotated[str, typer.Argument(help="Swing file (YAML), or the name of one that ships.")],
+    out: Annotated[Path, typer.Option(help="Folder for verification.csv, verification.yaml and report.html.")],
+    scenario: Annotated[
+        str | None, typer.Option(help="Turn to make; by default the one that the file names, else turn_swing.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=4.5; may be repeated.")
+    ] = None,
+    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
+    members: Annotated[int | None, typer.Option(help="Only that many members, drawn by weight.", min=1)] = None,
+    step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
+    tracking: Annotated[str, typer.Option(help="automatic, feedback, torque, joint_pd or open_loop.")] = "automatic",
+    workers: Annotated[int, typer.Option(help="Worker processes.")] = 2,
+    other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier report.")] = False,
+) -> None:
+    """Simulate a swing forward at the fine step, on its own car and over the ensemble, and judge it.
+
+    Verified is what survives clean, keeps its limits and clearances, and turns at least 95 % as far as the thesis'
+    swing at the highest friction that both survive. Exits with 2 when it is not; the report is written all the same.
+
+    Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
+    """
+    from aerodima.optimisation.fit.fit_errors import SwingError
+    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.optimisation.swing.verification import verify_swing
+    from aerodima.optimisation.swing.verification_report import PAGE, RUNS, VERDICT, write_verification
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.controllers.law_of_scenario import find_swing, law_of_scenario, refuse_other_car
+    from aerodima.workbench.plants.clearance import make_range_of_motion
+
+    for name in (RUNS, VERDICT, PAGE):
+        refuse_existing(out / name, force, SwingError)
+    played = find_swing(swing)
+    turn = scenario or played.provenance.scenario or "turn_swing"
+    path = str(Path(swing).resolve()) if Path(swing).exists() else swing
+    given = [*(settings or []), "tail.mode=swing", f"controller.swing_file={path}", f"controller.tracking={tracking}"]
+    resolved = load_scenario(turn, given)
+    law_of_scenario(resolved)
+    if not other_car:
+        refuse_other_car(resolved)
+    cars = load_ensemble(ensemble)
+    motion = make_range_of_motion(resolved, 25, 25)
+    runs = 2 * (len(cars.members) if members is None else min(members, len(cars.members)))
+    typer.echo(f"{runs} runs of the ensemble at a step of {1000 * step:g} ms, and the car of the swing", err=True)
+
+    with open_engine(workers, record=out / WORKER_RECORD) as engine:
+        found = verify_swing(
+            played, path, turn, settings or [], cars, motion, members=members, step=step, tracking=tracking,
+            engine=engine,
+        )  # fmt: skip
+    for file in write_verification(out, played, found, force=force):
+        typer.echo(f"written: {file}")
+    share = ", ".join(f"{who} {value:.0%}" for who, value in found.survival.items())
+    typer.echo(f"share of the ensemble that survives clean: {share}")
+    if found.complaints:
+        raise SwingError(f"swing {played.name}: not verified: {'; '.join(found.complaints)}")
+    typer.echo(f"verified: {played.name}")

@@ -1,0 +1,1 @@
+"""Fits: parameters, data, residual, least squares, intervals, batches and their report."""

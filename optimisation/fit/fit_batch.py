@@ -1,0 +1,174 @@
+"""Fits of many logs: parallel, resumable, and one bad log does not stop the others.
+
+Every finished log adds a line to `fits.jsonl` in the output folder. A second call with the same settings reads those
+lines and only works on what is missing, has changed since, or was fitted by other versions of the software.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
+from aerodima.workbench.atomic_write import make_folder
+from aerodima.workbench.batch import WORKER_RECORD, run_batch
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import software_versions
+
+JOURNAL = "fits.jsonl"
+WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """Outcome of a batch.
+
+    Attributes:
+        results: in the order of the logs; several per log are allowed.
+        failed: log -> reason, for the logs that could not be fitted.
+        reused: number of logs whose result was there already.
+    """
+
+    results: list[FitResult]
+    failed: dict[str, str]
+    reused: int = 0
+
+
+Fit = Callable[[str], FitResult]
+
+
+def fit_logs(
+    work: Fit,
+    logs: Sequence[Path | str],
+    out: Path,
+    *,
+    settings: dict[str, Any],
+    workers: int = 1,
+    force: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> BatchResult:
+    """Fits every log and keeps what is finished in `out`.
+
+    Args:
+        work: fits the log of a path; a function of a module, or a `functools.partial` of one.
+        logs: paths.
+        out: output folder; made when it is not there.
+        settings: of the fit, JSON-able; results of other settings are refused unless `force`.
+        workers: processes.
+        force: drop earlier results.
+        progress: told how many logs of how many are done.
+
+    Raises:
+        FitError: a log is named twice, none is named, or the folder holds results of other settings.
+    """
+    names = [str(path) for path in logs]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice or not names:
+        raise FitError(f"{twice[0]}: named twice" if twice else "no log is named")
+    make_folder(out, FitError)
+    journal = out / JOURNAL
+    if force:
+        journal.unlink(missing_ok=True)
+    versions = json.dumps(software_versions(), sort_keys=True)
+    keys = {name: _key(name, versions) for name in names}
+    known = _read(journal, settings)
+    done = {name: known[name] for name in names if name in known and known[name]["key"] == keys[name]}
+    missing = [name for name in names if name not in done]
+    with journal.open("a", encoding="utf-8") as stream:
+        if journal.stat().st_size and not journal.read_bytes().endswith(b"\n"):
+            stream.write("\n")  # the line that an interruption cut off
+        if not _lines(journal):
+            stream.write(json.dumps({"settings": settings}, sort_keys=True) + "\n")
+            stream.flush()
+
+        def keep(count: int, line: dict[str, Any]) -> None:
+            line["key"] = keys[line["log"]]
+            if line["error"] != WORKER_KILLED:  # a second call tries it again
+                stream.write(json.dumps(line) + "\n")
+                stream.flush()
+            done[line["log"]] = line
+            if progress is not None:
+                progress(len(names) - len(missing) + count, len(names))
+
+        if missing:
+            run_batch(partial(_one, work), missing, workers, keep, _lost, record=out / WORKER_RECORD)
+    lines = [done[name] for name in names]
+    return BatchResult(
+        [_result(line["result"]) for line in lines if line["result"] is not None],
+        {line["log"]: line["error"] for line in lines if line["error"]},
+        len(names) - len(missing),
+    )
+
+
+def fitted_logs(out: Path) -> list[tuple[str, FitResult]]:
+    """Log and result of every fit that a batch finished in a folder; FitError when there is none."""
+    lines = _lines(out / JOURNAL)
+    found = [(line["log"], _result(line["result"])) for line in lines[1:] if line.get("result") is not None]
+    if not found:
+        raise FitError(f"{out}: holds no finished fits (no {JOURNAL})")
+    return list(dict(found).items())
+
+
+def _one(work: Fit, name: str) -> dict[str, Any]:
+    """The outcome of one log as plain data; errors of the log are part of it."""
+    try:
+        return {"log": name, "result": asdict(work(name)), "error": ""}
+    except (UserError, OSError) as error:
+        reason = str(error).removeprefix(f"{name}: ")
+        return {"log": name, "result": None, "error": reason}
+    except Exception as error:  # whatever one log brings up must not cost the others
+        return {"log": name, "result": None, "error": f"{type(error).__name__} in its fit: {error}"}
+
+
+def _lost(name: str) -> dict[str, Any]:
+    """The outcome of a log whose worker process was killed twice."""
+    return {"log": name, "result": None, "error": WORKER_KILLED}
+
+
+def _key(name: str, versions: str) -> str:
+    """Changes when the file or the versions of the software do."""
+    try:
+        state = Path(name).stat()
+    except OSError:
+        return "missing"
+    return hashlib.sha256(f"{state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
+
+
+def _read(journal: Path, settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Earlier lines by log."""
+    lines = _lines(journal)
+    if not lines:
+        return {}
+    if lines[0].get("settings") != json.loads(json.dumps(settings)):
+        raise FitError(f"{journal}: holds results of other settings; choose another folder, or drop them with --force")
+    return {line["log"]: line for line in lines[1:] if {"log", "key", "result", "error"} <= line.keys()}
+
+
+def _lines(journal: Path) -> list[dict[str, Any]]:
+    """Everything in a journal; a line that was cut off or damaged is ignored."""
+    if not journal.is_file():
+        return []
+    lines = []
+    for text in journal.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            line = json.loads(text)
+        except ValueError:
+            continue
+        if isinstance(line, dict):
+            lines.append(line)
+    return lines
+
+
+def _result(data: dict[str, Any]) -> FitResult:
+    values = dict(data)
+    values["estimates"] = tuple(Estimate(**estimate) for estimate in values["estimates"])
+    values["covariance"] = tuple(tuple(row) for row in values["covariance"])
+    for name in ("attempts", "unseen", "warnings"):
+        values[name] = tuple(values[name])
+    return FitResult(**values)

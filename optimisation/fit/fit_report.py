@@ -1,0 +1,296 @@
+"""What a fit leaves in its folder: one CSV row per fit, the whole results as YAML, figures as PNG, one HTML page."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from matplotlib.figure import Figure
+
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_figures import figures_of
+from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names, short_name
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.logs.schema import software_versions
+
+SCHEMA = "aerodima/fit-report/1"
+_FEW = 2
+_MOST_DECIMALS = 9
+_LEAST_SHARE = 0.01
+"""Of a variance, that is shown."""
+_HEADINGS = {
+    "estimates": "Estimates over the fits",
+    "residuals": "Residuals over the fits",
+    "curves": "Measured and model",
+    "averages": "Averages over the logs",
+    "areas": "Likelihood of an area, all else free",
+    "variants": "One choice made otherwise: 95 % upper bounds",
+    "nuisances": "One parameter held in a fifth of its prior: 95 % upper bounds",
+    "swings": "Published and simulated tail speed of every swing",
+    "tail_speeds": "Published and simulated tail speeds over wind",
+    "by_wind_speed": "Per tail, axis and wind speed",
+    "qss_against_qss_am": "Per log: quasi-steady law (QSS) against the same with added mass (QSS-AM)",
+}
+"""Table or figure -> heading; the others are headed by their name."""
+_LONG = 40
+"""Cells of more characters than this may wrap."""
+_STYLE = (
+    "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem;color:#1b1f24}"
+    "table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:1rem 0}"
+    "th,td{border-bottom:1px solid #d0d7de;padding:.25rem .7rem;text-align:right}"
+    "td{white-space:nowrap}th:first-child,td:first-child,td.words{text-align:left}"
+    "td.words{white-space:normal;min-width:32rem}"
+    ".table{overflow-x:auto}table{border:0}img{max-width:100%}.warn{color:#9a3412}"
+)
+
+
+def write_report(
+    folder: Path,
+    title: str,
+    results: Sequence[FitResult],
+    *,
+    failed: Mapping[str, str] | None = None,
+    tables: Mapping[str, pd.DataFrame] | None = None,
+    notes: Sequence[str] = (),
+    figures: Mapping[str, Figure] | None = None,
+) -> list[Path]:
+    """Writes `fits.csv`, `fits.yaml`, `*.png` and `report.html`; files of an earlier report are replaced.
+
+    Args:
+        failed: logs that could not be fitted, with the reason.
+        tables: further tables by name, each also written as `<name>.csv` and into the YAML.
+        notes: paragraphs above the results.
+        figures: further figures by name.
+
+    Returns:
+        The files written.
+    """
+    make_folder(folder, FitError)
+    failed, tables = dict(failed or {}), dict(tables or {})
+    texts = {"fits.csv": pd.DataFrame([result.row() for result in results]).to_csv(index=False)}
+    texts["fits.yaml"] = _yaml(title, results, failed, notes, tables)
+    budget = budget_table(results)
+    if len(budget):
+        texts["budget.csv"] = budget.to_csv(index=False)
+    texts |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
+    pictures = {}
+    for name, figure in {**figures_of(results), **(figures or {})}.items():
+        buffer = BytesIO()
+        figure.savefig(buffer, dpi=110)
+        pictures[name] = buffer.getvalue()
+    texts["report.html"] = _page(title, results, failed, tables, notes, pictures)
+    # All of it is made before any of it replaces what is there.
+    content = {name: text.encode() for name, text in texts.items()}
+    content |= {f"{name}.png": data for name, data in pictures.items()}
+    return [_put(folder / name, data) for name, data in content.items()]
+
+
+def _put(path: Path, data: bytes) -> Path:
+    def write(place: Path) -> None:
+        place.write_bytes(data)
+
+    return write_atomically(path, write, True, FitError)
+
+
+def _yaml(
+    title: str,
+    results: Sequence[FitResult],
+    failed: Mapping[str, str],
+    notes: Sequence[str],
+    tables: Mapping[str, pd.DataFrame],
+) -> str:
+    content = {
+        "schema": SCHEMA,
+        "title": title,
+        "versions": software_versions(),
+        "notes": list(notes),
+        "failed": dict(failed),
+        "tables": {name: table.to_dict("records") for name, table in tables.items()},
+        "fits": [_plain(result) for result in results],
+    }
+    return yaml.safe_dump(_numbers(content), sort_keys=False, allow_unicode=True, width=120)
+
+
+def _plain(result: FitResult) -> dict[str, Any]:
+    content = {
+        key: getattr(result, key)
+        for key in ("name", "facts", "success", "status", "cost", "effective_samples", "residual_rms")
+    }
+    content["estimates"] = [asdict(estimate) for estimate in result.estimates]
+    content |= {"covariance": result.covariance, "not_determined": result.unseen, "warnings": result.warnings}
+    content |= {"rig": dict(result.rig), "budget": result.budget, "constants": result.constants}
+    return content | {"attempts": result.attempts}
+
+
+def _numbers(value: Any) -> Any:
+    """Plain Python values all the way down."""
+    if isinstance(value, Mapping):
+        return {str(key): _numbers(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_numbers(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def _page(
+    title: str,
+    results: Sequence[FitResult],
+    failed: Mapping[str, str],
+    tables: Mapping[str, pd.DataFrame],
+    notes: Sequence[str],
+    pictures: Mapping[str, bytes],
+) -> str:
+    parts = [
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>',
+        f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>",
+        *(f"<p>{html.escape(note)}</p>" for note in notes),
+    ]
+    if failed:
+        parts.append(f"<h2>{len(failed)} could not be fitted</h2><ul class=warn>")
+        parts += [f"<li>{html.escape(name)}: {html.escape(reason)}</li>" for name, reason in failed.items()]
+        parts.append("</ul>")
+    if results:
+        parts += ["<h2>Results</h2>", _results_table(results)]
+        warned = [(result.name, result.warnings) for result in results if result.warnings]
+        if warned:
+            parts.append("<h2>Warnings</h2><ul class=warn>")
+            parts += [f"<li>{html.escape(name)}: {html.escape('; '.join(words))}</li>" for name, words in warned]
+            parts.append("</ul>")
+    parts += [*_budget(results), *_rig(results)]
+    for name, table in tables.items():
+        parts += [
+            f"<h2>{html.escape(_heading(name))}</h2>",
+            _frame(table),
+            f"<p>The same in <code>{html.escape(name)}.csv</code>.</p>",
+        ]
+    for name, data in pictures.items():
+        code = base64.b64encode(data).decode()
+        words = html.escape(_heading(name))
+        parts.append(f'<h2>{words}</h2><img alt="{words}" src="data:image/png;base64,{code}">')
+    return "\n".join(parts) + "</html>\n"
+
+
+def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
+    """Shares of the variance of every determined parameter: a row each, a column for noise and each constant."""
+    rows = [
+        {"fit": short_name(result.name), "parameter": name, **{key: round(share, 4) for key, share in shares.items()}}
+        for result in results
+        for name, shares in result.budget.items()
+    ]
+    return pd.DataFrame(rows).fillna(0.0)
+
+
+def _budget(results: Sequence[FitResult]) -> list[str]:
+    """What the intervals are made of: per parameter the median of the shares over the fits, in percent."""
+    table = budget_table(results)
+    if not len(table):
+        return []
+    shares = table.drop(columns="fit").groupby("parameter", sort=False).median()
+    seen = shares.loc[:, shares.max() >= _LEAST_SHARE]
+    rows = [[str(name), *(f"{100.0 * value:.0f} %" for value in row)] for name, row in seen.iterrows()]
+    return [
+        "<h2>What the intervals are made of</h2>",
+        "<p>Share of the variance that noise and each uncertain constant of the rig have, median over the fits. The "
+        "uncertainties are those of the scenario's section <code>uncertainty</code>; per fit in "
+        "<code>budget.csv</code>.</p>",
+        _table(["parameter", *map(str, seen.columns)], rows),
+    ]
+
+
+def _rig(results: Sequence[FitResult]) -> list[str]:
+    """What of the rig was not that of `models/`, over all fits."""
+    known: dict[str, dict[str, None]] = {}
+    for result in results:
+        for key, value in result.rig.items():
+            known.setdefault(key, {})[_short(value)] = None
+    if not known:
+        return []
+    rows = [[key, ", ".join(values)] for key, values in known.items()]
+    return ["<h2>What of the rig is not as in models/</h2>", _table(["key", "value"], rows)]
+
+
+def _heading(name: str) -> str:
+    if name.startswith("curves_"):
+        return f"Measured and model: {name.split('_', 2)[2]}"
+    return _HEADINGS.get(name, name.replace("_", " "))
+
+
+def _frame(table: pd.DataFrame) -> str:
+    """A further table; of a few wide rows each becomes a column, which needs no scrolling."""
+    heads = list(map(str, table.columns))
+    rows = [[_short(value) for value in row] for row in table.to_numpy(object)]
+    if len(rows) > _FEW or len(heads) <= _FEW + 1:
+        return _table(heads, rows)
+    first, *turned = zip(heads, *rows, strict=True)
+    return _table(first, turned)
+
+
+def _results_table(results: Sequence[FitResult]) -> str:
+    """A row per fit; of a few fits a row per parameter, which needs no scrolling."""
+    if len(results) <= _FEW:
+        rows = [
+            [short_name(result.name), e.name, in_words(e), "" if e.unit == "1" else e.unit]
+            for result in results
+            for e in result.estimates
+        ]
+        rows += [[short_name(r.name), key, _short(value), ""] for r in results for key, value in r.facts.items()]
+        rows += [[short_name(r.name), "search ended", r.status, ""] for r in results]
+        return _table(["fit", "quantity", "value (95 % interval)", "unit"], rows)
+    names = parameter_names(results)
+    units = {e.name: e.unit for result in results for e in result.estimates}
+    facts = list(dict.fromkeys(key for result in results for key in result.facts))
+    told = [name if units[name] == "1" else f"{name} [{units[name]}]" for name in names]
+    heads = ["fit", *told, *facts, "search ended"]
+    rows = []
+    for result in results:
+        by_name = {e.name: e for e in result.estimates}
+        cells = [short_name(result.name), *(in_words(by_name[name]) if name in by_name else "" for name in names)]
+        rows.append([*cells, *(_short(result.facts.get(fact, "")) for fact in facts), result.status])
+    return _table(heads, rows)
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """An HTML table that scrolls sideways when it is wide; long text may wrap."""
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
+    body = "".join("<tr>" + "".join(_cell(text) for text in row) + "</tr>" for row in rows)
+    return f'<div class="table"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _cell(text: str) -> str:
+    words = ' class="words"' if len(text) > _LONG else ""
+    return f"<td{words}>{html.escape(text)}</td>"
+
+
+def _short(value: Any) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def in_words(estimate: Estimate, unit: bool = False) -> str:
+    """Value and interval in one cell; with the unit on request."""
+    if not estimate.identifiable:
+        return "not determined"
+    behind = f" {estimate.unit}" if unit and estimate.unit != "1" else ""
+    if estimate.frozen:
+        return f"{estimate.value:.5g}{behind} (frozen)"
+    digits = _digits(estimate.upper - estimate.lower)
+    value, low, high = (f"{number:{digits}}" for number in (estimate.value, estimate.lower, estimate.upper))
+    text = f"{value} ({low} .. {high}){behind}"
+    return f"{text}, one-sided: at its {estimate.bound} bound" if estimate.bound else text
+
+
+def _digits(width: float) -> str:
+    """Format of numbers whose interval is that wide: it keeps two digits."""
+    if not (0.0 < width < math.inf):
+        return ".6g"
+    decimals = 1 - math.floor(math.log10(width))
+    return f".{max(decimals, 0)}f" if decimals <= _MOST_DECIMALS else ".6g"

@@ -1,0 +1,134 @@
+"""Residuals that come out of a simulation: Levenberg-Marquardt whose step is a bounded least-squares QP."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from pydrake.solvers import ChooseBestSolver, ClarabelSolver, MakeSolver, MathematicalProgram, SolverInterface
+
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.least_squares.problem import Attempt, Problem, finite_differences, finite_residual
+
+_DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20
+"""Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton step. First: after a
+refused step."""
+_UNSEEN = 1e-9
+"""Singular values below this part of the largest do not count: directions that the data do not see."""
+_AT_BOUND = 1e-6
+"""A step that ends this near a bound, in units of its length, ends on it."""
+_PROMISE_TOLERANCE = 1e-8
+"""A refused step that promised less than this part of the cost was refused by rounding: the minimum is reached."""
+_KINK_TOLERANCE = 1e-4
+"""The same where no step, however short, lowers the cost: the minimum is a kink of
+the model (jet edge, node of a table)."""
+_STEP_TOLERANCE, _COST_TOLERANCE, _GRADIENT_TOLERANCE = 1e-8, 1e-10, 1e-9
+
+
+def solve_rollout(problem: Problem, start: np.ndarray, most_steps: int = 100) -> Attempt:
+    """Levenberg-Marquardt from one start; each step is a bounded least-squares QP.
+
+    A step to where the residual is not finite, or the model does not exist, is shortened like one that raises the cost.
+    """
+    parameters = problem.parameters
+    scales = parameters.scales
+    low, high = parameters.lower / scales, parameters.upper / scales
+    try:
+        r = finite_residual(problem, start)
+    except FitError as error:
+        return Attempt(start, start, np.inf, False, str(error), 0)
+    z, cost, damping = start / scales, 0.5 * float(r @ r), _DAMPING_LEAST
+    refused = ""
+    for step in range(1, most_steps + 1):
+        try:
+            J = finite_differences(problem, z * scales, r) * scales
+        except FitError as error:
+            return Attempt(start, z * scales, cost, False, f"no derivative: {error}", step)
+        if _projected_gradient(J.T @ r, z, low, high) <= _GRADIENT_TOLERANCE * max(cost, 1e-300) ** 0.5:
+            return Attempt(start, z * scales, cost, True, "the gradient vanishes", step)
+        R, c = _triangle(J, r)
+        promised = None
+        while True:
+            dz = _bounded_step(R, c, damping, low - z, high - z)
+            if promised is None:
+                promised = 0.5 * float(c @ c) - 0.5 * float(np.sum(np.square(R @ dz + c)))
+            tried, status = _try(problem, (z + dz) * scales)
+            new_cost = np.inf if tried is None else 0.5 * float(tried @ tried)
+            refused = status or refused
+            if tried is not None and new_cost <= cost:
+                break
+            damping = max(10.0 * damping, _DAMPING_FIRST)
+            if promised <= _PROMISE_TOLERANCE * cost:
+                return Attempt(start, z * scales, cost, True, "the next step promises nothing", step)
+            if np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
+                settled = not refused and promised <= _KINK_TOLERANCE * cost
+                return Attempt(start, z * scales, cost, settled, refused or "no smaller cost nearby", step)
+            if damping > _DAMPING_MOST:
+                return Attempt(start, z * scales, cost, False, refused or "no step lowers the cost", step)
+        drop, z, r, cost = cost - new_cost, z + dz, tried, new_cost
+        damping = max(0.01 * damping, _DAMPING_LEAST)
+        if drop <= _COST_TOLERANCE * cost or np.linalg.norm(dz) <= _STEP_TOLERANCE * (1.0 + np.linalg.norm(z)):
+            return Attempt(start, z * scales, cost, True, "cost and step have settled", step)
+    return Attempt(start, z * scales, cost, False, f"{most_steps} steps were not enough", most_steps)
+
+
+def _try(problem: Problem, x: np.ndarray) -> tuple[np.ndarray | None, str]:
+    try:
+        return finite_residual(problem, x), ""
+    except FitError as error:
+        return None, str(error)
+
+
+def _triangle(J: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R and c with |J d + r|^2 = |R d + c|^2 + constant, R square: the QP does not grow with the data."""
+    Q, R = np.linalg.qr(J)
+    return R, Q.T @ r
+
+
+def _bounded_step(R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The step that minimises |R d + c|^2 + damping s^2 |d|^2 within low <= d <= high, s the least singular value of R.
+
+    The QP is posed in e = T d / size with T'T the Hessian and `size` the length of the free step: its own Hessian is
+    then the identity, however differently the rows are weighted and however small the last steps are. Only where a
+    bound cuts the free step is the interior-point solver needed; it says which bounds hold, and the rest is solved
+    again exactly.
+    """
+    sizes = np.linalg.svd(R, compute_uv=False)
+    least = float(sizes[sizes > _UNSEEN * sizes[0]][-1]) if sizes[0] > 0.0 else 1.0
+    D = damping**0.5 * least * np.eye(len(low))
+    A, b = np.vstack([R, D]), np.concatenate([c, np.zeros(len(D))])
+    Q, T = np.linalg.qr(A)
+    free = -(Q.T @ b)
+    size = float(np.linalg.norm(free)) or 1.0
+    inverse = np.linalg.inv(T) * size
+    program = MathematicalProgram()
+    e = program.NewContinuousVariables(len(low), "e")
+    program.AddQuadraticCost(np.eye(len(low)), -free / size, e, True)
+    step = inverse @ _free_solver().Solve(program, None, None).get_x_val()
+    if np.all((low <= step) & (step <= high)):
+        return step
+    reach = np.linalg.norm(inverse, axis=1)
+    program.AddLinearConstraint(inverse / reach[:, None], low / reach, high / reach, e)
+    step = inverse @ ClarabelSolver().Solve(program, None, None).get_x_val()
+    step = np.where(step - low < _AT_BOUND * reach, low, step)
+    step = np.clip(np.where(high - step < _AT_BOUND * reach, high, step), low, high)
+    inside = (step > low) & (step < high)
+    exact = step.copy()
+    exact[inside] = np.linalg.lstsq(A[:, inside], -(b + A[:, ~inside] @ step[~inside]), rcond=None)[0]
+    return exact if np.all((low <= exact) & (exact <= high)) else step
+
+
+@cache
+def _free_solver() -> SolverInterface:
+    """What Drake chooses for a QP without inequalities: closed form."""
+    program = MathematicalProgram()
+    program.AddQuadraticCost(np.eye(1), np.zeros(1), program.NewContinuousVariables(1), True)
+    return MakeSolver(ChooseBestSolver(program))
+
+
+def _projected_gradient(gradient: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """Largest slope along which the bounds let z move."""
+    free = gradient.copy()
+    free[(z <= low) & (gradient > 0.0)] = 0.0
+    free[(z >= high) & (gradient < 0.0)] = 0.0
+    return float(np.max(np.abs(free)))

@@ -1,0 +1,171 @@
+"""A least-squares problem, what becomes of its starts, and the choice among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.fit_parameters import Parameters
+
+Residual = Callable[[np.ndarray], np.ndarray]
+Jacobian = Callable[[np.ndarray], np.ndarray]
+
+_DIFFERENCE = 1e-5
+"""Step of one-sided differences, in scales: sqrt(1e-10), for rollouts that repeat to about ten digits."""
+_CENTRAL_DIFFERENCE = 5e-4
+"""Step of differences to both sides: cube root of 1e-10."""
+_SAME_COST = 1.01
+"""Costs within this factor are the same minimum."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A least-squares problem: minimise |residual|^2 / 2 over the free parameters within their bounds.
+
+    Attributes:
+        parameters: what may change.
+        residual: weighted residual (m) of the unknowns (p) in their units; `FitError` where the model does not exist.
+        jacobian: d residual / d unknowns (m x p); finite differences without it.
+        batch: residuals of several vectors at once, (k x p) to (k x m), for rollouts that run side by side.
+        name: of the fit, for messages.
+    """
+
+    parameters: Parameters
+    residual: Residual
+    jacobian: Jacobian | None = None
+    batch: Callable[[np.ndarray], np.ndarray] | None = None
+    name: str = "fit"
+
+    def differences(self, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+        """The Jacobian (m x p): the given one, or one-sided differences that stay within the bounds."""
+        if self.jacobian is not None:
+            return np.asarray(self.jacobian(x), float)
+        steps = _DIFFERENCE * self.parameters.scales
+        steps = np.where(x + steps > self.parameters.upper, -steps, steps)
+        return ((self._rows(x + np.diag(steps)) - at_x) / steps[:, None]).T
+
+    def central_differences(self, x: np.ndarray) -> np.ndarray:
+        """The Jacobian for the covariance (m x p): differences to both sides.
+
+        One-sided at a bound, and where the model ends on the other side; FitError when it ends on both.
+        """
+        if self.jacobian is not None:
+            return np.asarray(self.jacobian(x), float)
+        steps = _CENTRAL_DIFFERENCE * self.parameters.scales
+        up = np.where(x + steps > self.parameters.upper, x, x + steps)
+        down = np.where(x - steps < self.parameters.lower, x, x - steps)
+        rows = self._rows_or_nan(np.concatenate([x + np.diag(up - x), x + np.diag(down - x)]))
+        lost = ~np.all(np.isfinite(rows), axis=1)
+        if np.any(lost):
+            rows[lost] = finite_residual(self, x)
+            up, down = np.where(lost[: len(x)], x, up), np.where(lost[len(x) :], x, down)
+        if np.any(up <= down):
+            name = self.parameters.names[int(np.argmax(up <= down))]
+            raise FitError(f"{self.name}: no derivative by {name}: the model ends on both sides of {self.describe(x)}")
+        return ((rows[: len(x)] - rows[len(x) :]) / (up - down)[:, None]).T
+
+    def _rows_or_nan(self, vectors: np.ndarray) -> np.ndarray:
+        """Residuals of several vectors; NaN where the model does not exist."""
+        try:
+            return self._rows(vectors)
+        except FitError:
+            rows: list[np.ndarray | None] = []
+            for vector in vectors:
+                try:
+                    rows.append(np.asarray(self.residual(vector), float))
+                except FitError:
+                    rows.append(None)
+            length = max((len(row) for row in rows if row is not None), default=1)
+            return np.array([np.full(length, np.nan) if row is None else row for row in rows])
+
+    def _rows(self, vectors: np.ndarray) -> np.ndarray:
+        if self.batch is not None:
+            return np.asarray(self.batch(vectors), float)
+        return np.array([self.residual(vector) for vector in vectors], float)
+
+    def describe(self, x: np.ndarray) -> str:
+        """The unknowns in words."""
+        free = self.parameters.free
+        return ", ".join(f"{p.name} = {value:.6g} {p.unit}" for p, value in zip(free, x, strict=True))
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What became of one start.
+
+    Attributes:
+        start, x: unknowns (p).
+        cost: |residual|^2 / 2; infinite when the solver never got a finite one.
+        success: the solver met its tolerances.
+        status: in the solver's words.
+        iterations: steps of Levenberg-Marquardt, or evaluations of the residual by SNOPT.
+    """
+
+    start: np.ndarray
+    x: np.ndarray
+    cost: float
+    success: bool
+    status: str
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The best attempt, with all others.
+
+    Attributes:
+        problem: that was solved.
+        x: unknowns (p).
+        residual: weighted, at x (m).
+        jacobian: of the weighted residual at x (m x p).
+        best: the attempt that x is from.
+        attempts: one per start, in order.
+    """
+
+    problem: Problem
+    x: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    best: Attempt
+    attempts: tuple[Attempt, ...]
+
+
+Solver = Callable[[Problem, np.ndarray], Attempt]
+
+
+def solve(problem: Problem, method: Solver, starts: Sequence[np.ndarray] | None = None) -> Solution:
+    """Runs a solver from every start and keeps the lowest cost; of costs within 1 % the one of a success.
+
+    Raises:
+        FitError: no start gave a finite residual; the message has the reason of each.
+    """
+    starts = [problem.parameters.seed] if starts is None else list(starts)
+    attempts = tuple(method(problem, np.asarray(start, float)) for start in starts)
+    least = min(attempt.cost for attempt in attempts)
+    near = [attempt for attempt in attempts if attempt.cost <= _SAME_COST * least]
+    best = min(near, key=lambda attempt: (not attempt.success, attempt.cost), default=attempts[0])
+    if not np.isfinite(best.cost):
+        reasons = "; ".join(dict.fromkeys(attempt.status for attempt in attempts))
+        raise FitError(f"{problem.name}: no start of {len(attempts)} could be solved: {reasons}")
+    residual = np.asarray(problem.residual(best.x), float)
+    return Solution(problem, best.x, residual, problem.central_differences(best.x), best, attempts)
+
+
+def finite_residual(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """The residual; FitError that names the unknowns when it is not finite."""
+    r = np.asarray(problem.residual(x), float)
+    bad = np.flatnonzero(~np.isfinite(r))
+    if bad.size:
+        raise FitError(f"the residual is not finite ({r[bad[0]]} in row {bad[0]}) at {problem.describe(x)}")
+    return r
+
+
+def finite_differences(problem: Problem, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+    """`Problem.differences`; FitError that names the unknowns when they are not finite."""
+    J = problem.differences(x, at_x)
+    if not np.all(np.isfinite(J)):
+        raise FitError(f"the derivative is not finite at {problem.describe(x)}")
+    return J

@@ -1,0 +1,286 @@
+"""How sure a fit is: covariance, 95 % intervals with the effective number of samples, and what the data do not show.
+
+To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so Cov x = J^+ S J^+' with
+S the covariance of e. The pseudo-inverse leaves out the directions that the data do not see; a parameter with a part in
+one of them has an infinite interval.
+
+Filtered signals repeat themselves: n samples with autocorrelation rho_k count as n / (1 + 2 sum rho_k) (design section
+11: intervals that ignore this held the truth in 23 % of the cases instead of 95 %).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import norm as normal
+from scipy.stats import t as student
+
+from aerodima.optimisation.fit.active_bounds import held_at_bounds
+from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.optimisation.fit.least_squares import Solution
+
+CONFIDENCE = 0.95
+_RANK_TOLERANCE = 1e-7
+"""Singular values of the scaled Jacobian below this part of the largest count as zero."""
+_WIDE, _CURVED = 0.25, 1.5
+_EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
+"""Share of a standard deviation that evenly spread errors have: below the first the sum is as good as normal."""
+_SHARE = 0.05
+"""A parameter whose squared share in an unseen direction exceeds the square of this is not determined."""
+
+_EXCESS = 0.2
+"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
+
+Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
+"""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Covariance of the error of the weighted residual, and how much data it was estimated from.
+
+    Attributes:
+        covariance: (m x m), or its diagonal (m).
+        degrees_of_freedom: of the variance estimate; infinite when it is known.
+        effective_samples: that the residual stands for.
+        rounding: change of the residual (m) per half count of a reading that was rounded; its error is evenly spread,
+            not normal. It is part of `covariance` (a third of its square).
+    """
+
+    covariance: np.ndarray
+    degrees_of_freedom: float = np.inf
+    effective_samples: float = np.nan
+    rounding: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Of the unknowns of one solution.
+
+    Attributes:
+        covariance: (p x p), in the units of the unknowns, with what stopped at a bound kept there; infinite on the
+            diagonal where not determined.
+        standard_deviation: (p); infinite where not determined. At a bound: its one-sided interval over the width that
+            a two-sided one has to either side.
+        lower, upper: ends of the 95 % intervals (p); one-sided at a bound.
+        beyond: (p) by how many standard deviations the data ask for more than the bound allows at which an unknown
+            stopped; NaN for one that is not at a bound.
+        identifiable: (p) flags.
+        unseen: the directions that the data do not determine, in words; empty when there are none.
+        condition: of the scaled Jacobian.
+        effective_samples: see `Noise`.
+    """
+
+    covariance: np.ndarray
+    standard_deviation: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    beyond: np.ndarray
+    identifiable: np.ndarray
+    unseen: tuple[str, ...]
+    condition: float
+    effective_samples: float
+
+
+def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
+    """Covariance and intervals at the solution.
+
+    Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a bound is one-sided,
+    and those of the others take that into account (`aerodima.optimisation.fit.active_bounds`). Not determined by the
+    data is a parameter in an unseen direction, one whose interval is wider than its bounds, and one whose interval
+    would be another half as wide, or narrower, elsewhere within the intervals of the parameters: there the linear
+    theory does not hold.
+    """
+    parameters = solution.problem.parameters
+    scales, names, x = parameters.scales, parameters.names, solution.x
+    inverse, hidden, condition = _pseudo_inverse(solution.jacobian, scales)
+    seen = np.all(np.abs(hidden) <= _SHARE, axis=0) if len(hidden) else np.ones(len(scales), bool)
+    alone = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
+    freedom = max(noise.degrees_of_freedom, 1.0)
+    # What the data do not see stays where it started, which may be a bound.
+    sides = np.where(seen, parameters.sides(x), 0)
+    given = held_at_bounds(
+        solution.jacobian * scales, solution.residual, noise.covariance, sides, freedom, _RANK_TOLERANCE
+    )
+    inverse = given.inverse if np.any(sides) else inverse
+    covariance = _covariance(inverse, noise, scales)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    factor = np.full(len(scales), _factor(freedom))
+    if noise.rounding is not None:
+        shares = np.abs(inverse @ noise.rounding) * scales / (math.sqrt(3.0) * np.maximum(deviation, 1e-300))
+        factor *= [_rounded_factor(round(share, 2)) / _factor(np.inf) for share in shares.tolist()]
+    reach, shift = given.reach * scales, given.shift * scales[:, None]
+    down = np.where(sides < 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.minimum(shift, 0.0), axis=1)))
+    up = np.where(sides > 0, 0.0, np.hypot(factor * deviation, np.linalg.norm(np.maximum(shift, 0.0), axis=1)))
+    down, up = np.where(sides > 0, reach, down), np.where(sides < 0, reach, up)
+    deviation = np.where(sides != 0, reach / factor, deviation)
+    loose = seen & (down + up > parameters.upper - parameters.lower)
+    curved = seen & ~loose & _curved(solution, noise, alone, factor)
+    determined = seen & ~loose & ~curved
+    deviation[~determined] = np.inf
+    covariance[np.diag_indices_from(covariance)] = np.where(determined, np.square(deviation), np.inf)
+    unseen = [_in_words(direction, names) for direction in hidden]
+    unseen += [f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag]
+    unseen += [
+        f"{name} (its interval depends on where it is)" for name, flag in zip(names, curved, strict=True) if flag
+    ]
+    return Uncertainty(
+        covariance=covariance,
+        standard_deviation=deviation,
+        lower=np.where(determined, np.maximum(x - down, parameters.lower), -np.inf),
+        upper=np.where(determined, np.minimum(x + up, parameters.upper), np.inf),
+        beyond=np.where(determined, given.beyond, np.nan),
+        identifiable=determined,
+        unseen=tuple(unseen),
+        condition=condition,
+        effective_samples=noise.effective_samples,
+    )
+
+
+@lru_cache(maxsize=256)
+def _factor(freedom: float) -> float:
+    """Half the width of the interval in standard deviations."""
+    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom))
+
+
+@lru_cache(maxsize=128)
+def _rounded_factor(share: float) -> float:
+    """The same for a normal error and an evenly spread one, whose part of the standard deviation is `share`.
+
+    An even error alone stays within 1.73 standard deviations, and in 95 % of the cases within 1.65.
+    """
+    if share < _EVEN_MATTERS:
+        return _factor(np.inf)
+    if share > _EVEN_ALONE:
+        return CONFIDENCE * math.sqrt(3.0)
+    half, sigma = math.sqrt(3.0) * share, math.sqrt(1.0 - share * share)
+
+    def missing(reach: float) -> float:
+        ends = np.array([reach + half, reach - half]) / sigma
+        inside = ends * normal.cdf(ends) + normal.pdf(ends)  # integral of the distribution function
+        return float(sigma * (inside[0] - inside[1]) / (2.0 * half)) - (0.5 + 0.5 * CONFIDENCE)
+
+    return float(brentq(missing, 1.0, 3.0))
+
+
+def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """J^+ in scaled unknowns (p x m), the unseen directions (k x p), the condition number."""
+    U, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=False)
+    seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
+    inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T
+    return inverse, _hidden_directions(Vt, seen), float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf
+
+
+def _covariance(inverse: np.ndarray, noise: Noise, scales: np.ndarray) -> np.ndarray:
+    S = noise.covariance
+    scaled = (inverse * S) @ inverse.T if S.ndim == 1 else inverse @ S @ inverse.T
+    return scaled * np.outer(scales, scales)
+
+
+def _curved(solution: Solution, noise: Noise, deviation: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Whose standard deviation changes by more than half of it within the intervals, cut at the bounds (p).
+
+    Only asked where an interval covers a good part of its bounds: the Jacobian at the ends costs as much as a solution.
+    """
+    problem = solution.problem
+    low, high, scales = problem.parameters.lower, problem.parameters.upper, problem.parameters.scales
+    changed = np.zeros(len(scales), bool)
+    if not np.any(2.0 * factor * deviation > _WIDE * (high - low)):
+        return changed
+    for i, reach in enumerate(factor * deviation):
+        for end in (max(solution.x[i] - reach, low[i]), min(solution.x[i] + reach, high[i])):
+            if not np.isfinite(end) or reach == 0.0:
+                continue
+            x = solution.x.copy()
+            x[i] = end
+            try:
+                inverse, _, _ = _pseudo_inverse(problem.central_differences(x), scales)
+            except FitError:  # the model ends within the interval
+                changed[i] = True
+                continue
+            there = np.sqrt(np.maximum(np.diag(_covariance(inverse, noise, scales)), 0.0))
+            changed |= (there > _CURVED * deviation) | (there < deviation / _CURVED)
+    return changed
+
+
+def _hidden_directions(Vt: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """A readable basis of the directions that are not seen (k x p): each has a parameter that the others lack."""
+    hidden = Vt[~seen].copy()
+    for row in range(len(hidden)):
+        rest = np.abs(hidden[row:])
+        i, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
+        hidden[[row, row + i]] = hidden[[row + i, row]]
+        hidden[row] /= hidden[row, j]
+        for other in range(len(hidden)):
+            if other != row:
+                hidden[other] -= hidden[other, j] * hidden[row]
+    norms = np.linalg.norm(hidden, axis=1, keepdims=True)
+    return hidden / np.where(norms > 0.0, norms, 1.0)
+
+
+def _in_words(direction: np.ndarray, names: tuple[str, ...]) -> str:
+    """A direction of scaled unknowns: `cd`, or `0.80 gap + 0.60 h0`."""
+    order = np.argsort(-np.abs(direction))
+    parts = [(direction[i], names[i]) for i in order if abs(direction[i]) > _SHARE]
+    if len(parts) == 1:
+        return parts[0][1]
+    text = f"{parts[0][0]:.2f} {parts[0][1]}"
+    for share, name in parts[1:]:
+        text += f" {'+' if share > 0 else '-'} {abs(share):.2f} {name}"
+    return text
+
+
+def correlation_time(residual: np.ndarray) -> float:
+    """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
+
+    The autocorrelation is summed in pairs until a pair is no longer positive (initial positive sequence): longer sums
+    scatter too much in short logs. Of a steep filter, whose autocorrelation rings, this takes the first lobe only and
+    makes intervals about 8 % too wide.
+    """
+    x = np.asarray(residual, float) - np.mean(residual)
+    n = len(x)
+    power = float(x @ x)
+    if n < 4 or power <= 0.0:
+        return 1.0
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
+    pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
+    end = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else len(pairs)
+    return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
+
+
+def serial_noise(residual: np.ndarray, channels: list[slice], unknowns: int, rounding: float = 0.0) -> Noise:
+    """Noise of time series, one per channel, from the residual itself: its variance, times its correlation time.
+
+    Args:
+        residual: weighted, of all channels (m).
+        channels: where each time series stands in it.
+        unknowns: number of the free parameters; they are paid for out of the effective samples.
+        rounding: step of the readings, in units of the residual. Where a reading moves through many steps, rounding
+            errors are evenly spread and average out at least as fast as white noise, also when they look like a saw: a
+            residual whose variance they explain (a twelfth of the step's square) counts for single samples, one that
+            exceeds it by a fifth counts by its correlation, and in between by both in part.
+    """
+    variance = np.empty(len(residual))
+    effective = 0.0
+    for channel in channels:
+        part = residual[channel]
+        power = float(np.mean(np.square(part)))
+        explained = rounding**2 / 12.0
+        slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0) if explained > 0.0 else 1.0
+        variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
+        effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
+    freedom = max(effective - unknowns, 1.0)
+    return Noise(variance * effective / freedom, freedom, effective)
+
+
+def independent_noise(residual: np.ndarray, unknowns: int) -> Noise:
+    """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
+    freedom = max(len(residual) - unknowns, 1)
+    variance = float(residual @ residual) / freedom
+    return Noise(np.full(len(residual), variance), freedom, float(len(residual)))

@@ -1,0 +1,136 @@
+"""Who takes part: a controller is a name and the settings that make it, which may depend on the speed of the turn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.controllers.law_of_scenario import find_swing
+from aerodima.workbench.resources import models_dir
+
+FIXED_SPEEDS = (5.5, 6.0, 6.5, 7.0, 7.5, 9.0)
+"""rad/s; with `FIXED_RELEASES` those among which the best fixed speed is looked for."""
+FIXED_RELEASES = (0.5, 1.0)
+"""Yaw rates that release the swing, rad/s."""
+PUBLISHED_SWING = "thesis_8_rad_per_s"
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """One controller.
+
+    Attributes:
+        name: in tables and pictures.
+        settings: overrides of any turn.
+        swings: swing files that it plays, by the speed (m/s) that they were made for; empty without.
+        choices: further settings by speed of the turn; the nearest speed's are taken.
+    """
+
+    name: str
+    settings: tuple[str, ...]
+    swings: tuple[str, ...] = ()
+    choices: Mapping[float, tuple[str, ...]] = field(default_factory=dict, hash=False)
+
+    def at(self, speed: float) -> tuple[str, ...]:
+        """Settings for a turn at a speed, m/s."""
+        if not self.choices:
+            return self.settings
+        nearest = min(self.choices, key=lambda other: (abs(other - speed), other))
+        return (*self.settings, *self.choices[nearest])
+
+    def made_for(self, speed: float) -> bool:
+        """Whether it may be asked for a turn at a speed (m/s): swings are for the speeds that they were made for."""
+        return not self.swings or not self.choices or speed in self.choices
+
+
+NO_TAIL = Contestant("no tail", ("tail.mode=none",))
+HELD = Contestant("held", ("tail.mode=held",))
+SWINGING = ("tail.mode=swing",)
+
+
+def fixed_law(speed: float, release: float | None = None) -> tuple[str, ...]:
+    """Settings of the thesis' law with another roll rate and release, both rad/s."""
+    law = ("controller.swing_file=none", f"controller.swing_speed={speed!r}")
+    return law if release is None else (*law, f"controller.trigger_yaw_rate={release!r}")
+
+
+THESIS = Contestant("thesis, 8 rad/s", (*SWINGING, *fixed_law(8.0)))
+
+
+def best_fixed(choices: Mapping[float, tuple[float, float]]) -> Contestant:
+    """The thesis' law with roll rate and release (rad/s) by speed of the turn (m/s)."""
+    words = ", ".join(f"{rate:g} @ {release:g}" for rate, release in dict.fromkeys(choices.values()))
+    laws = {speed: fixed_law(*choice) for speed, choice in choices.items()}
+    return Contestant(f"best fixed speed ({words})", SWINGING, choices=laws)
+
+
+def swing_player(path_or_name: str, tracking: str = "joint_pd") -> Contestant:
+    """Plays a swing file; without feedback unless another tracking is asked for.
+
+    Raises:
+        UserError: the file is missing or malformed.
+    """
+    swing = find_swing(path_or_name)
+    name = swing.name if tracking == "joint_pd" else f"{swing.name} ({tracking.replace('_', ' ')})"
+    return Contestant(name, (*SWINGING, *_playing(path_or_name, tracking)), (path_or_name,))
+
+
+def swing_players(swings: Sequence[str]) -> list[Contestant]:
+    """Optimised swings of one kind are one controller, that plays the one made for the speed; others by themselves.
+
+    Raises:
+        UserError: a file is missing or malformed.
+    """
+    kinds: dict[str, dict[float, str]] = {}
+    alone = []
+    for path in swings:
+        swing = find_swing(path)
+        kind, speed = _kind(swing), swing.provenance.found.get("survived_speed_m_per_s")
+        if kind is None or speed is None or float(speed) in kinds.get(kind, {}):
+            alone.append(swing_player(path))
+        else:
+            kinds.setdefault(kind, {})[float(speed)] = path
+    found = []
+    for kind, paths in sorted(kinds.items()):
+        choices = {speed: _playing(path, "joint_pd") for speed, path in sorted(paths.items())}
+        found.append(Contestant(kind, SWINGING, tuple(paths[speed] for speed in sorted(paths)), choices))
+    return found + alone
+
+
+def trackings_of(path_or_name: str) -> list[Contestant]:
+    """A swing in the ways it can be played, for the table of robustness; a polished one has no torques of its own."""
+    ways = ["joint_pd"]
+    swing = find_swing(path_or_name)
+    if swing.gains.feedback is not None:
+        ways += ["feedback", "open_loop"]
+    elif swing.knots.roll_torque_n_m is not None:
+        ways += ["open_loop"]
+    return [swing_player(path_or_name, way) for way in ways]
+
+
+def shipped_swings() -> list[str]:
+    """Names of the optimised swings in `models/swings`."""
+    return sorted(p.stem for p in (models_dir() / "swings").glob("*.yaml") if p.stem != PUBLISHED_SWING)
+
+
+def standard_contestants(swings: Sequence[str]) -> list[Contestant]:
+    """Without the best fixed speed, which is found first."""
+    return [NO_TAIL, HELD, THESIS, *swing_players(swings)]
+
+
+def _playing(path_or_name: str, tracking: str) -> tuple[str, ...]:
+    place = str(Path(path_or_name).resolve()) if Path(path_or_name).exists() else path_or_name
+    return (f"controller.swing_file={place}", f"controller.tracking={tracking}")
+
+
+def _kind(swing: SwingFile) -> str | None:
+    """By joints, cars and heading; None for a swing that was not optimised."""
+    options, found = swing.provenance.options, swing.provenance.found
+    if "dof" not in options:
+        return None
+    joints = {1: "roll", 2: "roll and pitch"}[int(options["dof"])]
+    cars = f", {options['members']} more cars" if options.get("members") else ""
+    turning = "" if "heading_ratio" in found else ", heading free"
+    return f"optimised {joints}{cars}{turning}"

@@ -1,0 +1,234 @@
+"""The leaderboard as tables (CSV) and as one HTML page with pictures and links to replays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from aerodima.optimisation.studies.leaderboard.leaderboard_runs import Leaderboard
+from aerodima.optimisation.studies.leaderboard.leaderboard_summary import summarise_board
+from aerodima.optimisation.swing.full_car import LEAST_HEADING, SPIN
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.ensemble import weighted_quantiles
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.figures.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    new_figure,
+    styled,
+)
+from aerodima.workbench.report.report_page import Markup, Section, bullets, figure, link, page, paragraph, table
+
+_COLOURS = (BLACK, BLUE, VERMILION, ORANGE, GREEN, PURPLE, SKY, GREY)
+_MARKERS = "osd^vP*X"
+PAGE = "leaderboard.html"
+HOLLOW = "A hollow mark has turned less than 95 % as far as with 8 rad/s and is no faster turn."
+CLAIMED = f"Highest tyre friction of an unbroken row survived clean. {HOLLOW}"
+POSSIBLE = f"The same over the cars of the ensemble. Large marks: median, dots: each car. {HOLLOW}"
+ALTERNATIVE = "Critical friction of each controller over the speed of the turn"
+
+
+def write_leaderboard(folder: Path, board: Leaderboard, replays: Mapping[str, str], how: str) -> list[Path]:
+    """Writes one CSV per table and the page; earlier ones are replaced.
+
+    Args:
+        folder: of the leaderboard.
+        board: what was measured.
+        replays: controller -> file beside the page.
+        how: one line about members, speeds and step.
+    """
+    paths = []
+    tables = {field.name: getattr(board, field.name) for field in fields(board)} | {"summary": summarise_board(board)}
+    for name, frame in tables.items():
+        if isinstance(frame, pd.DataFrame) and len(frame):
+            path = folder / f"{name}.csv"
+            write_atomically(path, lambda p, frame=frame: frame.to_csv(p, index=False), True, UserError)  # type: ignore[misc]
+            paths.append(path)
+    text = leaderboard_page(board, replays, how)
+    write_atomically(folder / PAGE, lambda p: _write(p, text), True, UserError)
+    return [*paths, folder / PAGE]
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -> str:
+    """The page as text."""
+    sections = [
+        Section(
+            "claims",
+            "The car that the swings were made for, at the fine step",
+            (paragraph(how), _claims(board.claims), figure(plot_frictions(board.claims), CLAIMED, ALTERNATIVE)),
+        ),
+        Section(
+            "ensemble",
+            "Possible cars",
+            (
+                _summary(summarise_board(board)),
+                _what_counts(),
+                figure(plot_frictions(_shares(board.frictions)), POSSIBLE, ALTERNATIVE),
+            ),
+        ),
+        Section(
+            "map",
+            "Survival over speed and friction",
+            (
+                figure(
+                    plot_maps(board.map),
+                    "On the own car. Green: survived clean; hatched: something touched the ground; red: flipped.",
+                    "One map of outcomes per controller",
+                ),
+            ),
+        ),
+    ]
+    if len(board.robustness):
+        wide = board.robustness.pivot(index="controller", columns="change", values="critical_friction")
+        order = list(dict.fromkeys(board.robustness["controller"]))
+        changes = list(dict.fromkeys(board.robustness["change"]))
+        rows = [[change, *(_cell("friction", wide.loc[name, change]) for name in order)] for change in changes]
+        speed = board.robustness["speed_m_per_s"].iloc[0]
+        words = f"Critical friction at {speed:g} m/s on the own car, as planned and with something otherwise."
+        numbers = tuple(range(1, len(order) + 1))
+        sections.append(Section("robustness", "Robustness", (paragraph(words), table(["", *order], rows, numbers))))
+    if replays:
+        links = bullets(Markup(link(target, name).text) for name, target in replays.items())
+        sections.append(Section("replays", "Replays", (links,)))
+    return page(
+        "Tail controllers on the same turns", "Who keeps the car on its wheels, clean, and still turns.", sections
+    )
+
+
+def _what_counts() -> Markup:
+    return paragraph(
+        "Medians and shares over the cars, at the ordinary step. Critical friction: highest tyre friction of an "
+        "unbroken row survived clean. A gain over the 8 rad/s swing counts where the heading change is at least 95 % "
+        "of that swing's, compared at the highest friction that both survive. A car that spins with the 8 rad/s swing "
+        f"(heading change above {SPIN:g} rad there) has no turn to compare with; it counts all the same."
+    )
+
+
+def _claims(claims: pd.DataFrame) -> Markup:
+    """One row per speed and controller."""
+    header = ["m/s", "controller", "critical friction", "over 8 rad/s", "heading", "at friction", "faster turn"]
+    header += ["peak roll [deg]", "energy [J]", "torque [N m]"]
+    rows = []
+    for speed, part in claims.groupby("speed_m_per_s"):
+        for row in part.to_dict("records"):
+            faster = row["gain_over_8_rad_per_s"] > 1e-9 and row["heading_ratio"] >= LEAST_HEADING
+            shown = [
+                ("friction", "critical_friction"),
+                ("gain", "gain_over_8_rad_per_s"),
+                ("heading_percent", "heading_ratio"),
+                ("friction", "heading_at_friction"),
+            ]
+            more = [("peak_rad", "peak_roll_rad"), ("", "tail_energy_j"), ("", "tail_torque_peak_n_m")]
+            cells = [_cell(kind, row[name]) for kind, name in shown]
+            edge = [_cell(kind, row[f"{name}_at_critical"]) for kind, name in more]
+            rows.append([f"{speed:g}", row["controller"], *cells, "yes" if faster else "no", *edge])
+    return table(header, rows, numbers=(0, 2, 3, 4, 5, 7, 8, 9))
+
+
+def _shares(frictions: pd.DataFrame) -> pd.DataFrame:
+    """The cars of the ensemble, or the own one where there are none."""
+    members = frictions[frictions["weight"] > 0.0]
+    return members if len(members) else frictions
+
+
+def _summary(summary: pd.DataFrame) -> Markup:
+    """One column per controller: there are more measures than controllers, and a page is taller than wide."""
+    shown = [name for name in summary.columns if name != "controller"]
+    columns = summary.to_dict("records")
+    rows = [[_words(name), *(_cell(name, column[name]) for column in columns)] for name in shown]
+    header = ["", *(column["controller"] for column in columns)]
+    return table(header, rows, numbers=tuple(range(1, len(header))))
+
+
+def _words(name: str) -> str:
+    for unit in ("m_per_s", "rad_per_s", "n_m", "rad", "j"):
+        if name.endswith(f"_{unit}") and "_at_" not in name and "8_rad" not in name:
+            shown = {"m_per_s": "m/s", "rad_per_s": "rad/s", "n_m": "N m", "rad": "deg", "j": "J"}[unit]
+            return f"{name.removesuffix('_' + unit).replace('_', ' ')} [{shown}]"
+    return name.replace("_m_per_s", " m/s").replace("_rad_per_s", " rad/s").replace("_", " ")
+
+
+def _cell(name: str, value: float) -> str:
+    if value is None or value != value:
+        return "-"
+    if name == "cars":
+        return f"{value:.0f}"
+    if name.startswith(("gain", "share", "rollover", "heading_ratio", "heading_percent")):
+        return f"{value:+.1%}" if name.startswith("gain") else f"{value:.1%}" if "percent" in name else f"{value:.0%}"
+    if name.endswith("_rad"):
+        return f"{np.degrees(value):.1f}"
+    return f"{value:.4f}" if "friction" in name else f"{value:.2f}"
+
+
+def plot_frictions(frictions: pd.DataFrame) -> Figure:
+    """Critical friction over speed, one marker and colour per controller, side by side at each speed."""
+    names = list(dict.fromkeys(frictions["controller"]))
+    speeds = sorted(frictions["speed_m_per_s"].unique())
+    with styled():
+        image, grid = new_figure(11.0, 4.8)
+        axes = grid[0, 0]
+        for number, name in enumerate(names):
+            colour, marker = _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)]
+            own = frictions[frictions["controller"] == name]
+            for place, speed in enumerate(speeds):
+                part = own[own["speed_m_per_s"] == speed]
+                x = place + 0.1 * (number - 0.5 * (len(names) - 1))
+                axes.plot(np.full(len(part), x), part["critical_friction"], ".", color=colour, markersize=4, alpha=0.6)
+                weights = part["weight"] if part["weight"].sum() else np.ones(len(part))
+                median, turned = (
+                    weighted_quantiles(part[column].astype(float), weights, [0.5])[0]
+                    for column in ("critical_friction", "heading_ratio")
+                )
+                axes.plot(
+                    x, median, marker, color=colour, markersize=9,
+                    markerfacecolor=colour if turned >= LEAST_HEADING else "white", label=name if place == 0 else None,
+                )  # fmt: skip
+        axes.set_xticks(range(len(speeds)), [f"{speed:g} m/s" for speed in speeds])
+        axes.set_ylabel("critical friction [1]")
+        axes.set_xlabel("speed of the turn")
+        image.legend(loc="outside upper center", ncols=4)
+    return image
+
+
+def plot_maps(survival: pd.DataFrame) -> Figure:
+    """Small maps of outcome over speed and friction."""
+    names = list(dict.fromkeys(survival["controller"]))
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    speeds, frictions = (sorted(survival[key].unique()) for key in ("speed_m_per_s", "friction"))
+    with styled():
+        image, grid = new_figure(11.0, 2.9 * rows, rows, columns, sharex=True, sharey=True)
+        for axes, name in zip(grid.flat, names, strict=False):
+            own = survival[survival["controller"] == name]
+            for row in own.to_dict("records"):
+                x, y = speeds.index(row["speed_m_per_s"]), frictions.index(row["friction"])
+                flipped, clean = row["outcome"] != "survived", row["clean"] is True or row["clean"] == True  # noqa: E712
+                colour = VERMILION if flipped else GREEN if clean else "#b8e0d2"
+                axes.fill(
+                    [x - 0.5, x + 0.5, x + 0.5, x - 0.5], [y - 0.5, y - 0.5, y + 0.5, y + 0.5], facecolor=colour,
+                    edgecolor="white", hatch=None if flipped or clean else "///", linewidth=1.0,
+                )  # fmt: skip
+            axes.set_title(name, fontsize=9)
+            axes.set_xticks(range(len(speeds)), [f"{speed:g}" for speed in speeds])
+            axes.set_yticks(range(len(frictions)), [f"{friction:g}" for friction in frictions])
+            axes.grid(False)
+        for axes in list(grid.flat)[len(names) :]:
+            axes.set_axis_off()
+        image.supxlabel("speed [m/s]", fontsize=9.5)
+        image.supylabel("tyre friction [1]", fontsize=9.5)
+    return image

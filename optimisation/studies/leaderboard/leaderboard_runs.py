@@ -1,0 +1,377 @@
+"""What is measured of each controller, and in which runs.
+
+Survival means clean survival throughout: nothing but the wheels touches the ground. Critical friction is the highest
+tyre friction of an unbroken row that is so survived at a speed (`climb`). A gain counts only with a heading change of
+at least 95 % of the 8 rad/s swing's, compared at the highest friction that both survive (design section 10). On the
+car of the parameter files it is confirmed at the fine step (`claims`); the ensemble is driven at the ordinary one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from aerodima.optimisation.studies.leaderboard.contestants import (
+    FIXED_RELEASES,
+    FIXED_SPEEDS,
+    SWINGING,
+    THESIS,
+    Contestant,
+    best_fixed,
+    fixed_law,
+    standard_contestants,
+    trackings_of,
+)
+from aerodima.optimisation.studies.leaderboard.run_memory import RememberingEngine
+from aerodima.optimisation.studies.leaderboard.unbroken_rows import Climb, Reached, climb, is_clean
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case
+from aerodima.optimisation.sweep.study_store import make_frame
+from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
+from aerodima.optimisation.swing.perturbations import perturbations
+from aerodima.workbench.config.ensemble import Member
+from aerodima.workbench.config.scenario import load_scenario
+
+SCENARIO = "turn_fast"
+OWN_CAR = Member("own car", 0.0, {})
+"""The car of the parameter files, which the swings were made for; not one of the ensemble."""
+MOST_LOWER = 4
+"""Where headings do not compare at the highest common friction, so many steps of the grid below it are looked at."""
+OUTCOMES = (
+    "peak_roll_rad",
+    "heading_change_rad",
+    "average_yaw_rate_rad_per_s",
+    "tail_energy_j",
+    "tail_torque_peak_n_m",
+)
+
+FRICTION_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
+ROBUST_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, 2 * FRICTION_STEP)
+FINE_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
+SPEED_CLIMB = Climb(SPEED, 2.5, 8.0, 0.5, 0.1)
+NEAR_CLIMB = Climb(FRICTION, 0.3, 1.3, FRICTION_STEP, FRICTION_STEP)
+FIRST_SPEED = 3.5
+"""m/s; where the climb over speed begins."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is run.
+
+    Attributes:
+        speeds: of the turns, m/s; the middle one is also that of maps and robustness.
+        friction: climb of the critical friction; at the fine step `fine` from the published swing's upwards, and `near`
+            where the ordinary step is expected to be right; `robust` under perturbations.
+        top_speed: climb of the highest speed at `grip` times the car's own friction.
+        map_speeds: of the survival map.
+        map_strides: its frictions, in strides of the climb above the car's own.
+        step: of the plant, s; `fine_step` that of claims.
+        perturbed: whether the robustness is measured.
+        fixed, releases: roll rates and yaw rates of release tried for the best fixed speed, rad/s.
+    """
+
+    speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
+    friction: Climb = FRICTION_CLIMB
+    fine: Climb = FINE_CLIMB
+    near: Climb = NEAR_CLIMB
+    robust: Climb = ROBUST_CLIMB
+    top_speed: Climb = SPEED_CLIMB
+    grip: float = 1.1
+    map_speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
+    map_strides: tuple[int, ...] = (0, 1, 2, 3, 4)
+    step: float = 0.002
+    fine_step: float = FINE_STEP
+    perturbed: bool = True
+    fixed: tuple[float, ...] = FIXED_SPEEDS
+    releases: tuple[float, ...] = FIXED_RELEASES
+
+    @property
+    def middle_speed(self) -> float:
+        """m/s."""
+        return sorted(self.speeds)[len(self.speeds) // 2]
+
+
+QUICK = Plan(
+    speeds=(4.5,),
+    top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.5),
+    map_speeds=(3.6, 4.5, 6.0),
+    map_strides=(0, 2, 4),
+    fine_step=0.002,
+    perturbed=False,
+    fixed=(6.0, 7.0),
+    releases=(1.0,),
+)
+"""A look in minutes, without the fine step."""
+
+
+@dataclass(frozen=True)
+class Leaderboard:
+    """Tables, one row each per controller and whatever else their columns name.
+
+    Attributes:
+        claims: on the own car at the fine step, by speed: what may be claimed.
+        frictions: critical friction by member and speed, with the heading compared at the common friction.
+        runs: at each car's own friction, by member and speed.
+        speeds: highest speed on the own car.
+        map: outcome over speed and friction, on the own car.
+        robustness: critical friction under perturbations, on the own car at the middle speed, of the best swing in
+            every way that it can be tracked.
+        contestants: in order.
+    """
+
+    claims: pd.DataFrame
+    frictions: pd.DataFrame
+    runs: pd.DataFrame
+    speeds: pd.DataFrame
+    map: pd.DataFrame
+    robustness: pd.DataFrame
+    contestants: tuple[Contestant, ...]
+
+
+def measure(plan: Plan, swings: Sequence[str], members: Sequence[Member], engine: RememberingEngine) -> Leaderboard:
+    """Runs everything.
+
+    Args:
+        plan: how much.
+        swings: files or names.
+        members: of the ensemble; none leaves the own car.
+        engine: that remembers.
+    """
+    board = _Measurer(plan, members, engine)
+    contestants = standard_contestants(swings)
+    contestants.insert(3, board.best_fixed_speed())
+    claims = board.claims(contestants)
+    frictions = board.critical_frictions(contestants)
+    players = [way for swing in _best_swing(contestants, claims, plan) for way in trackings_of(swing)]
+    robustness = board.robustness(players) if plan.perturbed and players else pd.DataFrame()
+    runs = board.own_friction(contestants)
+    speeds = board.highest_speeds(contestants)
+    survival = board.survival_map(contestants)
+    return Leaderboard(claims, frictions, runs, speeds, survival, robustness, tuple(contestants))
+
+
+def _best_swing(contestants: Sequence[Contestant], claims: pd.DataFrame, plan: Plan) -> list[str]:
+    """The swing file of the controller that claims most at the middle speed; turning far enough counts first."""
+    best: tuple[tuple[bool, float], list[str]] = ((False, 0.0), [])
+    for contestant in contestants:
+        playing = [setting.partition("=")[2] for setting in contestant.at(plan.middle_speed)]
+        played = [swing for swing in contestant.swings if swing in playing]
+        here = claims[(claims["controller"] == contestant.name) & (claims["speed_m_per_s"] == plan.middle_speed)]
+        for row in here.to_dict("records"):
+            rank = (bool(row["heading_ratio"] >= LEAST_HEADING), float(row["critical_friction"]))
+            if played and rank > best[0]:
+                best = (rank, played)
+    return best[1]
+
+
+class _Measurer:
+    def __init__(self, plan: Plan, members: Sequence[Member], engine: RememberingEngine) -> None:
+        self._plan, self._members, self._engine = plan, [OWN_CAR, *members], engine
+
+    def _settings(
+        self, contestant: Contestant, member: Member, speed: float, step: float | None = None
+    ) -> tuple[str, ...]:
+        step = step or self._plan.step
+        numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+        return (*member.settings, *numerics, *contestant.at(speed), f"{SPEED}={speed!r}")
+
+    def _own_friction(self, member: Member) -> float:
+        return load_scenario(SCENARIO, list(member.settings)).car.tyre_friction
+
+    def best_fixed_speed(self) -> Contestant:
+        """By speed the roll rate and release of the highest critical friction that keep to the heading rule."""
+        self._engine.stage = "best fixed speed"
+        plan, chosen = self._plan, {}
+        reference = self._climbs([(THESIS, OWN_CAR, speed) for speed in plan.speeds])
+        for speed, reached in zip(plan.speeds, reference, strict=True):
+            common = reached.survived
+            choices = [(rate, release) for rate in plan.fixed for release in plan.releases]
+            laws = [Contestant("", (*SWINGING, *fixed_law(*choice))) for choice in choices]
+            if common is None:
+                chosen[speed] = choices[0]
+                continue
+            first = self._runs([(law, OWN_CAR, speed, common) for law in laws], plan.step)
+            least = LEAST_HEADING * reached.rows[common]["heading_change_rad"]
+            turning = [k for k, row in enumerate(first) if is_clean(row) and row["heading_change_rad"] >= least]
+            starts = [common] * len(turning)
+            found = self._climbs([(laws[k], OWN_CAR, speed) for k in turning], starts)
+            values = {choices[k]: one.survived or 0.0 for k, one in zip(turning, found, strict=True)}
+            chosen[speed] = max(values, key=lambda choice: values[choice], default=(8.0, 1.0))
+        return best_fixed(chosen)
+
+    def claims(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
+        """By controller and speed on the own car at the fine step."""
+        self._engine.stage = "claims at the fine step"
+        plan = self._plan
+        turns = [(c, OWN_CAR, v) for c in contestants for v in plan.speeds if c.made_for(v)]
+        coarse = self._climbs(turns)
+        at = {(c.name, v): one for (c, _, v), one in zip(turns, coarse, strict=True)}
+        thesis = [(THESIS, OWN_CAR, v) for v in plan.speeds]
+        starts = [at[THESIS.name, v].survived or plan.friction.low for v in plan.speeds]
+        fine = dict(zip(plan.speeds, self._climbs(thesis, starts, plan.near), strict=True))
+        found: dict[int, Reached] = {}
+        for how in (plan.near, plan.fine):
+            places, begin = [], []
+            for place, ((_, _, v), one) in enumerate(zip(turns, coarse, strict=True)):
+                reference, here = fine[v].survived or plan.friction.low, one.survived or plan.friction.low
+                beyond = here > reference + plan.friction.grid
+                if beyond == (how is plan.fine):
+                    places.append(place)
+                    begin.append(reference if beyond else here)
+            found |= dict(zip(places, self._climbs([turns[k] for k in places], begin, how), strict=True))
+        rows = self._compared(turns, [found[place] for place in range(len(turns))], plan.fine_step)
+        for row, one, (_, _, speed) in zip(rows, coarse, turns, strict=True):
+            row["critical_friction_at_the_ordinary_step"] = _number(one.survived)
+            row["step_s"] = plan.fine_step
+            row["gain_over_8_rad_per_s"] = _gain(row["critical_friction"], fine[speed].survived)
+        return make_frame(rows)
+
+    def critical_frictions(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
+        """By controller, member and speed, with heading change over the reference's at the common friction."""
+        self._engine.stage = "critical friction"
+        speeds = self._plan.speeds
+        turns = [(c, m, v) for m in self._members for v in speeds for c in contestants if c.made_for(v)]
+        return make_frame(self._compared(turns, self._climbs(turns), self._plan.step))
+
+    def _climbs(
+        self,
+        turns: Sequence[tuple[Contestant, Member, float]],
+        starts: Sequence[float] | None = None,
+        fine: Climb | None = None,
+    ) -> list[Reached]:
+        """At the ordinary step from each car's own friction on; `fine` is a climb at the fine step."""
+        plan = self._plan
+        step, how = (plan.step, plan.friction) if fine is None else (plan.fine_step, fine)
+        cases = [Case(c.name, SCENARIO, self._settings(c, m, v, step)) for c, m, v in turns]
+        begin = [self._own_friction(m) for _, m, _ in turns] if starts is None else starts
+        return climb(cases, begin, how, self._engine)
+
+    def _runs(self, turns: Sequence[tuple[Contestant, Member, float, float]], step: float) -> list[dict[str, Any]]:
+        """Rows of runs at frictions."""
+        tasks = [
+            RunTask(c.name, SCENARIO, (*self._settings(c, m, v, step), f"{FRICTION}={mu!r}")) for c, m, v, mu in turns
+        ]
+        return self._engine.rows(tasks)
+
+    def _compared(
+        self, turns: Sequence[tuple[Contestant, Member, float]], found: Sequence[Reached], step: float
+    ) -> list[dict[str, Any]]:
+        """Rows of a table of critical frictions, with the heading over the reference's."""
+        reached = {(c.name, m.name, v): one for (c, m, v), one in zip(turns, found, strict=True)}
+        rows = []
+        for (c, m, v), one in zip(turns, found, strict=True):
+            reference = reached[THESIS.name, m.name, v]
+            own, other, friction = self._headings(c, m, v, one, reference, step)
+            row = {"controller": c.name, "member": m.name, "weight": m.weight, "speed_m_per_s": v}
+            row |= {
+                "critical_friction": _number(one.survived),
+                "first_not_survived": _number(one.lost),
+                "tipped_before_turn": one.tipped,
+                "gain_over_8_rad_per_s": _gain(one.survived, reference.survived),
+                "heading_ratio": own.get("heading_change_rad", math.nan) / other.get("heading_change_rad", math.nan),
+                "heading_at_friction": friction,
+                "spins_with_8_rad_per_s": bool(other.get("heading_change_rad", 0.0) > SPIN),
+                "two_wheel_time_s": own.get("two_wheel_time_s", math.nan),
+                "two_wheel_time_with_8_rad_per_s_s": other.get("two_wheel_time_s", math.nan),
+            }
+            edge = {} if one.survived is None else one.rows[one.survived]
+            row |= {f"{name}_at_critical": edge.get(name, math.nan) for name in OUTCOMES}
+            rows.append(row)
+        return rows
+
+    def _headings(
+        self, contestant: Contestant, member: Member, speed: float, one: Reached, reference: Reached, step: float
+    ) -> tuple[dict[str, Any], dict[str, Any], float]:
+        """Both runs at the highest friction that both survive clean, and that friction; NaN without one."""
+        if one.survived is None or reference.survived is None:
+            return {}, {}, math.nan
+        grid = self._plan.friction.grid
+        for lower in range(MOST_LOWER + 1):
+            friction = float(f"{min(one.survived, reference.survived) - lower * grid:.9g}")
+            own, other = self._runs([(c, member, speed, friction) for c in (contestant, THESIS)], step)
+            if is_clean(own) and is_clean(other):
+                return own, other, friction
+        return {}, {}, math.nan
+
+    def own_friction(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
+        """Runs at each car's own friction."""
+        self._engine.stage = "own friction"
+        speeds = self._plan.speeds
+        keys = [(c, m, v) for m in self._members for c in contestants for v in speeds if c.made_for(v)]
+        rows = self._runs([(c, m, v, self._own_friction(m)) for c, m, v in keys], self._plan.step)
+        wanted = ("outcome", "clean", "error", *OUTCOMES)
+        return make_frame(
+            [
+                {"controller": c.name, "member": m.name, "weight": m.weight, "speed_m_per_s": v}
+                | {name: row.get(name) for name in wanted}
+                for (c, m, v), row in zip(keys, rows, strict=True)
+            ]
+        )
+
+    def highest_speeds(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
+        """By controller on the own car, at `grip` times its friction, with the swings for the middle speed."""
+        self._engine.stage = "highest speed"
+        plan = self._plan
+        keys = [(c, OWN_CAR) for c in contestants]
+        cases, frictions = [], []
+        for c, m in keys:
+            frictions.append(float(f"{plan.grip * self._own_friction(m):.4g}"))
+            settings = [s for s in self._settings(c, m, plan.middle_speed) if not s.startswith(f"{SPEED}=")]
+            cases.append(Case(c.name, SCENARIO, (*settings, f"{FRICTION}={frictions[-1]!r}")))
+        found = climb(cases, [FIRST_SPEED] * len(cases), plan.top_speed, self._engine)
+        return make_frame(
+            [
+                {"controller": c.name, "member": m.name, "weight": m.weight, "friction": friction}
+                | {"highest_speed_m_per_s": _number(one.survived), "at_end_of_search": one.lost is None}
+                for (c, m), friction, one in zip(keys, frictions, found, strict=True)
+            ]
+        )
+
+    def survival_map(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
+        """Outcome over speed and friction on the own car."""
+        self._engine.stage = "survival map"
+        climbing = self._plan.friction
+        first, stride = climbing.index(self._own_friction(OWN_CAR)), round(climbing.stride / climbing.grid)
+        frictions = [climbing.value(first + count * stride) for count in self._plan.map_strides]
+        keys = [(c, OWN_CAR, v, mu) for c in contestants for v in self._plan.map_speeds for mu in frictions]
+        rows = []
+        for (c, _, v, mu), row in zip(keys, self._runs(keys, self._plan.step), strict=True):
+            rows.append(
+                {"controller": c.name, "speed_m_per_s": v, "friction": mu, "outcome": row["outcome"]}
+                | {"clean": row.get("clean"), "peak_roll_rad": row.get("peak_roll_rad"), "error": row["error"]}
+            )
+        return make_frame(rows)
+
+    def robustness(self, players: Sequence[Contestant]) -> pd.DataFrame:
+        """Critical friction on the own car at the middle speed, as planned and otherwise."""
+        self._engine.stage = "robustness"
+        speed = self._plan.middle_speed
+        changes = [
+            change
+            for change in perturbations(load_scenario(SCENARIO))
+            if not any(setting.startswith(FRICTION) for setting in change.settings)
+        ]
+        keys = [(player, change) for player in players for change in changes]
+        cases = [Case(p.name, SCENARIO, (*self._settings(p, OWN_CAR, speed), *change.settings)) for p, change in keys]
+        planned = self._climbs([(player, OWN_CAR, speed) for player in players])
+        start = {p.name: one.survived or self._plan.friction.low for p, one in zip(players, planned, strict=True)}
+        found = climb(cases, [start[p.name] for p, _ in keys], self._plan.robust, self._engine)
+        return make_frame(
+            [
+                {"controller": p.name, "change": change.name, "speed_m_per_s": speed}
+                | {"critical_friction": _number(one.survived)}
+                for (p, change), one in zip(keys, found, strict=True)
+            ]
+        )
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _gain(value: float | None, reference: float | None) -> float:
+    return math.nan if value is None or reference is None else value / reference - 1.0

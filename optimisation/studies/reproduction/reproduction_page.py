@@ -1,0 +1,223 @@
+"""The report as a page: verdicts, every row, plots in the style of the thesis' figures with the ensemble's band."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from aerodima.optimisation.calibration.published_data import turn_of
+from aerodima.optimisation.identify.published_tables import published
+from aerodima.optimisation.studies.reproduction.evidence import Evidence
+from aerodima.optimisation.studies.reproduction.reproduction_rows import (
+    CLOSE,
+    LEVELS,
+    SURE,
+    WIDEST,
+    Basis,
+    Row,
+    Verdict,
+)
+from aerodima.optimisation.studies.reproduction.survival_curves import survival_section
+from aerodima.workbench.config.ensemble import Ensemble, weighted_quantiles
+from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
+from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
+from aerodima.workbench.report.number_words import metric_name, metric_unit
+from aerodima.workbench.report.report_page import (
+    Cell,
+    Markup,
+    Section,
+    bullets,
+    figure,
+    finding,
+    link,
+    noted,
+    page,
+    paragraph,
+    table,
+)
+
+VERDICTS: tuple[Verdict, ...] = ("reproduced", "direction only", "not reproduced", "not computable")
+SHOWN = (
+    "max_yaw_rate_rad_per_s",
+    "average_yaw_rate_rad_per_s",
+    "max_linear_acceleration_m_per_s2",
+    "average_linear_acceleration_m_per_s2",
+    "max_kohut_deg_m_per_s2",
+    "average_kohut_deg_m_per_s2",
+)
+
+
+def reproduction_page(
+    rows: Sequence[Row],
+    evidence: Evidence,
+    ensemble: Ensemble,
+    replays: Mapping[str, str],
+    survival: pd.DataFrame | None = None,
+) -> str:
+    """The whole page as HTML text.
+
+    Args:
+        rows: of the report.
+        evidence: the runs behind them.
+        ensemble: where the members come from.
+        replays: words -> file beside the page.
+        survival: shares over speed, as `survival_table` makes them.
+    """
+    method = ensemble.provenance.get("method", "not stated")
+    lead = (
+        f"{len(rows)} claims of the thesis beside {len(evidence.members)} of {len(ensemble.members)} cars of the "
+        f"ensemble {ensemble.name!r}, drawn by weight. How it was made: {method}."
+    )
+    sections = (
+        _verdicts(rows),
+        *(() if survival is None else (survival_section(survival),)),
+        Section("figures", "Figures", _figures(evidence)),
+        Section("rows", "Every row", (_table(rows),)),
+        Section("replays", "Replays", (bullets([link(file, words) for words, file in replays.items()]),)),
+    )
+    return page("What of the thesis is reproduced", lead, sections if replays else sections[:-1])
+
+
+def _verdicts(rows: Sequence[Row]) -> Section:
+    bases: list[Basis] = list(dict.fromkeys(row.basis for row in rows if row.basis))
+    counted = Counter((row.verdict, row.basis) for row in rows)
+    totals = Counter(row.verdict for row in rows)
+    shown = [row for row in rows if row.basis in ("prediction", "calibrated to")]
+    held, fitted = (counted["reproduced", basis] for basis in ("prediction", "calibrated to"))
+    direction = sum(row.verdict == "direction only" for row in shown)
+    predicted = sum(row.basis == "prediction" for row in shown)
+    counts: list[Sequence[Cell]] = [
+        (verdict, *(str(counted[verdict, basis]) for basis in bases), str(totals[verdict])) for verdict in VERDICTS
+    ]
+    parts = (
+        finding(
+            paragraph(
+                f"Of {len(shown)} claims about runs of the car {held} are reproduced as predictions (of {predicted}), "
+                f"{fitted} are reproduced because the cars were calibrated to them (of {len(shown) - predicted}), "
+                f"which is no evidence, and {len(shown) - held - fitted} are not reproduced ({direction} of these in "
+                "the direction of a change only)."
+            ),
+            paragraph("Arithmetic on printed numbers says nothing about the car."),
+        ),
+        table(("verdict", *bases, "all"), counts, numbers=range(1, len(bases) + 2)),
+        paragraph(
+            f"Reproduced: the published figure lies in the band of {LEVELS[2] - LEVELS[0]:.0%} of the weight and the "
+            f"band is at most {WIDEST:.0%} of it wide, or the median is within {CLOSE:.0%}; a claim about an outcome "
+            f"holds in at least {SURE:.0%} of the weight. Direction only: a change has the published sign in "
+            f"{SURE:.0%} of the weight, not its size. Numbers are those of cars that survive the run, as the "
+            f"published one did; where less than {SURE:.0%} of the weight does, nothing counts as reproduced."
+        ),
+    )
+    return Section("verdicts", "Verdicts", parts)
+
+
+def _table(rows: Sequence[Row]) -> Markup:
+    header = (
+        "place",
+        "claim, with evidence or what is missing",
+        "unit",
+        "published",
+        "ours",
+        "band",
+        "verdict",
+        "basis",
+    )
+    cells: list[Sequence[Cell]] = [
+        (
+            row.place,
+            noted(row.claim, row.evidence),
+            row.unit,
+            _number(row.published),
+            _number(row.ours),
+            "" if row.low is None else f"{_number(row.low)} to {_number(row.high)}",
+            row.verdict,
+            row.basis,
+        )
+        for row in rows
+    ]
+    marked = [place for place, row in enumerate(rows) if row.verdict == "not reproduced"]
+    return table(header, cells, numbers=(3, 4, 5), marked=marked)
+
+
+def _figures(evidence: Evidence) -> tuple[Markup, ...]:
+    return (
+        figure(
+            plot_metrics(evidence),
+            "Bars: median and band of the ensemble; stars: Tables 7.1 to 7.4. "
+            f"Simulated: {SIGNALS['simulated']}. Physical: {SIGNALS['physical']}.",
+            "Six metrics of the four published runs beside the ensemble",
+        ),
+        figure(
+            plot_kohut(evidence),
+            "Largest Kohut figure. Other robots as printed in Table 3.1.",
+            "Kohut figures of robots",
+        ),
+        figure(
+            plot_acceleration(evidence),
+            "Largest lateral acceleration, with the inertial tail of Dima as printed (section 2), another robot.",
+            "Lateral acceleration beside Dima",
+        ),
+    )
+
+
+def plot_metrics(evidence: Evidence) -> Figure:
+    """Six metrics of the four published runs."""
+    with styled():
+        drawing, axes = new_figure(10.5, 5.2, 2, 3)
+        for axis, name in zip(axes.flat, SHOWN, strict=True):
+            for place, row in enumerate(published_figures()):
+                turn, column = turn_of(row), metric_column(name, row.platform)
+                _bar(axis, place, evidence.column(turn.tail_mode, turn.speed, column), evidence.weights)
+                axis.plot(place, getattr(row.metrics, name), "*", color=VERMILION, markersize=12)
+            labels = [f"{row.source[-3:]}\n{row.metrics.speed_m_per_s:g} m/s" for row in published_figures()]
+            axis.set_xticks(range(len(labels)), labels, fontsize=8)
+            axis.set_title(f"{metric_name(name)} [{metric_unit(name)}]")
+            axis.set_ylim(bottom=0)
+    return drawing
+
+
+def plot_kohut(evidence: Evidence) -> Figure:
+    """Kohut of other robots and of the car."""
+    robots = published("kohut_robots")
+    none, swing = flip_bracket("tailless").survived, flip_bracket("tailed").survived
+    with styled():
+        drawing, axes = new_figure(8.0, 3.2)
+        axis = axes[0, 0]
+        axis.bar(range(len(robots)), robots.kohut_deg_m_per_s2, color=GREY)
+        ours = (("none", none, "no tail"), ("swing", swing, "tail swings"))
+        for place, (mode, speed, _) in enumerate(ours, len(robots)):
+            _bar(axis, place, evidence.column(mode, speed, "max_kohut_deg_m_per_s2"), evidence.weights)
+        names = [*robots.robot, *(f"ours, {words}\n{speed:g} m/s" for _, speed, words in ours)]
+        axis.set_xticks(range(len(names)), [name.replace(" (", "\n(") for name in names], fontsize=8)
+        axis.set_ylabel("Kohut [deg m/s²]")
+    return drawing
+
+
+def plot_acceleration(evidence: Evidence) -> Figure:
+    """Largest lateral acceleration beside Dima's."""
+    constants = published("constants").set_index("name").value_si
+    without, with_tail = (float(constants[f"dima_lateral_acceleration_{k}"]) for k in ("no_tail", "with_tail"))
+    none, swing = flip_bracket("tailless").survived, flip_bracket("tailed").survived
+    name = metric_column("max_linear_acceleration_m_per_s2", "physical")
+    with styled():
+        drawing, axes = new_figure(6.4, 3.0)
+        axis = axes[0, 0]
+        axis.bar([0, 1], [without, with_tail], color=GREY)
+        for place, (mode, speed) in enumerate((("none", none), ("swing", swing)), 2):
+            _bar(axis, place, evidence.column(mode, speed, name), evidence.weights)
+        words = ["Dima,\nno tail", "Dima,\ninertial tail", "ours,\nno tail", "ours,\ntail swings"]
+        axis.set_xticks(range(4), words, fontsize=8)
+        axis.set_ylabel("largest lateral\nacceleration, 5 Hz [m/s²]")
+    return drawing
+
+
+def _bar(axis: object, place: float, values: np.ndarray, weights: np.ndarray) -> None:
+    low, median, high = weighted_quantiles(values, weights, LEVELS)
+    axis.bar(place, median, width=0.6, color=BLUE, alpha=0.75)  # type: ignore[attr-defined]
+    axis.plot([place, place], [low, high], color=ORANGE, linewidth=3)  # type: ignore[attr-defined]
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"

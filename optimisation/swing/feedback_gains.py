@@ -1,0 +1,244 @@
+"""Feedback around a swing: finite-horizon LQR on the planar model along a run of the full car.
+
+The nominal motion is that of the full car, seen through its own sensors without noise: the tracker's states at its own
+ticks, delays and roll filter included, and the torque that the motor gave between them. So on the car and turn that the
+swing was made for the feedback has nothing to do; its gains come from the planar model linearised along that motion.
+
+    minimise  sum_k (x_k' Q x_k + R u_k^2) + x_N' Q_f x_N,   x_{k+1} = A_k x_k + B_k u_k   (deviations, one tick each)
+    K_k = (R + B_k' P_{k+1} B_k)^-1 B_k' P_{k+1} A_k,   P_k = Q + A_k' P_{k+1} (A_k - B_k K_k)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from aerodima.optimisation.fit.fit_errors import SwingError
+from aerodima.optimisation.swing.planar_model import INPUTS, linearise
+from aerodima.optimisation.swing.planar_model import STATES as PLANAR_STATES
+from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.turn_profile import turn_profile
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.swing_file import Feedback, FeedbackState, SwingFile
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.controllers.swing_reference import SwingReference
+from aerodima.workbench.controllers.swing_tracker_law import SwingTracker, TrackerMemory
+from aerodima.workbench.controllers.tail_law import Observation
+from aerodima.workbench.simulate.trial import run_trial
+
+FEEDBACK_NAMES: tuple[FeedbackState, ...] = ("car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate")
+_PLANAR_ORDER = tuple(PLANAR_STATES.index(name) for name in ("roll", "roll_rate", "tail_roll", "tail_roll_rate"))
+MOST_RATIO = 0.8
+"""Sideways over vertical force of the front tyres up to which the model is linearised. Beyond it a car that lifts its
+inner wheels loads its outer ones so much that the rigid model's inertia against rolling vanishes and changes its sign;
+in the car suspension and tyres give way."""
+_NOISES = ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")
+
+
+@dataclass(frozen=True)
+class LqrWeights:
+    """What counts as much as what: one unit of cost for each of these deviations (Bryson's rule).
+
+    Args:
+        car_roll: rad.
+        car_roll_rate: rad/s.
+        tail_roll: rad.
+        tail_roll_rate: rad/s.
+        torque: N m.
+        at_end: the deviations at the end of the horizon count this many times a tick's.
+    """
+
+    car_roll: float = 0.05
+    car_roll_rate: float = 0.7
+    tail_roll: float = 0.5
+    tail_roll_rate: float = 8.0
+    torque: float = 6.0
+    at_end: float = 5.0
+
+    @property
+    def state_cost(self) -> NDArray[np.float64]:
+        """Q, shape (4, 4), in the order of `FEEDBACK_NAMES`."""
+        return np.diag([getattr(self, name) ** -2.0 for name in FEEDBACK_NAMES])
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """How far each state may be from the nominal motion before the tracker gives the swing up.
+
+    Wider than anything that a car still upright showed with +-30 % of force on the sail, 20 ms more delay and noise.
+    """
+
+    car_roll: float = 0.6
+    car_roll_rate: float = 10.0
+    tail_roll: float = 1.0
+    tail_roll_rate: float = 25.0
+
+
+def lqr_gains(
+    A: NDArray[np.float64], B: NDArray[np.float64], Q: NDArray[np.float64], R: float, Q_end: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Gains of the finite-horizon regulator, shape (ticks, states).
+
+    Args:
+        A, B: discrete model of each tick, (ticks, n, n) and (ticks, n, 1).
+        Q, Q_end: cost of the state at each tick and at the end, (n, n).
+        R: cost of the control.
+    """
+    P = Q_end
+    gains = np.empty(A.shape[:2])
+    for k in reversed(range(len(A))):
+        BP = B[k].T @ P
+        K = (BP @ A[k]) / (R + BP @ B[k])
+        P = Q + A[k].T @ P @ (A[k] - B[k] @ K)
+        P = 0.5 * (P + P.T)
+        gains[k] = K[0]
+    return gains
+
+
+def discretise(
+    A: NDArray[np.float64], B: NDArray[np.float64], step: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Zero-order hold of (ticks, n, n) and (ticks, n, 1) over `step` s."""
+    n = A.shape[-1]
+    block = np.zeros((len(A), n + 1, n + 1))
+    block[:, :n, :n], block[:, :n, n:] = A, B
+    exponential = expm(step * block)
+    return exponential[:, :n, :n], exponential[:, :n, n:]
+
+
+def with_feedback(
+    swing: SwingFile,
+    scenario: Scenario,
+    *,
+    weights: LqrWeights | None = None,
+    funnel: Funnel | None = None,
+    beyond: float = 0.2,
+) -> SwingFile:
+    """The swing with gains for the car and turn of a scenario; feedback it had is replaced.
+
+    Args:
+        swing: knots with the gains of the joints.
+        scenario: the turn; tail mode and direction are set to those of the swing.
+        weights: of the regulator.
+        funnel: of the tracker.
+        beyond: how long the feedback goes on after the last knot, s; the tail's place is then that of the run.
+
+    Raises:
+        SwingError: the car has rolled over with the joints following the knots, or never triggered.
+    """
+    weights, funnel = weights or LqrWeights(), funnel or Funnel()
+    quiet = _quiet(scenario, swing.direction)
+    nominal = _nominal_run(swing, quiet)
+    ticks = round((swing.knots.time_s[-1] + beyond) * quiet.controller.rate) + 1
+    states, torque = nominal.states[:ticks], nominal.torque[:ticks]
+    time = np.arange(len(states)) / quiet.controller.rate
+    car = ReducedCar.of(quiet)
+    profile = turn_profile(nominal.run_log, car, nominal.release, quiet.car.tyre_friction)
+    side = 1.0 if swing.direction == "left" else -1.0
+    planar = side * nominal.truth[: len(states)]
+    inputs = profile.at(time)
+    ratio = INPUTS.index("front_ratio")
+    inputs[:, ratio] = np.clip(inputs[:, ratio], -MOST_RATIO, MOST_RATIO)
+    A, B = linearise(planar, side * torque[:, None], inputs, car)
+    order = list(_PLANAR_ORDER)
+    A, B = discretise(A[:, order][:, :, order], B[:, order], 1.0 / quiet.controller.rate)
+    Q = weights.state_cost
+    gains = lqr_gains(A, B, Q, weights.torque**-2.0, weights.at_end * Q)
+    if not np.all(np.isfinite(gains)):
+        raise SwingError(
+            f"swing {swing.name}: no gains: the planar model does not hold along this run; allowed: less friction"
+        )
+    feedback = Feedback(
+        states=FEEDBACK_NAMES,
+        time_s=tuple(time.tolist()),
+        nominal=tuple(map(tuple, states.tolist())),
+        roll_torque_n_m=tuple(torque.tolist()),
+        roll_gains=tuple(map(tuple, gains.tolist())),
+        pitch_torque_n_m=None,
+        pitch_gains=None,
+        funnel=tuple(getattr(funnel, name) for name in FEEDBACK_NAMES),
+    )
+    return swing.model_copy(update={"gains": swing.gains.model_copy(update={"feedback": feedback})})
+
+
+@dataclass(frozen=True)
+class _Nominal:
+    """A run at the ticks from the release on, in the direction of the file.
+
+    Attributes:
+        states: as the tracker saw them, (ticks, 4) as `FEEDBACK_NAMES`.
+        torque: of the roll motor, mean over each tick, N m, (ticks,).
+        truth: true roll of the car and reported tail, not mirrored, (ticks, 4) as `planar.STATES`.
+        release: s.
+        run_log: with all signals.
+    """
+
+    states: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    truth: NDArray[np.float64]
+    release: float
+    run_log: Any
+
+
+def _nominal_run(swing: SwingFile, scenario: Scenario) -> _Nominal:
+    plain = swing.model_copy(update={"gains": swing.gains.model_copy(update={"feedback": None})})
+    tracker = SwingTracker.from_scenario(plain, scenario)
+    law = _Listening(replace(tracker, reference=SwingReference(plain, "joint_pd", tracker.rate)), [])
+    trial = run_trial(scenario, tail_law=law, signals="all")
+    where = f"swing {swing.name} at {scenario.manoeuvre.speed:g} m/s, friction {scenario.car.tyre_friction:g}"
+    if trial.summary.trigger_time is None:
+        raise SwingError(f"{where}: the swing was never released, so there is nothing to hold")
+    if not trial.summary.survived:
+        raise SwingError(
+            f"{where}: the car rolls over while its joints follow the knots; feedback is made around a turn that "
+            "the swing survives"
+        )
+    heard = np.array([row for row in law.heard if row[1] in (SwingState.SWING, SwingState.SETTLE)])
+    release, log = float(heard[0, 0]), trial.run_log
+    at = np.searchsorted(log.time, heard[:, 0] - 1e-9)
+    period = 1.0 / scenario.controller.rate
+    motor = log.signal("tail_roll_torque_n_m")
+    torque = [motor[(log.time >= t - 1e-9) & (log.time < t + period - 1e-9)].mean() for t in heard[:, 0]]
+    car_roll, car_roll_rate = (log.signal(name)[at] for name in ("roll_truth_rad", "gyro_x_truth_rad_per_s"))
+    truth = np.column_stack([car_roll, heard[:, 4], car_roll_rate, heard[:, 5]])
+    return _Nominal(heard[:, 2:], np.array(torque), truth, release, log)
+
+
+def _quiet(scenario: Scenario, direction: str) -> Scenario:
+    data = scenario.resolved()
+    data["tail"]["mode"] = "swing"
+    data["manoeuvre"]["direction"] = direction
+    data["imu"] |= dict.fromkeys(_NOISES, 0.0)
+    return scenario_from_dict(data)
+
+
+@dataclass(frozen=True)
+class _Listening:
+    """A tracker whose view of the car is written down: time, state of the law, `FEEDBACK_NAMES`."""
+
+    law: SwingTracker
+    heard: list[tuple[float, ...]]
+
+    @property
+    def rate(self) -> float:
+        return self.law.rate
+
+    @property
+    def memory_size(self) -> int:
+        return self.law.memory_size
+
+    def start(self) -> NDArray[np.float64]:
+        return self.law.start()
+
+    def step(self, memory: NDArray[np.float64], observation: Observation) -> tuple[Any, Any, Any, int]:
+        after, pitch, roll, state = self.law.step(memory, observation)
+        seen = TrackerMemory(*after.tolist())
+        self.heard.append(
+            (observation.time, float(state), seen.car_roll, seen.car_roll_rate, observation.roll_angle,
+             observation.roll_rate)
+        )  # fmt: skip
+        return after, pitch, roll, state

@@ -1,0 +1,282 @@
+"""The last word of the full car: CMA-ES over the release and the shape of a swing, with the criterion that counts.
+
+A swing counts by the highest tyre friction that the full car survives clean, and only if the turn stays the turn: at
+the highest friction that the published swing survives as well, the heading change must be at least 95 % of that
+swing's (design section 10). A reduced model is driven by the yaw motion of a run and cannot know this; so the changes
+of `shape` are searched on the full car itself, ranked as `candidate` says. The target friction rises whenever the best
+candidate is clean at it. The search runs at the scenario's step; the last candidates to reach a target are then driven
+at the fine step over an unbroken row of frictions, and what is best there is what is claimed (`choice`). With several
+cars all of them must survive and turn.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aerodima.optimisation.fit.fit_errors import SwingError
+from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
+from aerodima.optimisation.swing.final_choice import choose
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
+from aerodima.optimisation.swing.search_options import Options, Told
+from aerodima.optimisation.swing.swing_candidate import Candidate, Car, Score, score
+from aerodima.optimisation.swing.swing_shape import changed, changes
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.swing_curve import swing_at
+from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.plants.clearance import RangeOfMotion, make_range_of_motion
+
+FloatArray = NDArray[np.float64]
+
+CLEARANCE = 0.01
+"""Least distance of the tail's planned path from the car, m."""
+FIRST_SPREAD, CLOSE_SPREAD = 0.6, 0.3
+"""Of the first generation, in units of the changes; the second for a swing that was polished before."""
+FIRST_PITCH = (0.5, 0.5, 0.5, 0.4, 0.2, 0.0)
+"""Pitch that a polish with two joints begins with, in units of the change: forwards, which loads the front axle."""
+WIDEST = 4.0
+"""Largest change, in its unit."""
+PATIENCE, NARROWER = 2, 0.4
+"""Generations without a better candidate after which the search begins again around the best one, narrower by this."""
+
+
+@dataclass(frozen=True)
+class Polished:
+    """What came of a polish.
+
+    Attributes:
+        x: the changes; zeros are the swing that was given.
+        friction: highest target that was survived clean with enough heading; 0 if none was.
+        heading: share of the reference's at the common friction.
+        peak_roll: at `friction`, rad.
+        evaluations: candidates that were driven.
+        earlier: changes of the best candidates before, the last one first.
+    """
+
+    x: FloatArray
+    friction: float = 0.0
+    heading: float = math.nan
+    peak_roll: float = math.inf
+    evaluations: int = 0
+    earlier: tuple[FloatArray, ...] = ()
+
+
+def polish(
+    swing: SwingFile,
+    cars: Sequence[Car],
+    *,
+    evaluations: int,
+    seed: int,
+    dof: int = 1,
+    target: float | None = None,
+    begin: FloatArray | None = None,
+    sigma: float = FIRST_SPREAD,
+    engine: Engine | None = None,
+    known: Sequence[Score] = (),
+    keep: Callable[[Sequence[Score]], None] = lambda _scores: None,
+    told: Told = lambda _line: None,
+) -> Polished:
+    """Searches for the changes of a swing with which the car survives most friction and still turns.
+
+    Args:
+        swing: to begin with.
+        cars: that must survive the turn with it; the path of the tail is kept free of the first one.
+        evaluations: how many candidates at most; whole generations are driven.
+        seed: of CMA-ES; the same seed tries the same candidates.
+        dof: 2 moves pitch too, and keeps the tail free of the car.
+        target: first friction aimed at with the first car; by default that of its reference.
+        begin: changes to begin with; by default none, or `FIRST_PITCH` with two joints.
+        sigma: of the first generation, in units of the changes.
+        engine: where the cars are driven.
+        known: scores of an earlier search with the same arguments, in order: they are not driven again.
+        keep: told all scores so far, after every generation.
+        told: progress, line by line.
+
+    Raises:
+        SwingError: the package `cma` is not there.
+    """
+    cma = _cma()
+    engine = engine or SerialEngine()
+    generator = np.random.default_rng(seed)
+    first = np.zeros(changes(dof))
+    if begin is not None:
+        first = np.array(begin, float)
+    elif dof == 2:
+        first[-len(FIRST_PITCH) :] = FIRST_PITCH
+    # No global state: the random numbers come from `generator` alone.
+    options = {"seed": np.nan, "randn": lambda *shape: generator.standard_normal(shape), "verbose": -9}
+    options |= {"bounds": [-WIDEST, WIDEST]}
+    search = cma.CMAEvolutionStrategy(first, sigma, options)
+    aim = cars[0].reference.friction if target is None else target
+    free_of = make_range_of_motion(scenario_from_dict(cars[0].scenario)) if dof == 2 else None
+    scores: list[Score] = []
+
+    def tried(points: Sequence[FloatArray], headings: tuple[float, ...] = ()) -> list[Score]:
+        begun = len(scores)
+        found = list(known[begun : begun + len(points)])
+        missing = [
+            Candidate(_allowed(swing, x, dof, free_of), tuple(cars), aim, headings) for x in points[len(found) :]
+        ]
+        found += engine.call(score, missing)
+        scores.extend(found)
+        keep(scores)
+        return found
+
+    best, idle = Polished(first), 0
+    while len(scores) < evaluations and not search.stop():
+        points = search.ask()
+        found = tried(points)
+        search.tell(points, [one.cost for one in found])
+        leader = int(np.argmin([one.cost for one in found]))
+        point, one = np.array(points[leader]), found[leader]
+        idle = 0 if one.clean else idle + 1
+        if one.clean and best.friction:
+            best = replace(best, earlier=(best.x, *best.earlier))
+        while one.clean:
+            best = Polished(point, aim, one.heading, one.peak_roll, earlier=best.earlier)
+            told(f"  {len(scores)} candidates: clean at friction {aim:.4f}, heading {one.heading:.1%} of the published")
+            aim += FRICTION_STEP
+            (one,) = tried([point], one.headings)
+        told(f"  {len(scores)} candidates: rank {one.cost:.3f} at friction {aim:.4f}, heading {one.heading:.1%}")
+        if best.friction and idle >= PATIENCE:
+            sigma, idle = NARROWER * sigma, 0
+            search = cma.CMAEvolutionStrategy(best.x, sigma, options)
+    return replace(best, evaluations=len(scores))
+
+
+def polished(
+    swing: SwingFile,
+    scenarios: Sequence[Scenario],
+    options: Options,
+    *,
+    engine: Engine | None = None,
+    checkpoint: Path | None = None,
+    told: Told = lambda _line: None,
+) -> SwingFile:
+    """A swing after its polish, with what was found in its provenance; the same swing if nothing better was found.
+
+    Args:
+        swing: to begin with.
+        scenarios: cars and their turn, as published but for speed and car; the first is the swing's own.
+        options: of the search; `polish`, `seed` and `dof` are used.
+        engine: where the cars are driven.
+        checkpoint: of the search; candidates are kept beside it until the polish is over.
+        told: progress, line by line.
+    """
+    engine = engine or SerialEngine()
+    cars = _comparable(engine.call(Car.of, scenarios), told)
+    path = None if checkpoint is None else checkpoint.with_suffix(".polish.json")
+    key = _key(swing, cars, options)
+    found = polish(
+        swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof,
+        sigma=FIRST_SPREAD if options.rounds else CLOSE_SPREAD, engine=engine,
+        known=_known(path, key), keep=lambda scores: _keep(path, key, scores), told=told,
+    )  # fmt: skip
+    if path is not None:
+        path.unlink(missing_ok=True)
+    if not found.friction:
+        told("polish: no candidate turns far enough and stays clean: kept the swing as it was")
+        return swing
+    points = (found.x, *found.earlier)
+    shaped = [changed(swing, x, options.dof) for x in points]
+    claim = choose(shaped, cars, found.friction, engine=engine, told=told)
+    if claim is None:
+        told("polish: no candidate turns far enough at the fine step: kept the swing as it was")
+        return swing
+    facts = {
+        "polish_changes": " ".join(f"{value:.9g}" for value in points[claim.place]),
+        "polish_candidates": found.evaluations,
+        "fine_step_s": FINE_STEP,
+        "reference_friction": round(claim.references[0].friction, 6),
+        "heading_ratio": round(claim.heading, 6),
+        "survived_friction": round(claim.rows[0].friction, 6),
+        "peak_roll_rad": round(claim.peak_roll, 6),
+    }
+    if len(cars) > 1:
+        facts["gain_by_car"] = " ".join(f"{gain - 1.0:+.4f}" for gain in claim.gains)
+    best = shaped[claim.place]
+    kept = {key: value for key, value in best.provenance.found.items() if key != "heading_rad"}  # before the polish
+    provenance = best.provenance.model_copy(update={"found": kept | facts})
+    return best.model_copy(update={"provenance": provenance})
+
+
+def _comparable(cars: Sequence[Car], told: Told) -> list[Car]:
+    """The first car, and those of the others that turn with the published swing and do not spin."""
+    kept = []
+    for number, car in enumerate(cars, start=1):
+        one = car.reference
+        spins = number > 1 and one.heading > SPIN
+        told(
+            f"polish, car {number}: the published swing is clean to friction {one.friction:.4f}, turns "
+            f"{one.heading:.3f} rad{', which is a spin: left out' if spins else ''}"
+        )
+        if not spins:
+            kept.append(car)
+    return kept
+
+
+def _allowed(swing: SwingFile, x: FloatArray, dof: int, free_of: RangeOfMotion | None) -> SwingFile | None:
+    """The changed swing; None when it leaves its limits or its tail comes too close to the car."""
+    try:
+        moved = changed(swing, x, dof)
+    except SwingFileError:
+        return None
+    if free_of is not None:
+        point = swing_at(moved, np.linspace(0.0, moved.knots.time_s[-1], 201))
+        clear = free_of.clearance(point.pitch_position, point.roll_position, ("cage", "deck", "wheels"))
+        if float(np.min(clear)) < CLEARANCE:
+            return None
+    return moved
+
+
+def _key(swing: SwingFile, cars: Sequence[Car], options: Options) -> str:
+    """Everything that decides the candidates: a search goes on only with scores of the same one."""
+    begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})
+    told = [begun, [asdict(car) for car in cars], options.seed, options.dof, bool(options.rounds)]
+    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def _known(path: Path | None, key: str) -> list[Score]:
+    if path is None or not path.exists():
+        return []
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        known, rows = data["key"], data["scores"]
+        scores = [Score(**(row | {"headings": tuple(row["headings"])})) for row in rows]
+    except (ValueError, TypeError, KeyError):
+        raise SwingError(f"{path}: is no interrupted polish; allowed: remove it, or another --out") from None
+    if known != key:
+        raise SwingError(f"{path}: holds a polish with other settings; allowed: remove it, or another --out")
+    return scores
+
+
+def _keep(path: Path | None, key: str, scores: Sequence[Score]) -> None:
+    if path is None:
+        return
+    text = json.dumps({"key": key, "scores": [asdict(one) for one in scores]})
+    write_atomically(path, lambda temporary: _write(temporary, text), True, SwingError)
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _cma() -> Any:
+    try:
+        import cma  # type: ignore[import-untyped, unused-ignore]
+    except ImportError:
+        raise SwingError(
+            "--polish: needs the package cma, which is not installed; allowed: pip install "
+            "'aerodima-workbench[optimise]', or no polish"
+        ) from None
+    return cma

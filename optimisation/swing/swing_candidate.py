@@ -1,0 +1,216 @@
+"""A changed swing on the full car: what it is compared with, and what it is worth among others.
+
+Candidates are ranked by feasibility first: leaves its limits, rolls over at the common friction, turns too little,
+rolls over at the target friction (the earlier the worse), touches the ground there, does so at a friction between the
+common one and the target or rolls beyond the margin, and then by the car's peak roll and by what it turns too much.
+Where several cars must survive, each at as many times what it survives with the published swing, a candidate must turn
+far enough with all of them before any is driven at its target; its rank is halfway between their worst and their mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aerodima.optimisation.fit.fit_errors import SwingError
+from aerodima.optimisation.swing.full_car import FRICTION_STEP, LEAST_HEADING, critical_friction, drive, outcome, varied
+from aerodima.workbench.config.scenario import Scenario, default_values, scenario_from_dict
+from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.plants.clearance import ground_clearance
+
+HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02
+"""What a candidate must have on top, so that another step of the plant does not undo it; the second with several cars,
+since the swing is meant for others as well."""
+LOST = 0.6
+"""Roll at which a car that rolls over counts as lost, rad; the later, the better its rank."""
+LOWEST, HIGHEST = 0.3, 1.2
+"""Frictions between which the reference's highest one is searched."""
+ROLL_MARGIN = 0.8
+"""A candidate may roll up to this share of `most_roll`, so that another step of the plant does not undo it."""
+SPACING = 2 * FRICTION_STEP
+"""Largest distance of the frictions below the target at which a candidate that is clean there must be clean too."""
+
+
+def most_roll(scenario: Scenario) -> float:
+    """Roll (rad) at which the car tips by its own weight, or before that a tail lying outside touches the ground."""
+    car = scenario.car
+    leans = np.linspace(0.0, math.atan(car.outer_half_track / car.com_height), 201)
+    free = ground_clearance(scenario, 0.0, scenario.controller.hold_angle, leans) > 0.0
+    return float(leans[-1] if np.all(free) else leans[int(np.argmin(free))])
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The published swing in a turn: highest friction that it survives clean, and its heading change there, rad."""
+
+    friction: float
+    heading: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Reference:
+        """Of the turn of a scenario, on a grid of `FRICTION_STEP`.
+
+        Raises:
+            SwingError: the published swing does not survive the turn at the lowest friction.
+        """
+        found = critical_friction(cls.turn(scenario), None, LOWEST, HIGHEST)
+        if found.value == 0.0:
+            raise SwingError(
+                f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction {LOWEST:g}, so "
+                "there is no turn to compare with; allowed: a slower turn"
+            )
+        return cls(found.value, dict(found.runs)[found.value].heading)
+
+    @classmethod
+    def near(cls, scenario: Scenario, friction: float) -> Reference:
+        """As `of`, but walks over the grid from a friction that is nearly it, as that of a coarser step is.
+
+        Raises:
+            SwingError: the published swing does not survive the turn at the lowest friction.
+        """
+        turn = cls.turn(scenario)
+        here = outcome(drive(turn, None, friction))
+        if not here.clean:
+            if friction - FRICTION_STEP < LOWEST:
+                raise SwingError(f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s")
+            return cls.near(scenario, friction - FRICTION_STEP)
+        while friction < HIGHEST:
+            above = outcome(drive(turn, None, friction + FRICTION_STEP))
+            if not above.clean:
+                break
+            friction, here = friction + FRICTION_STEP, above
+        return cls(friction, here.heading)
+
+    @staticmethod
+    def turn(scenario: Scenario) -> Scenario:
+        """The turn of a scenario with the published swing."""
+        return varied(scenario, tail={"mode": "swing"}, controller=default_values()["controller"])
+
+
+@dataclass(frozen=True)
+class Car:
+    """A car and its turn as a resolved scenario, small enough to send anywhere, with what it is compared with."""
+
+    scenario: dict[str, Any]
+    reference: Reference
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Car:
+        """With the published swing driven for its reference; errors as `Reference.of`."""
+        return cls(scenario.resolved(), Reference.of(scenario))
+
+
+def shares(cars: Sequence[Car], friction: float) -> list[float]:
+    """Friction of each car, as many times what it survives with the published swing as `friction` is for the first."""
+    return [friction * car.reference.friction / cars[0].reference.friction for car in cars]
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a candidate is worth.
+
+    Attributes:
+        cost: rank among the candidates of a generation, lower is better.
+        heading: share of the reference's heading change, the least of all cars; NaN when a common friction is not
+            survived.
+        clean: at the target friction and below it, within the margin of the roll, with all cars.
+        peak_roll: the largest there, rad.
+        headings: of each car, once all of them turn far enough.
+    """
+
+    cost: float
+    heading: float = math.nan
+    clean: bool = False
+    peak_roll: float = math.nan
+    headings: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A changed swing (None: it leaves its limits) with the cars that it is tried on.
+
+    `target` is the friction aimed at of the first car, see `shares` for the others. `headings` are the shares of the
+    references' heading changes if they are known already; else they are driven for.
+    """
+
+    swing: SwingFile | None
+    cars: tuple[Car, ...]
+    target: float
+    headings: tuple[float, ...] = ()
+
+
+def score(candidate: Candidate) -> Score:
+    """Drives the cars with a candidate: at the common friction, at the target and, if clean there, between them."""
+    swing = candidate.swing
+    if swing is None:
+        return Score(6.0)
+    margin = HEADING_MARGIN if len(candidate.cars) == 1 else HEADING_MARGIN_OF_MANY
+    least = LEAST_HEADING + margin
+    headings = candidate.headings
+    if not headings:
+        first = [_turning(car, swing, least) for car in candidate.cars]
+        headings = tuple(one.heading for one in first)
+        if any(one.cost > _TURNS for one in first):
+            return Score(_joint([one.cost for one in first]), min(headings))
+    targets = shares(candidate.cars, candidate.target)
+    found = [
+        _surviving(car, swing, target, heading, heading - least)
+        for car, target, heading in zip(candidate.cars, targets, headings, strict=True)
+    ]
+    return Score(
+        _joint([one.cost for one in found]),
+        min(headings),
+        all(one.clean for one in found),
+        max(one.peak_roll for one in found),
+        headings,
+    )
+
+
+_TURNS = 4.0
+"""Cost of a car that turns far enough, before more is known."""
+
+
+def _joint(costs: Sequence[float]) -> float:
+    return 0.5 * (max(costs) + sum(costs) / len(costs))
+
+
+def _turning(car: Car, swing: SwingFile, least: float) -> Score:
+    """At the common friction: whether the car survives and turns at least that share of the reference."""
+    common = outcome(drive(scenario_from_dict(car.scenario), swing, car.reference.friction))
+    if not common.clean:
+        return Score(5.0 + common.peak_roll / math.pi)
+    heading = common.heading / car.reference.heading
+    return Score(_TURNS + max(least - heading, 0.0), heading)
+
+
+def _surviving(car: Car, swing: SwingFile, target: float, heading: float, more: float) -> Score:
+    """At the target and below; the more a car turns, the more it rolls, so `more` is friction that it gave away."""
+    scenario = scenario_from_dict(car.scenario)
+    trial = drive(scenario, swing, target)
+    found = outcome(trial)
+    if not found.survived:
+        beyond = trial.run_log.time[np.abs(trial.run_log.signal("roll_truth_rad")) > LOST]
+        duration = scenario.manoeuvre.duration
+        upright = (float(beyond[0]) - scenario.manoeuvre.turn_start) if len(beyond) else duration
+        return Score(3.0 - min(upright / duration, 1.0) + more, heading, False, found.peak_roll)
+    if not found.clean:
+        return Score(1.5 + found.peak_roll / math.pi + more, heading, False, found.peak_roll)
+    rolled = found.peak_roll
+    for friction in between(car.reference.friction, target):
+        below = outcome(drive(scenario, swing, friction))
+        rolled = max(rolled, below.peak_roll)
+        if not below.clean:
+            return Score(1.0 + rolled / math.pi + more, heading, False, rolled)
+    within = rolled <= ROLL_MARGIN * most_roll(scenario)
+    return Score(rolled + more + (0.0 if within else 0.5), heading, within, rolled)
+
+
+def between(common: float, target: float) -> list[float]:
+    """Frictions between the common one and the target, at most `SPACING` apart, from above."""
+    return [
+        float(value) for value in np.linspace(target, common, max(1, math.ceil((target - common) / SPACING)) + 1)[1:-1]
+    ]

@@ -1,0 +1,230 @@
+"""Does a swing do on the full car what its file promises? Forward simulation at the fine step, over the ensemble.
+
+Three questions. On the car the swing was made for: how far is the motion from the knots, does anything leave its limits
+or touch the car? On the ensemble: which share of the members survives, clean? And is the turn still the turn: is the
+heading change at least 95 % of that with the thesis' swing (8 rad/s), at the highest friction that both survive
+(design section 10)?
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from aerodima.optimisation.fit.fit_errors import SwingError
+from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
+from aerodima.optimisation.sweep.study_store import make_frame
+from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.swing.full_car import FINE_STEP, LEAST_HEADING
+from aerodima.workbench.config.ensemble import Ensemble
+from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.swing_curve import swing_at
+from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.plants.clearance import RangeOfMotion, ground_clearance
+from aerodima.workbench.simulate.trial import Trial, run_trial
+
+REFERENCE_SETTINGS = ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=8.0")
+LOWER_FRICTION, MOST_LOWER = 0.05, 6
+"""Where the reference flips, headings are compared at a friction lower by this, at most so many times."""
+_MARGIN = 1e-3
+"""rad and N m; an encoder and a stop give this much."""
+
+
+@dataclass(frozen=True)
+class StateErrors:
+    """How the run of the swing's own car compares with its file.
+
+    Attributes:
+        tail_roll: largest distance of the tail from the curve through the knots during the swing, rad.
+        tail_pitch: likewise.
+        tail_roll_at_end: at the last knot, rad.
+        car_roll: largest distance of the estimated roll from the nominal one of the feedback, rad; None without.
+        largest_roll, largest_pitch: of the tail's joints, rad.
+        largest_torque: of a motor, N m.
+        clearance: least distance of rod and sail from the car, m; from the ground at the actual roll of the car.
+        ground: see clearance.
+        fell_back: the tracker gave the swing up.
+    """
+
+    tail_roll: float
+    tail_pitch: float
+    tail_roll_at_end: float
+    car_roll: float | None
+    largest_roll: float
+    largest_pitch: float
+    largest_torque: float
+    clearance: float
+    ground: float
+    fell_back: bool
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Everything that was found.
+
+    Attributes:
+        errors: on the swing's own car.
+        rows: one per run: who (`swing`, `8 rad/s`), member, weight, outcome, metrics.
+        heading_ratio: swing over reference on the own car; NaN when no friction was found that both survive.
+        heading_friction: friction of that comparison.
+        survival: weighted share of the ensemble that survives clean, swing and reference.
+        complaints: what speaks against the swing; empty when it is verified.
+        own: the trial of the swing on its own car.
+        reference: the same turn with the thesis' swing.
+    """
+
+    errors: StateErrors
+    rows: pd.DataFrame
+    heading_ratio: float
+    heading_friction: float
+    survival: dict[str, float]
+    complaints: tuple[str, ...]
+    own: Trial
+    reference: Trial
+
+
+def verify_swing(
+    swing: SwingFile,
+    swing_path: str,
+    scenario_name: str,
+    settings: Sequence[str],
+    ensemble: Ensemble,
+    motion: RangeOfMotion,
+    *,
+    members: int | None = None,
+    step: float = FINE_STEP,
+    tracking: str = "automatic",
+    engine: Engine | None = None,
+) -> Verification:
+    """Runs everything; see the module.
+
+    Args:
+        swing: read from `swing_path`.
+        scenario_name: turn to make; `settings` override it.
+        ensemble: of possible cars; `members` of it, drawn by weight.
+        motion: range-of-motion map of the car.
+        step: of the plant, s.
+        tracking: how the swing is played.
+        engine: where the ensemble is run.
+
+    Raises:
+        SwingError: the swing is never released in this turn.
+        UserError: what the scenario or the file lacks.
+    """
+    engine = engine or SerialEngine()
+    fine = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+    playing = ("tail.mode=swing", f"controller.swing_file={swing_path}", f"controller.tracking={tracking}")
+    own = (*settings, *fine, *playing)
+    scenario = load_scenario(scenario_name, list(own))
+    trial = run_trial(scenario, signals="all")
+    if trial.summary.trigger_time is None:
+        raise SwingError(f"swing {swing.name}: was never released in this turn ({scenario_name} {' '.join(settings)})")
+    reference = run_trial(load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS]), signals="all")
+    errors = _state_errors(swing, scenario, trial.run_log, motion)
+    chosen = ensemble.members if members is None else ensemble.drawn(members)
+    rows = []
+    for who, law in (("swing", playing), ("8 rad/s", REFERENCE_SETTINGS)):
+        tasks = [RunTask(m.name, scenario_name, (*m.settings, *settings, *fine, *law)) for m in chosen]
+        for member, row in zip(chosen, engine.rows(tasks), strict=True):
+            rows.append({"who": who, "member": member.name, "weight": member.weight} | row)
+    frame = make_frame(rows)
+    survival = {}
+    for who in ("swing", "8 rad/s"):
+        part = frame[frame["who"] == who]
+        survival[who] = float(part.loc[part["clean"].fillna(False).astype(bool), "weight"].sum() / part["weight"].sum())
+    ratio, friction = heading_ratio(scenario_name, (*settings, *fine), playing, scenario.car.tyre_friction, engine)
+    complaints = _complaints(swing, trial, errors, ratio)
+    return Verification(errors, frame, ratio, friction, survival, tuple(complaints), trial, reference)
+
+
+def heading_ratio(
+    scenario: str,
+    settings: Sequence[str],
+    playing: Sequence[str],
+    friction: float,
+    engine: Engine,
+    reference: Sequence[str] = REFERENCE_SETTINGS,
+) -> tuple[float, float]:
+    """Heading change over the reference's at the highest friction that both survive clean, and that friction.
+
+    From `friction` downwards in steps; NaN twice where there is none. SwingError when a run fails.
+    """
+    for lower in range(MOST_LOWER + 1):
+        mu = friction - lower * LOWER_FRICTION
+        here = (*settings, f"car.tyre_friction={mu:.9g}")
+        tasks = [RunTask("", scenario, (*here, *playing)), RunTask("", scenario, (*here, *reference))]
+        first, second = engine.rows(tasks)
+        if error := first["error"] or second["error"]:
+            raise SwingError(f"{scenario} {' '.join(here)}: {error}")
+        if first["clean"] and second["clean"]:
+            return first["heading_change_rad"] / second["heading_change_rad"], mu
+    return float("nan"), float("nan")
+
+
+def _state_errors(swing: SwingFile, scenario: Scenario, log: RunLog, motion: RangeOfMotion) -> StateErrors:
+    state = log.signal("controller_state")
+    swinging = np.flatnonzero(state == SwingState.SWING)
+    release = log.time[swinging[0]]
+    side = scenario.manoeuvre.direction
+    since = log.time - release
+    during = (since >= 0.0) & (since <= swing.knots.time_s[-1])
+    point = swing_at(swing, since, side)
+    roll, pitch = log.signal("tail_roll_angle_rad"), log.signal("tail_pitch_angle_rad")
+    feedback = swing.gains.feedback
+    car_error = None
+    if feedback is not None and "car_roll" in feedback.states:
+        mirror = 1.0 if side == swing.direction else -1.0
+        nominal = np.array(feedback.nominal)[:, feedback.states.index("car_roll")]
+        covered = (since >= 0.0) & (since <= feedback.time_s[-1])
+        seen = log.signal("roll_estimate_rad")[covered]
+        car_error = float(np.max(np.abs(mirror * seen - np.interp(since[covered], feedback.time_s, nominal))))
+    after = since >= 0.0
+    torque = np.maximum(np.abs(log.signal("tail_roll_torque_n_m")), np.abs(log.signal("tail_pitch_torque_n_m")))
+    end = int(np.flatnonzero(during)[-1])
+    upright = after & (log.signal("tilt_truth_rad") < 0.8)
+    ground = ground_clearance(scenario, pitch[upright], roll[upright], log.signal("roll_truth_rad")[upright])
+    return StateErrors(
+        tail_roll=float(np.max(np.abs(roll - point.roll_position)[during])),
+        tail_pitch=float(np.max(np.abs(pitch - point.pitch_position)[during])),
+        tail_roll_at_end=float(abs(roll[end] - point.roll_position[end])),
+        car_roll=car_error,
+        largest_roll=float(np.max(np.abs(roll[after]))),
+        largest_pitch=float(np.max(np.abs(pitch[after]))),
+        largest_torque=float(np.max(torque[after])),
+        clearance=float(np.min(motion.clearance(pitch[after], roll[after], ("cage", "deck", "wheels")))),
+        ground=float(np.min(ground)),
+        fell_back=bool(np.any(state == SwingState.FALLBACK)),
+    )
+
+
+def _complaints(swing: SwingFile, trial: Trial, errors: StateErrors, ratio: float) -> list[str]:
+    """In words, worst first."""
+    found, summary, limits = [], trial.summary, swing.limits
+    if not summary.survived:
+        found.append("the car rolls over")
+    elif not summary.clean:
+        found.append(f"{' and '.join(summary.metrics.outcome.touched)} touched the ground")
+    if not ratio >= LEAST_HEADING:
+        found.append(
+            f"heading change is {ratio:.1%} of that with 8 rad/s; allowed: >= {LEAST_HEADING:.0%}"
+            if ratio == ratio
+            else "no friction was found that both this swing and that of 8 rad/s survive clean: headings do not compare"
+        )
+    if errors.fell_back:
+        found.append("the tracker left its funnel on the car that the swing was made for")
+    for name, value, allowed, unit in (
+        ("tail roll", errors.largest_roll, limits.roll_position_rad, "rad"),
+        ("tail pitch", errors.largest_pitch, limits.pitch_position_rad, "rad"),
+        ("motor torque", errors.largest_torque, limits.torque_n_m, "N m"),
+    ):
+        if value > allowed + _MARGIN:
+            found.append(f"{name} reaches {value:.4g} {unit}; allowed: {allowed:.4g} {unit}")
+    for name, value in (("car", errors.clearance), ("ground", errors.ground)):
+        if value <= 0.0:
+            found.append(f"the tail overlaps with the {name} by {-1000 * value:.0f} mm")
+    return found

@@ -1,0 +1,143 @@
+"""The Teensy as watchdog on the bus, seen from the drive: answered beats, silence, what it says of itself."""
+
+import itertools
+import time
+
+import pytest
+
+from aerodima.hardware.car.bus_watch import BusWatch, Watchdogs
+from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.protocol.heartbeat import BEAT_ID, BeatState, decode_beat, make_answer
+from aerodima.hardware.protocol.teensy import TeensyStatus
+from aerodima.workbench.errors import HardwareError
+from tests.hardware.car.fake_devices import FakeWatchdog
+
+TIMING = load_watchdog_timing()
+
+
+class Bus:
+    """A port behind which a Teensy answers every beat with `status`, while it is there."""
+
+    fault, fault_text = 0, ""
+
+    def __init__(self):
+        self.status, self.there, self.beats, self.inbox = TeensyStatus.RUNNING, True, [], []
+
+    def send(self, frame, urgent=False):
+        if frame.arbitration_id == BEAT_ID:
+            self.beats.append(decode_beat(frame))
+            if self.there:
+                self.inbox.append((0.0, make_answer(self.status, self.beats[-1][1])))
+        return True
+
+    def poll(self):
+        frames, self.inbox = self.inbox, []
+        return frames
+
+    def flush(self, timeout=0.2):
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    class Clock:
+        now = 50.0
+
+    monkeypatch.setattr(time, "monotonic", lambda: Clock.now)
+    return Clock
+
+
+@pytest.fixture
+def watch(clock):
+    return BusWatch(Bus(), TIMING)
+
+
+def turn(watch, clock, seconds=0.1):
+    for _ in range(round(seconds / 0.01)):
+        clock.now += 0.01
+        watch.poll()
+        watch.beat()
+
+
+def test_it_is_not_armed_before_the_teensy_has_answered(watch, clock):
+    with pytest.raises(
+        HardwareError, match=r"has not answered on the CAN bus yet; was it built with --wiring watched_can"
+    ):
+        watch.arm()
+    turn(watch, clock)
+    watch.arm()
+    turn(watch, clock, 3.0)
+    assert watch.healthy
+    assert watch._port.beats[-1][0] is BeatState.ARMED
+    counters = [counter for _, counter in watch._port.beats]
+    assert all(a != b for a, b in itertools.pairwise(counters))
+
+
+@pytest.mark.parametrize("armed", [True, False])
+def test_a_teensy_that_dies_is_noticed(watch, clock, armed):
+    turn(watch, clock)
+    if armed:
+        watch.arm()
+    watch._port.there = False
+    turn(watch, clock, TIMING.answer_timeout - 0.02)
+    assert watch.healthy
+    turn(watch, clock, 0.05)
+    assert not watch.healthy
+    assert "does not answer on the CAN bus" in watch.reason
+    if not armed:
+        with pytest.raises(HardwareError, match="does not answer"):
+            watch.arm()
+
+
+def test_a_loop_that_stood_still_is_no_silence_of_the_teensy(watch, clock):
+    turn(watch, clock)
+    watch.arm()
+    clock.now += 1.0
+    watch.poll()
+    assert watch.healthy
+
+
+def test_a_teensy_that_has_acted_is_not_armed_with_and_stops_a_car(watch, clock):
+    watch._port.status = TeensyStatus.WATCHDOG_ACTED
+    turn(watch, clock)
+    assert watch.healthy, "it waits for its first strings"
+    with pytest.raises(HardwareError, match="the watchdog of the Teensy has acted"):
+        watch.arm()
+    watch._port.status = TeensyStatus.RUNNING
+    turn(watch, clock)
+    watch.arm()
+    watch._port.status = TeensyStatus.ATTITUDE
+    turn(watch, clock, 0.03)
+    assert watch.reason == "the Teensy has switched the motors off: attitude"
+
+
+def test_the_frames_of_the_motors_pass_and_the_answers_do_not(watch, clock):
+    reply = (1.0, CanFrame(0, bytes([1, 0, 0, 0, 0, 0])))
+    watch.beat()
+    watch._port.inbox.append(reply)
+    assert watch.poll() == [reply]
+    assert watch.answers == 1
+
+
+def test_trip_and_disarm_are_said_on_the_bus(watch, clock):
+    turn(watch, clock)
+    watch.arm()
+    watch.trip()
+    assert watch._port.beats[-1][0] is BeatState.TRIP
+    watch.disarm()
+    watch.beat()
+    assert watch._port.beats[-1][0] is BeatState.OFF
+
+
+def test_two_watchdogs_are_one_and_none_is_armed_when_one_is_ill():
+    first, second = FakeWatchdog(), FakeWatchdog()
+    both = Watchdogs(first, second)
+    both.arm()
+    both.beat()
+    assert first.calls == second.calls == ["arm", "beat"]
+    second.healthy, second.reason = False, "dead"
+    assert both.reason == "dead"
+    with pytest.raises(HardwareError, match="dead"):
+        both.arm()
+    assert first.calls == ["arm", "beat"]

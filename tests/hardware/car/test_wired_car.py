@@ -1,0 +1,237 @@
+"""One cycle of the wired car: readings in the station's units, commands as pulses and frames, and the way out."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.devices.motor_state import MotorFault
+from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.teensy_link import TeensyFault
+from aerodima.hardware.devices.ublox import GpsSample
+from aerodima.hardware.drive.car_guard import CarGuard
+from aerodima.hardware.protocol.ak70 import make_exit
+from aerodima.hardware.protocol.car_report import decode_report
+from aerodima.workbench.config.ports import STATUS
+from aerodima.workbench.errors import HardwareError
+from tests.hardware.car.fake_devices import CarOnTheBench
+
+HOLD = CarCommand(0.0, 0.0, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.5, 0.0, 17.0, 5.0, 0.0]))
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    bench = CarOnTheBench()
+    monkeypatch.setattr(time, "monotonic", lambda: bench.now)
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
+    bench.car.start()
+    return bench
+
+
+def status(reading):
+    return STATUS.read(reading.status)
+
+
+def armed(bench):
+    bench.cycle(CarCommand(), 2)
+    bench.car.arm()
+    bench.cycle(CarCommand(), 10)
+    return bench
+
+
+def test_readings_have_the_units_and_signs_of_the_station(bench):
+    armed(bench)
+    bench.imu.newest = (bench.now, bench.imu.newest[1])
+    reading = bench.cycle(HOLD)
+    pitch, roll, sail, *_ = reading.tail_state
+    assert (pitch, roll) == (pytest.approx(0.05, abs=0.02), pytest.approx(-1.5, abs=0.02))
+    assert sail == 0.0  # no reply of the Teensy with a time yet
+    bench.teensy.sent_time = bench.now
+    assert bench.cycle(HOLD).tail_state[2] == pytest.approx(2 * math.pi - 0.2)
+    np.testing.assert_allclose(reading.imu, [0.0, 0.0, 0.0, 0.1, -0.2, 0.9, 1.0, 2.0, 3.0], atol=1e-12)
+    assert reading.speed == pytest.approx([3.3])
+    named = status(reading)
+    assert (named.armed, named.tail_roll_fault, named.imu_fault, named.speed_fault) == (1.0, 0.0, 0.0, 0.0)
+    assert named.operator_age == 0.05
+    assert bench.imu.aligned == pytest.approx(bench.now + 0.01)
+
+
+def test_steering_left_and_driving_forward_are_longer_pulses(bench):
+    bench.cycle(CarCommand(0.5236, 1.0))
+    assert bench.teensy.pulses[-1] == (2050, 1900)
+    bench.cycle(CarCommand(-0.2618, -0.5))
+    assert bench.teensy.pulses[-1] == (1225, 1300)
+    bench.cycle(CarCommand(-9.0, 9.0))
+    assert bench.teensy.pulses[-1] == (950, 1900)
+
+
+def test_speed_keeps_its_last_value_without_a_fix_and_says_so(bench):
+    bench.cycle(CarCommand())
+    bench.gps.newest = (bench.now, GpsSample(math.nan, fix=False))
+    reading = bench.cycle(CarCommand())
+    assert reading.speed == pytest.approx([3.3])
+    assert status(reading).speed_fault == SourceFault.NO_FIX
+
+
+def test_arming_is_refused_without_a_watchdog_test_and_nothing_is_sent(monkeypatch):
+    bench = CarOnTheBench(authorised=False)
+    bench.car.start()
+    bench.cycle(CarCommand(), 2)
+    with pytest.raises(HardwareError, match="no watchdog test"):
+        bench.car.arm()
+    assert bench.port.sent == []
+    assert "arm" not in bench.watchdog.calls
+
+
+def test_the_watchdog_is_armed_before_the_motors_and_beaten_in_every_cycle(bench):
+    armed(bench)
+    assert bench.watchdog.calls.index("arm") < bench.watchdog.calls.index("beat")
+    beats = bench.watchdog.calls.count("beat")
+    bench.cycle(HOLD, 5)
+    assert bench.watchdog.calls.count("beat") == beats + 5
+
+
+def test_a_watchdog_that_died_switches_the_motors_off(bench):
+    armed(bench)
+    bench.watchdog.healthy, bench.watchdog.reason = False, "the watchdog process has ended"
+    reading = bench.cycle(HOLD)
+    assert status(reading).tail_roll_fault == MotorFault.BUS
+    assert "watchdog" in reading.fault_text
+    assert bench.port.exits(2, bench.now)
+
+
+@pytest.mark.parametrize("broken", [CarCommand(throttle=math.nan), CarCommand(tail_roll=np.full(5, math.inf))])
+def test_a_command_that_is_not_finite_exits_both_motors_and_centres_the_pulses(bench, broken):
+    armed(bench)
+    bench.cycle(CarCommand(0.3, 0.5), 1)
+    bench.cycle(broken)
+    assert bench.teensy.pulses[-1] == (1500, 1500)
+    assert bench.port.exits(1, bench.now)
+    assert bench.port.exits(2, bench.now)
+    assert status(bench.cycle(HOLD)).armed == 0.0
+
+
+def test_a_command_of_zeros_leaves_the_tail_held(bench):
+    armed(bench)
+    bench.cycle(HOLD, 5)
+    bench.car.hold(bench.now)
+    bench.cycle(CarCommand(), 5)
+    last = bench.port.motors[1].command
+    assert (last.kp, last.kd) == (pytest.approx(17.0, rel=0.4), pytest.approx(5.0, rel=0.4))
+    assert bench.port.motors[1].entered
+
+
+def test_stop_sends_exit_frames_and_idle_pulses_several_times_whatever_fails(bench):
+    armed(bench)
+    bench.cycle(CarCommand(0.3, 0.5), 1)
+    bench.teensy.commit = lambda: bench.teensy.pulses.append(bench.teensy.noted) or 1 / 0
+    before = len(bench.teensy.pulses)
+    bench.car.stop("test")
+    bench.car.stop("again")
+    assert bench.teensy.pulses[before:] == [(1500, 1500)] * 5
+    exits = [frame for _, frame in bench.port.sent if frame in (make_exit(1), make_exit(2))]
+    assert len(exits) >= 10
+    assert bench.closed == [1]
+    assert bench.watchdog.calls[-1] == "disarm"
+    assert bench.car.stop_reason == "test"
+    assert status(bench.car.read(bench.now)).armed == 0.0
+    with pytest.raises(HardwareError, match="is not started"):
+        bench.car.arm()
+
+
+def test_the_watchdog_waits_until_the_motors_have_answered_the_exit_frames(bench):
+    armed(bench)
+    bench.car.disarm(bench.now)
+    assert bench.watchdog.calls[-1] == "beat"
+    bench.cycle(CarCommand())
+    assert bench.watchdog.calls[-1] == "disarm"
+    assert "trip" not in bench.watchdog.calls
+
+
+def test_exit_frames_that_nobody_answers_are_left_to_the_watchdog_too(bench):
+    armed(bench)
+    bench.port.motors[1].respond = lambda frame: []
+    bench.car.disarm(bench.now)
+    bench.cycle(CarCommand(), 8)
+    assert bench.watchdog.calls[-1] == "beat"
+    bench.cycle(CarCommand(), 8)
+    assert bench.watchdog.calls[-1] == "trip"
+    assert "disarm" not in bench.watchdog.calls[bench.watchdog.calls.index("arm") :]
+
+
+@pytest.mark.parametrize("broken", ["silent motor", "blocked bus", "bus with a fault"])
+def test_an_end_on_a_broken_bus_asks_the_watchdog_to_act(bench, broken):
+    armed(bench)
+    if broken == "silent motor":
+        bench.port.motors[0].respond = lambda frame: []
+    elif broken == "blocked bus":
+        bench.port.flush = lambda timeout=0.2: False
+    else:
+        bench.port.fault = 3
+    bench.car.stop("an exception in the controller")
+    assert bench.watchdog.calls[-1] == "trip"
+
+
+def test_hold_and_disarm_after_the_end_do_nothing(bench):
+    armed(bench)
+    bench.car.stop("over")
+    sent = len(bench.port.sent)
+    bench.car.hold(bench.now)
+    bench.car.disarm(bench.now)
+    assert len(bench.port.sent) == sent
+
+
+def test_an_emergency_stop_is_named_before_everything_else_and_needs_a_hand_to_be_forgotten(bench):
+    bench.radio.stopped = True
+    bench.teensy.fault, bench.teensy.fault_text = TeensyFault.SILENT, "the Teensy is silent"
+    reading = bench.cycle(CarCommand())
+    assert status(reading).operator_fault == SourceFault.STOPPED
+    assert status(reading).sail_fault == SourceFault.SILENT
+    assert "emergency stop" in reading.fault_text
+    bench.car.reset(bench.now)
+    assert not bench.radio.stopped
+
+
+def test_the_guard_on_the_wired_car_disarms_when_the_operator_falls_silent(bench):
+    safety = load_drive_safety()
+    guard = CarGuard(bench.car, safety)
+
+    def turn(count):
+        for _ in range(count):
+            bench.now += 0.01
+            bench.port.now = bench.now
+            for motor in bench.port.motors:
+                motor.advance(0.01)
+            guard.exchange(HOLD, bench.now)
+
+    turn(2)
+    guard.arm(bench.now)
+    turn(15)
+    guard.drive(bench.radio.command.mode, bench.now)
+    turn(20)
+    bench.radio.silence = 0.26
+    silent = bench.now
+    turn(100)
+    assert guard.finished
+    first = bench.port.exits(2, silent)[0]
+    assert first - silent == pytest.approx(safety.tail_hold, abs=0.03)
+    assert "silent for 0.26 s" in guard.reason
+
+
+def test_a_car_without_a_tail_has_no_motors_and_says_so():
+    bench = CarOnTheBench("tail.mode=none", authorised=False)  # a watchdog test would need the motors of a tail
+    bench.car.authorise()
+    bench.car.start()
+    named = status(bench.cycle(CarCommand(), 3))
+    assert (named.tail_pitch_fault, named.tail_roll_fault) == (SourceFault.NOT_FITTED, SourceFault.NOT_FITTED)
+    assert named.armed == 0.0
+    bench.car.arm()
+    assert bench.port.sent == []
+    assert status(bench.cycle(CarCommand(), 6)).armed == 1.0, "throttle and steering take commands"
+    told = decode_report(bench.radio.reports[-1])
+    assert (told.armed, told.has_tail) == (True, False)
+    bench.car.disarm(bench.now)
+    assert status(bench.cycle(CarCommand(), 2)).armed == 0.0

@@ -1,0 +1,332 @@
+"""The console's door and what passes it: tokens, origins, one page that controls, stops; a real server, no browser."""
+
+import contextlib
+import http.client
+import json
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from typer.testing import CliRunner
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from aerodima.hardware.console.console import Console, Limits
+from aerodima.hardware.console.console_record import ConsoleRecord
+from aerodima.hardware.console.console_server import make_app, make_server, open_socket, run_server
+from aerodima.hardware.console.operator_radio import OperatorRadio
+from aerodima.hardware.console.page_access import Access
+from aerodima.hardware.protocol.car_report import CarReport
+from aerodima.hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.errors import HardwareError
+from tests.hardware.console.test_operator_radio import CAR, FakeLink
+
+ARMED = CarReport(True, False, RadioMode.IDLE, operator_age=0.02)
+
+
+class Served:
+    """A console on a free port with a radio in memory."""
+
+    def __init__(self, folder, listener=None, car=None):
+        self.link, self.said = FakeLink(), []
+        self.record = folder / "record.jsonl"
+        self.listener = listener or open_socket(0)
+        self.port = self.listener.getsockname()[1]
+        self.access = Access(self.port)
+        self.console = Console(OperatorRadio(self.link, CAR), ConsoleRecord(self.record), Limits(0.5, 1.0, 2.0), car)
+        self.server = make_server(make_app(self.console, self.access, self.said.append, self.end))
+        self.thread = threading.Thread(target=lambda: self.server.run(sockets=[self.listener]))
+        self.thread.start()
+
+    def end(self):
+        self.server.should_exit = True
+
+    def close(self):
+        self.end()
+        self.thread.join(10)
+        self.listener.close()
+
+    def get(self, path, **headers):
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
+        connection.putrequest("GET", path, skip_host="Host" in headers)
+        for name, value in headers.items():
+            connection.putheader(name, value)
+        connection.endheaders()
+        answer = connection.getresponse()
+        answer.body = answer.read().decode()
+        connection.close()
+        return answer
+
+    def enter(self):
+        """The cookie that the valid token gives."""
+        answer = self.get(self.access.url.partition(str(self.port))[2])
+        assert answer.status == 303
+        return answer.getheader("Set-Cookie")
+
+    def page(self, cookie, origin=""):
+        headers = {"Cookie": cookie.partition(";")[0]}
+        origin = f"http://127.0.0.1:{self.port}" if origin == "" else origin
+        return Page(connect(f"ws://127.0.0.1:{self.port}/socket", origin=origin, additional_headers=headers))
+
+    def sent(self, kind):
+        return [message for piece in list(self.link.sent) for message in piece if isinstance(message, kind)]
+
+
+class Page:
+    def __init__(self, socket):
+        self.socket, self.count = socket.__enter__(), 0
+
+    def say(self, **message):
+        self.socket.send(json.dumps(message))
+
+    def beat(self, **values):
+        self.count += 1
+        self.say(type="beat", count=self.count, time=time.monotonic(), **values)
+
+    def until(self, condition):
+        end = time.monotonic() + 10
+        while time.monotonic() < end:
+            message = json.loads(self.socket.recv(timeout=10))
+            if condition(message):
+                return message
+        raise AssertionError("did not come")
+
+    def state(self, condition=lambda state: True):
+        return self.until(lambda message: message["type"] == "state" and condition(message))
+
+    def refusal(self):
+        return self.until(lambda message: message["type"] == "refused")["text"]
+
+
+@pytest.fixture
+def served(tmp_path):
+    served = Served(tmp_path)
+    yield served
+    served.close()
+
+
+def eventually(condition):
+    end = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_token_opens_once_and_the_cookie_afterwards(served):
+    assert served.get("/").status == 403
+    assert served.get("/console.js").status == 403
+    assert served.get("/?token=wrong").status == 403
+    used = served.access.url
+    cookie = served.enter()
+    assert {"HttpOnly", "SameSite=strict"} <= set(cookie.split("; "))
+    assert served.get(used.partition(str(served.port))[2]).status == 403
+    page = served.get("/", Cookie=cookie.partition(";")[0])
+    assert (page.status, "EMERGENCY STOP" in page.body) == (200, True)
+    assert "frame-ancestors 'none'" in page.getheader("Content-Security-Policy")
+    assert served.access.url in served.said[-1]
+    assert served.access.url != used
+    assert served.get("/", Cookie=f"{served.access.cookie}=guessed").status == 403
+    assert served.get("/../server.py", Cookie=cookie.partition(";")[0]).status == 404
+
+
+def test_pages_name_nothing_outside(served):
+    cookie = served.enter().partition(";")[0]
+    for name in ("", "console.css", "console.js", "gamepads.js", "inputs.js", "news.js", "plots.js"):
+        body = served.get(f"/{name}", Cookie=cookie).body
+        assert "http://" not in body
+        assert "https://" not in body
+        assert "<style" not in body
+
+
+def test_foreign_host_and_origin_are_refused(served):
+    cookie = served.enter()
+    plain = cookie.partition(";")[0]
+    own = f"127.0.0.1:{served.port}"
+    assert served.get("/", Cookie=plain, Host=own, Origin=f"http://{own}").status == 200
+    assert served.get("/", Cookie=plain, Host=f"evil.example:{served.port}").status == 403
+    assert served.get("/", Cookie=plain, Origin="http://evil.example").status == 403
+    for origin in ("http://evil.example", "null", None, "http://127.0.0.1:1"):
+        with pytest.raises(InvalidStatus, match="403"):
+            served.page(cookie, origin=origin)
+    with pytest.raises(InvalidStatus, match="403"):
+        served.page(f"{served.access.cookie}=guessed")
+    upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+    key = {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Cookie": plain}
+    rebound = {"Host": f"evil.example:{served.port}", "Origin": f"http://evil.example:{served.port}"}
+    assert served.get("/socket", **upgrade, **key, **rebound).status == 403
+    same = {"Host": own, "Origin": f"http://{own}"}
+    assert served.get("/socket", **upgrade, **{**key, "Cookie": "a=b"}, **same).status == 403
+    assert served.link.sent == []
+
+
+def test_beats_are_passed_on_one_for_one_and_none_is_invented(served):
+    page = served.page(served.enter())
+    served.link.report(ARMED, time.monotonic())
+    page.state(lambda state: state["radio"]["armed"])
+    page.beat()
+    for _ in range(4):
+        page.beat(mode="manual", throttle=0.25, steering=0.5)
+    eventually(lambda: len(served.sent(Heartbeat)) == 5)
+    assert [beat.counter for beat in served.sent(Heartbeat)] == [1, 2, 3, 4, 5]
+    assert served.sent(OperatorCommand)[-1] == OperatorCommand(RadioMode.MANUAL, 0.25, 0.5)
+    time.sleep(0.3)  # the page is frozen: open, but silent
+    assert len(served.sent(Heartbeat)) == 5
+    page.socket.close()
+    eventually(lambda: served.sent(OperatorCommand)[-1] == OperatorCommand(RadioMode.IDLE))
+    time.sleep(0.2)
+    assert len(served.sent(Heartbeat)) == 5
+
+
+def test_second_page_is_read_only_but_may_stop_the_car(served):
+    cookie = served.enter()
+    first, second = served.page(cookie), served.page(cookie)
+    assert first.state()["controls"]
+    assert not second.state()["controls"]
+    second.beat(mode="manual")
+    assert "read-only" in second.refusal()
+    first.beat()
+    second.say(type="take")
+    assert "another page" in second.refusal()
+    assert len(served.sent(Heartbeat)) == 1
+    second.say(type="stop", by="key")
+    assert first.state(lambda state: state["radio"]["stopped_by"])["radio"]["stopped_by"] == "key"
+    sent = len(served.sent(OperatorCommand))
+    first.socket.close()
+    second.state(lambda state: state["can_take"])
+    assert len(served.sent(OperatorCommand)) == sent  # it was at rest: nothing to take back
+    second.say(type="take")
+    second.state(lambda state: state["controls"])
+
+
+def test_a_page_that_looks_on_takes_nothing_from_the_car_when_it_goes(served):
+    cookie = served.enter()
+    first, second = served.page(cookie), served.page(cookie)
+    served.link.report(ARMED, time.monotonic())
+    first.state(lambda state: state["radio"]["armed"])
+    first.beat()
+    first.beat(mode="manual", throttle=0.25)
+    eventually(lambda: len(served.sent(OperatorCommand)) == 2)
+    second.state()
+    second.socket.close()
+    time.sleep(0.2)
+    assert served.sent(OperatorCommand)[-1].mode is RadioMode.MANUAL
+    assert len(served.sent(OperatorCommand)) == 2
+    first.socket.close()
+    eventually(lambda: served.sent(OperatorCommand)[-1].mode is RadioMode.IDLE)
+
+
+def test_stop_goes_out_at_once_and_stays_until_it_is_reset(served):
+    page = served.page(served.enter())
+    page.state()
+    page.say(type="log", on=True)
+    page.say(type="stop", by="button")
+    eventually(lambda: len(served.sent(EmergencyStop)) >= 3)
+    served.link.report(CarReport(False, True, RadioMode.IDLE), time.monotonic())
+    page.state(lambda state: state["radio"]["confirmed"])
+    stops = len(served.sent(EmergencyStop))
+    page.beat(mode="auto")
+    eventually(lambda: served.sent(Heartbeat))
+    assert served.sent(OperatorCommand)[-1].mode is RadioMode.IDLE
+    page.say(type="arm")
+    assert "armed beside it" in page.refusal()
+    page.say(type="reset")
+    page.state(lambda state: not state["radio"]["stopped_by"])
+    assert len(served.sent(EmergencyStop)) == stops
+    events = [json.loads(line)["event"] for line in served.record.read_text().splitlines()]
+    assert {"stop", "report", "command", "reset"} <= set(events)
+
+
+def test_what_a_lost_port_does_not_take_is_not_recorded_as_sent(served):
+    page = served.page(served.enter())
+    page.say(type="log", on=True)
+    served.link.report(ARMED, time.monotonic())
+    page.state(lambda state: state["radio"]["armed"] and state["recording"]["on"])
+    page.beat()
+    page.beat(mode="manual", throttle=0.25)
+    eventually(lambda: len(served.sent(OperatorCommand)) == 2)
+    served.link.fault = "there is no such device"
+    told = page.state(lambda state: state["radio"]["fault"])["radio"]
+    assert (told["fault"], told["armed"]) == ("the radio's port is lost: there is no such device", False)
+    page.beat(mode="manual", throttle=0.5)
+    page.say(type="stop", by="key")
+    page.state(lambda state: state["radio"]["stopped_by"])
+    lines = [json.loads(line) for line in served.record.read_text().splitlines()]
+    assert [line["throttle"] for line in lines if line["event"] == "command"] == [0.0, 0.25]
+    assert [line["fault"] for line in lines if line["event"] == "radio"] == [told["fault"]]
+    assert [line["sent"] for line in lines if line["event"] == "stop"] == [False]
+    assert len(served.sent(Heartbeat)) == 2
+
+
+def die(*_):
+    raise ZeroDivisionError("in a part of the console")
+
+
+@pytest.mark.parametrize("part", ["turn", "state", "welcome", "hear"])
+def test_a_part_of_the_console_that_dies_sends_the_car_to_rest_says_so_and_ends_it(tmp_path, part):
+    with contextlib.closing(Served(tmp_path)) as served:
+        cookie = served.enter()
+        page = served.page(cookie)
+        served.link.report(ARMED, time.monotonic())
+        page.state(lambda state: state["radio"]["armed"])
+        page.beat()
+        page.beat(mode="auto")
+        eventually(lambda: served.sent(OperatorCommand)[-1:] == [OperatorCommand(RadioMode.AUTO)])
+        setattr(served.console, part, die)
+        if part == "welcome":
+            served.page(cookie)
+        elif part == "hear":
+            page.beat(mode="auto")
+        told = page.until(lambda message: message["type"] == "failed")
+        assert told["text"] == "ZeroDivisionError: in a part of the console"
+        assert served.sent(OperatorCommand)[-1] == OperatorCommand(RadioMode.IDLE)
+        served.thread.join(10)
+        assert not served.thread.is_alive()
+
+
+def test_a_console_that_has_failed_ends_with_its_reason(tmp_path):
+    console = Console(OperatorRadio(FakeLink(), CAR), ConsoleRecord(tmp_path / "record.jsonl"), Limits(0.5, 1.0, 2.0))
+    console.turn = die
+    with contextlib.closing(open_socket(0)) as listener, ThreadPoolExecutor(1) as thread:
+        served = thread.submit(run_server, listener, console, Access(listener.getsockname()[1]), print)
+        with pytest.raises(HardwareError, match="has failed: ZeroDivision"):
+            served.result(10)
+
+
+def test_nonsense_from_a_page_is_one_line_and_ends_nothing(served):
+    page = served.page(served.enter())
+    page.state()
+    page.socket.send("{")
+    assert "\n" not in page.refusal()
+    page.socket.send(b"\x00\x01")
+    page.refusal()
+    page.beat()
+    eventually(lambda: served.sent(Heartbeat))
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], "give one of"),
+        (["--radio", "/dev/none", "--port", "70000"], "--port 70000: allowed: 0 to 65535"),
+        (["--radio", "/dev/none", "--port", "0"], "/dev/none: cannot be opened"),
+        (["--ports", "none.json", "--port", "0"], "none.json: no such ports file"),
+    ],
+)
+def test_wrong_flags_are_one_line(words, expected, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(build_app(), ["console", *words])
+    assert result.exit_code == 2
+    assert expected in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_port_in_use_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with contextlib.closing(open_socket(0)) as taken:
+        port = taken.getsockname()[1]
+        result = CliRunner().invoke(build_app(), ["console", "--radio", "/dev/none", "--port", str(port)])
+    assert result.exit_code == 2
+    assert f"--port {port}: Address already in use" in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -1,0 +1,119 @@
+"""BNO055 bytes against the data sheet's tables, and a chip that answers as the real one does."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aerodima.hardware.devices.bno055 import (
+    SAMPLE_BYTES,
+    Answer,
+    AnswerStream,
+    Bno055Chip,
+    Bno055Sample,
+    Mode,
+    Register,
+    decode_sample,
+    encode_sample,
+    make_read,
+    make_sample_request,
+    make_write,
+)
+from aerodima.hardware.protocol.can_frame import FrameError
+from tests.hardware.fuzzing import fuzz
+
+HALF = math.sqrt(0.5)
+LEVEL = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_requests_are_the_bytes_of_the_data_sheet():
+    assert make_read(Register.CHIP_ID, 1) == bytes.fromhex("AA010001")
+    assert make_write(Register.MODE, bytes([Mode.IMU])) == bytes.fromhex("AA003D0108")
+    assert make_sample_request() == bytes.fromhex("AA011422")
+
+
+def test_words_have_the_units_of_the_data_sheet():
+    sample = Bno055Sample((HALF, 0.0, 0.0, HALF), (1.0, -2.0, 0.5), (9.81, -0.01, 3.27), -4, (3, 2, 1, 0))
+    data = encode_sample(sample)
+    assert len(data) == SAMPLE_BYTES == 34
+    assert np.frombuffer(data[:6], "<i2").tolist() == [900, -1800, 450]
+    assert np.frombuffer(data[12:20], "<i2").tolist() == [11585, 0, 0, 11585]
+    assert np.frombuffer(data[20:26], "<i2").tolist() == [981, -1, 327]
+    assert np.frombuffer(data[26:32], "<i2").tolist() == [0, 0, 981]
+    assert data[32:] == bytes([0xFC, 0b11100100])
+    back = decode_sample(data)
+    assert back.gyro == pytest.approx(sample.gyro, abs=1 / 1800)
+    assert back.acceleration == pytest.approx(sample.acceleration, abs=0.005)
+    assert (back.temperature, back.calibration) == (-4, (3, 2, 1, 0))
+
+
+def test_a_turn_to_the_left_carries_the_chips_x_axis_to_the_worlds_y_axis():
+    turned = decode_sample(encode_sample(Bno055Sample((HALF, 0.0, 0.0, HALF), (0.0,) * 3, (0.0,) * 3)))
+    np.testing.assert_allclose(turned.rotation[:, 0], [0.0, 1.0, 0.0], atol=1e-4)
+
+
+def test_a_chip_without_fusion_is_refused():
+    with pytest.raises(FrameError, match="quaternion of length 0"):
+        decode_sample(bytes(SAMPLE_BYTES))
+    data = bytearray(encode_sample(LEVEL))
+    data[31] ^= 0x04
+    with pytest.raises(FrameError, match="gravity"):
+        decode_sample(bytes(data))
+    with pytest.raises(FrameError, match="allowed is 34"):
+        decode_sample(encode_sample(LEVEL)[:-1])
+    with pytest.raises(FrameError, match="finite"):
+        encode_sample(Bno055Sample((1.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (0.0,) * 3))
+
+
+def test_the_chip_answers_reads_and_writes_and_has_no_sample_before_its_fusion_runs():
+    chip, stream = Bno055Chip(), AnswerStream()
+    chip.set_sample(LEVEL)
+    assert chip.feed(make_read(Register.CHIP_ID, 1)) == bytes.fromhex("BB01A0")
+    with pytest.raises(FrameError, match="fusion"):
+        decode_sample(stream.feed(chip.feed(make_sample_request()))[0].data)
+    request = make_write(Register.MODE, bytes([Mode.IMU]))
+    assert chip.feed(request[:3]) == b""
+    assert chip.feed(request[3:]) == bytes.fromhex("EE01")
+    assert decode_sample(stream.feed(chip.feed(make_sample_request()))[0].data).quaternion == LEVEL.quaternion
+    assert chip.feed(make_read(0x7F, 2)) == bytes.fromhex("EE04")
+    assert chip.feed(b"\x55") == bytes.fromhex("EE06")
+
+
+@given(st.binary(max_size=20).filter(lambda noise: 0xBB not in noise and 0xEE not in noise), st.integers(1, 40))
+@settings(max_examples=200, deadline=None)
+def test_noise_before_an_answer_costs_nothing_however_it_is_cut(noise, piece):
+    stream = AnswerStream()
+    data = noise + bytes.fromhex("BB02A0FBEE01")
+    found = [answer for at in range(0, len(data), piece) for answer in stream.feed(data[at : at + piece])]
+    assert found == [Answer(data=b"\xa0\xfb"), Answer(status=1)]
+    assert stream.rejected == len(noise)
+
+
+@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_whatever_bytes_arrive_a_sample_is_finite_and_turns_or_is_refused(count):
+    def check(data, plausible):
+        if plausible and len(data) == SAMPLE_BYTES:  # or hardly any would pass the checks
+            good = encode_sample(LEVEL)
+            data = data[:12] + good[12:20] + data[20:26] + good[26:32] + data[32:]
+        try:
+            sample = decode_sample(data)
+        except FrameError:
+            return
+        assert np.all(np.isfinite([*sample.quaternion, *sample.gyro, *sample.acceleration]))
+        np.testing.assert_allclose(sample.rotation @ sample.rotation.T, np.eye(3), atol=1e-9)
+        again = encode_sample(sample)
+        assert again[:6] == data[:6]
+        assert again[20:26] == data[20:26]
+        assert again[32:] == data[32:]
+
+    fuzz(check, count, st.binary(min_size=SAMPLE_BYTES - 1, max_size=SAMPLE_BYTES + 1), st.booleans())
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=300, deadline=None)
+def test_neither_end_stumbles_over_noise(data):
+    for answer in AnswerStream().feed(data):
+        assert answer.status is not None or 1 <= len(answer.data) <= 128
+    assert isinstance(Bno055Chip().feed(data), bytes)

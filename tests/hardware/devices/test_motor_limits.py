@@ -1,0 +1,129 @@
+"""Limits of a command, and where they come from."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from aerodima.hardware.devices.motor_limits import check_command, limit_command, pd_torque, to_motor
+from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.protocol.ak70 import MitCommand, make_command
+from aerodima.hardware.protocol.ak70_profiles import AK70_10_24_N_M, MANUAL_SAMPLE_CODE
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.workbench.errors import HardwareError, ScenarioError
+from tests.hardware.fake_motors import PROFILE, Bench, hold, settings, tail_motor_parameters
+
+ROLL = settings()
+
+
+def test_physical_limits_are_those_of_the_scenario():
+    parameters = tail_motor_parameters()
+    assert ROLL.torque_limit == parameters.torque_limit == 24.8
+    assert (ROLL.kp_max, ROLL.kd_max, ROLL.jump_speed) == (
+        parameters.kp_max,
+        parameters.kd_max,
+        parameters.speed_range,
+    )
+
+
+def test_profile_that_can_say_less_limits_more():
+    assert settings(profile=AK70_10_24_N_M).torque_limit == 24.0
+
+
+def test_total_torque_is_limited_by_scaling_the_whole_loop():
+    # kp (q_d - q) + kd (v_d - v) + tau = 100 * 1.5 + 5 * (8 - -2) + 3 = 203 N m
+    command = MitCommand(1.5, 8.0, 100.0, 5.0, 3.0)
+    limited = limit_command(command, 0.0, -2.0, ROLL)
+    assert pd_torque(limited, 0.0, -2.0) == pytest.approx(24.8)
+    assert limited.kp / limited.kd == pytest.approx(100.0 / 5.0)
+    assert limited.torque == pytest.approx(3.0 * 24.8 / 203)
+    assert (limited.position, limited.velocity) == (1.5, 8.0)
+
+
+def test_torque_within_the_limit_passes_unchanged():
+    command = MitCommand(0.5, 1.0, 17.0, 5.0, 1.0)
+    assert limit_command(command, 0.0, 0.0, ROLL) == command
+
+
+def test_position_is_kept_in_the_range_and_speed_below_its_limit():
+    limited = limit_command(MitCommand(3.0, 40.0, 1.0, 0.0, 0.0), 1.0, 0.0, ROLL)
+    assert (limited.position, limited.velocity) == (math.pi / 2, 25.0)
+    assert limit_command(MitCommand(-3.0, -40.0, 1.0, 0.0, 0.0), 1.0, 0.0, ROLL).position == -math.pi / 2
+
+
+@pytest.mark.parametrize(("side", "place"), [(1, math.pi / 2), (-1, -math.pi / 2)])
+def test_at_an_end_nothing_leads_further_out(side, place):
+    out = limit_command(MitCommand(0.0, side * 8.0, 0.0, 3.0, side * 5.0), place, 0.0, ROLL)
+    assert (out.velocity, out.torque) == (0.0, 0.0)
+    back = limit_command(MitCommand(0.0, side * -8.0, 0.0, 3.0, side * -0.5), place, 0.0, ROLL)
+    assert (back.velocity, back.torque) == (side * -8.0, side * -0.5)
+
+
+@given(
+    st.tuples(st.floats(-20, 20), st.floats(-60, 60), st.floats(0, 600), st.floats(0, 8), st.floats(-40, 40)),
+    st.floats(-1.7, 1.7),
+    st.floats(-25, 25),
+)
+@hypothesis_settings(max_examples=300, deadline=None)
+def test_whatever_is_commanded_can_be_encoded_and_keeps_the_torque(values, position, speed):
+    limited = limit_command(MitCommand(*values), position, speed, ROLL)
+    assert abs(pd_torque(limited, position, speed)) <= 24.8 + 1e-9
+    make_command(2, to_motor(limited, ROLL), PROFILE)
+
+
+@pytest.mark.parametrize("field", ["position", "velocity", "kp", "kd", "torque"])
+def test_nan_is_refused(field):
+    with pytest.raises(HardwareError, match="finite"):
+        check_command(dataclasses.replace(hold(0.0), **{field: math.nan}))
+
+
+@pytest.mark.parametrize("field", ["kp", "kd"])
+def test_negative_gain_is_refused(field):
+    with pytest.raises(HardwareError, match="negative"):
+        check_command(dataclasses.replace(hold(0.0), **{field: -0.1}))
+
+
+def test_torque_of_the_motor_stays_below_the_limit_in_a_wild_run():
+    bench = Bench(settings()).to_running(hold(0.0))
+    for target in (1.5, -1.5, 1.5, -1.5):
+        bench.cycle(hold(target, kp=20.0, kd=1.0), count=30)
+    assert max(map(abs, bench.fakes[0].torques)) <= 24.8
+
+
+def test_range_beyond_the_wrap_is_refused():
+    with pytest.raises(HardwareError, match=r"tail roll: motor angles .* set the zero nearer"):
+        settings(zero=12.0)
+    with pytest.raises(HardwareError, match="set the zero nearer"):
+        settings(zero=-8.0)  # commands there would look like replies
+
+
+@pytest.mark.parametrize("motor_id", [0, 64, 104])
+def test_motor_id_that_is_ambiguous_is_refused(motor_id):
+    with pytest.raises(FrameError, match="motor id"):
+        settings(motor_id=motor_id)
+
+
+def test_direction_other_than_a_sign_is_refused():
+    with pytest.raises(HardwareError, match="direction 2; allowed is 1 or -1"):
+        settings(direction=2)
+
+
+def test_empty_range_is_refused():
+    with pytest.raises(HardwareError, match="is empty"):
+        settings(low=1.0, high=1.0)
+
+
+def test_safety_parameters_have_sources_and_are_overridden_by_key():
+    assert load_motor_safety().missed_replies == 5
+    assert load_motor_safety({"missed_replies": 3}).missed_replies == 3
+    with pytest.raises(ScenarioError, match="temperature_limit: 400"):
+        load_motor_safety({"temperature_limit": 400.0})
+    with pytest.raises(ScenarioError, match="unknown key"):
+        load_motor_safety({"temprature_limit": 40.0})
+
+
+def test_settings_of_another_profile_use_its_wrap():
+    assert settings(profile=MANUAL_SAMPLE_CODE, zero=40.0).zero == 40.0

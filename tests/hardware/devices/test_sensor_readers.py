@@ -1,0 +1,145 @@
+"""The sensor threads on pseudo-terminals: setting up, silence, loss, and coming back."""
+
+import math
+import os
+import pty
+import statistics
+import threading
+import time
+import tty
+from itertools import pairwise
+
+import pytest
+
+from aerodima.hardware.devices.bno055 import Bno055Chip, Bno055Sample
+from aerodima.hardware.devices.sensor_readers import gps_thread, imu_thread
+from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
+from aerodima.hardware.transport.serial_link import SerialSettings, open_serial
+from tests.hardware.fake_can import wait_until
+
+pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
+
+LEVEL = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.0, 0.0))
+
+
+class Terminal:
+    """A pseudo-terminal behind a link that keeps its name when the plug is pulled and put back."""
+
+    def __init__(self, folder, answer=lambda data: b""):
+        self.link = folder / "device"
+        self.answer = answer
+        self.requests = []
+        self.plug()
+
+    def plug(self):
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.link.unlink(missing_ok=True)
+        self.link.symlink_to(os.ttyname(self.slave))
+        threading.Thread(target=self._serve, args=(self.master,), daemon=True).start()
+
+    def unplug(self):
+        os.close(self.slave)
+        os.close(self.master)
+        self.link.unlink()
+
+    def open(self):
+        return open_serial(SerialSettings(str(self.link)), 0.01)
+
+    def _serve(self, master):
+        try:
+            while data := os.read(master, 4096):
+                self.requests.append(time.monotonic())
+                if reply := self.answer(data):
+                    os.write(master, reply)
+        except OSError:
+            return
+
+
+def fault(thread):
+    return thread.fault(time.monotonic())[0]
+
+
+@pytest.fixture
+def imu(tmp_path):
+    chip = Bno055Chip()
+    chip.set_sample(LEVEL)
+    terminal = Terminal(tmp_path, chip.feed)
+    terminal.chip = chip
+    thread = imu_thread(terminal.open, 0.1)
+    yield terminal, thread
+    thread.close()
+
+
+def test_the_chip_is_set_up_and_read_at_100_hz(imu):
+    _, thread = imu
+    assert fault(thread) is SourceFault.NO_SAMPLE_YET
+    assert wait_until(lambda: thread.count > 5)
+    assert thread.newest[1].gyro == (0.0, 0.0, 0.5)
+    assert fault(thread) is SourceFault.NONE
+    asked = [thread.newest[0]]
+    while len(asked) < 100:
+        assert wait_until(lambda: thread.newest[0] > asked[-1])
+        asked.append(thread.newest[0])
+    # The median: a busy computer makes some samples late.
+    assert statistics.median(after - before for before, after in pairwise(asked)) == pytest.approx(0.01, abs=5e-4)
+
+
+def test_samples_come_in_step_with_the_loop(imu):
+    _, thread = imu
+    assert wait_until(lambda: thread.count > 5)
+    wanted = time.monotonic() + 0.5
+    for _ in range(30):
+        thread.align(wanted)
+        time.sleep(0.01)
+    phase = math.remainder(thread.newest[0] - wanted, 0.01)
+    assert phase == pytest.approx(-0.006 + 0.01, abs=0.0015)
+
+
+def test_a_silent_chip_is_told_and_its_return_too(imu):
+    terminal, thread = imu
+    assert wait_until(lambda: thread.count > 5)
+    terminal.answer = lambda data: b""
+    assert wait_until(lambda: fault(thread) is SourceFault.SILENT)
+    terminal.answer = terminal.chip.feed
+    assert wait_until(lambda: fault(thread) is SourceFault.NONE)
+
+
+def test_a_system_error_of_the_chip_is_told(imu):
+    terminal, thread = imu
+    assert wait_until(lambda: thread.count > 5)
+    terminal.chip.set_error(3)
+    assert wait_until(lambda: fault(thread) is SourceFault.REPORTED)
+    assert "system error 3" in thread.fault(time.monotonic())[1]
+
+
+def test_a_plug_that_was_pulled_is_told_and_the_chip_is_set_up_again(imu):
+    terminal, thread = imu
+    assert wait_until(lambda: thread.count > 5)
+    terminal.unplug()
+    assert wait_until(lambda: fault(thread) is SourceFault.LOST)
+    count = thread.count
+    terminal.chip.__init__()  # it lost its power
+    terminal.chip.set_sample(LEVEL)
+    terminal.plug()
+    assert wait_until(lambda: thread.count > count and fault(thread) is SourceFault.NONE)
+
+
+def test_what_is_no_bno055_is_named(tmp_path):
+    terminal = Terminal(tmp_path, lambda data: b"\xbb\x01\x55")
+    thread = imu_thread(terminal.open, 0.1)
+    assert wait_until(lambda: "chip id 55" in thread.error)
+    assert fault(thread) is not SourceFault.NONE
+    thread.close()
+
+
+def test_gps_samples_have_an_age(tmp_path):
+    terminal = Terminal(tmp_path)
+    thread = gps_thread(terminal.open, 0.3)
+    assert thread.age(time.monotonic()) == math.inf
+    os.write(terminal.master, b"noise" + make_nav_pvt(GpsSample(3.2)))
+    assert wait_until(lambda: thread.count == 1)
+    assert thread.newest[1].speed == pytest.approx(3.2)
+    assert wait_until(lambda: fault(thread) is SourceFault.SILENT)
+    thread.close()

@@ -1,0 +1,322 @@
+"""What reaches the car and when it stops, tick by tick in simulated time."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.devices.radio_link import IDLE
+from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.drive.car_guard import CarGuard, Stage
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.workbench.errors import HardwareError
+from tests.hardware.drive.fake_wiring import PERIOD, FakeWiring
+
+SAFETY = load_drive_safety()
+FORWARD = CarCommand(0.1, 0.05, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([-1.57, 0.0, 17.0, 5.0, 0.0]))
+STOP = CarCommand()
+
+
+class Car:
+    def __init__(self):
+        self.wiring = FakeWiring()
+        self.guard = CarGuard(self.wiring, SAFETY)
+        self.now = 100.0
+
+    def turn(self, command=FORWARD, count=1, late=0.0):
+        for _ in range(count):
+            self.now += PERIOD
+            self.guard.exchange(command, self.now, self.now - late)
+        return self
+
+    def driving(self):
+        self.turn(count=2)
+        self.guard.arm(self.now)
+        self.turn(count=2)
+        self.guard.drive(RadioMode.AUTO, self.now)
+        return self.turn(count=3)
+
+    @property
+    def last(self):
+        return self.wiring.commands[-1]
+
+
+def same(a, b):
+    return (a.steering_angle, a.throttle) == (b.steering_angle, b.throttle) and np.array_equal(a.tail_roll, b.tail_roll)
+
+
+@pytest.fixture
+def car():
+    return Car()
+
+
+def test_nothing_passes_before_drive(car):
+    car.turn(count=2)
+    car.guard.arm(car.now)
+    car.turn(count=2)
+    assert all(same(command, STOP) for command in car.wiring.commands)
+    car.guard.drive(RadioMode.AUTO, car.now)
+    car.turn()
+    assert same(car.last, FORWARD)
+
+
+def test_driving_needs_armed_motors(car):
+    car.turn()
+    with pytest.raises(HardwareError, match="not armed"):
+        car.guard.drive(RadioMode.AUTO, car.now)
+
+
+@pytest.mark.parametrize("mode", [RadioMode.AUTO, RadioMode.MANUAL, RadioMode.CONTROL])
+def test_a_switch_that_stands_on_a_mode_from_before_is_not_obeyed_until_it_was_in_idle(car, mode):
+    car.wiring.operator, car.wiring.stubborn = OperatorCommand(mode, 1.0), True
+    car.turn(count=2)
+    car.guard.arm(car.now)
+    car.turn(count=100)
+    assert car.wiring.asks is Asks.REST
+    with pytest.raises(HardwareError, match="was not heard in IDLE"):
+        car.guard.drive(mode, car.now)
+    car.turn()
+    assert all(same(command, STOP) for command in car.wiring.commands)
+    car.wiring.operator = IDLE
+    car.turn(count=2)
+    assert car.wiring.asks is Asks.CHOICE
+    car.wiring.operator = OperatorCommand(mode, 1.0)
+    car.turn()
+    car.guard.drive(mode, car.now)
+    car.turn()
+    assert same(car.last, FORWARD)
+    assert car.wiring.asks is Asks.NOTHING
+
+
+def test_an_idle_that_is_older_than_the_holding_motors_does_not_count(car):
+    car.wiring.operator = IDLE
+    car.wiring.ages["operator"] = 0.2
+    car.turn(count=2)
+    car.guard.arm(car.now)
+    car.turn(count=15)
+    assert car.wiring.asks is Asks.REST
+    car.turn(count=10)
+    assert car.wiring.asks is Asks.CHOICE
+
+
+def test_every_arming_needs_its_own_idle(car):
+    car.driving()
+    car.guard.stop("SIGINT", car.now, hard=True)
+    car.turn(count=30)
+    car.guard.reset(car.now)
+    car.turn()
+    car.wiring.stubborn = True
+    car.guard.arm(car.now)
+    car.turn(count=10)
+    assert car.wiring.asks is Asks.REST
+
+
+def soft(source, code):
+    return lambda car: car.wiring.faults.update({source: code})
+
+
+SOFT = {
+    "operator silent": soft("operator", SourceFault.SILENT),
+    "radio lost": soft("operator", SourceFault.LOST),
+    "imu silent": soft("imu", SourceFault.SILENT),
+    "imu error": soft("imu", SourceFault.REPORTED),
+    "gps silent": soft("speed", SourceFault.SILENT),
+    "left AUTO": lambda car: setattr(car.wiring, "operator", OperatorCommand(RadioMode.IDLE)),
+    "took over": lambda car: setattr(car.wiring, "operator", OperatorCommand(RadioMode.MANUAL, 1.0)),
+    "run over": lambda car: car.guard.stop("the run is over", car.now),
+}
+
+
+@pytest.mark.parametrize("cause", SOFT.values(), ids=SOFT)
+def test_a_soft_reason_cuts_the_throttle_in_the_next_cycle_holds_the_tail_then_exits(car, cause):
+    car.driving()
+    cause(car)
+    car.turn()
+    assert car.guard.stage is Stage.HOLDING
+    assert same(car.last, STOP)
+    assert car.wiring.calls == ["arm", "hold"]
+    car.turn(count=round(SAFETY.tail_hold / PERIOD))
+    assert car.wiring.calls == ["arm", "hold", "disarm"]
+    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
+    assert car.guard.finished
+    assert not car.guard.hard
+    assert all(same(command, STOP) for command in car.wiring.commands[-60:])
+
+
+HARD = {
+    "emergency stop": soft("operator", SourceFault.STOPPED),
+    "motor": lambda car: car.wiring.motor_fault(),
+    "teensy silent": soft("sail", SourceFault.SILENT),
+    "teensy watchdog": soft("sail", SourceFault.REPORTED),
+    "motors went off": lambda car: setattr(car.wiring, "armed", False),
+    "signal": lambda car: car.guard.stop("SIGINT", car.now, hard=True),
+}
+
+
+@pytest.mark.parametrize("cause", HARD.values(), ids=HARD)
+def test_a_hard_reason_exits_at_once(car, cause):
+    car.driving()
+    cause(car)
+    car.turn()
+    assert car.wiring.calls[-1] == "disarm"
+    assert same(car.last, STOP)
+    car.turn(count=round(SAFETY.after_exit / PERIOD) + 1)
+    assert car.guard.finished
+    assert car.guard.hard
+    assert car.guard.reason
+
+
+@pytest.mark.parametrize("place", ["steering_angle", "throttle", "tail_pitch", "tail_roll"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_command_that_is_not_finite_never_reaches_the_car(car, place, value):
+    car.driving()
+    values = {"steering_angle": 0.1, "throttle": 0.05, "tail_pitch": np.ones(5), "tail_roll": np.ones(5)}
+    values[place] = value if place in ("steering_angle", "throttle") else np.array([0.0, value, 1.0, 1.0, 0.0])
+    car.turn(CarCommand(**values))
+    assert same(car.last, STOP)
+    assert car.guard.stage is Stage.EXITING
+    assert "NaN or infinity" in car.guard.reason
+
+
+def test_a_lost_fix_does_not_stop_the_car(car):
+    car.driving()
+    car.wiring.faults["speed"] = SourceFault.NO_FIX
+    car.turn(count=10)
+    assert car.guard.stage is Stage.DRIVING
+
+
+def test_emergency_stop_latches_until_reset_by_hand(car):
+    car.driving()
+    car.wiring.faults["operator"] = SourceFault.STOPPED
+    car.turn(count=30)
+    assert car.guard.finished
+    car.wiring.faults.clear()
+    car.turn(count=200)
+    assert same(car.last, STOP)
+    assert "arm" not in car.wiring.calls[1:]
+    with pytest.raises(HardwareError, match="reset it by hand"):
+        car.guard.arm(car.now)
+    car.guard.reset(car.now)
+    assert car.guard.stage is Stage.READY
+    assert not car.wiring.armed
+    car.turn()
+    car.guard.arm(car.now)
+    assert car.guard.stage is Stage.ARMED
+
+
+def test_emergency_stop_before_arming_latches_too(car):
+    car.wiring.faults["operator"] = SourceFault.STOPPED
+    car.turn()
+    car.wiring.faults.clear()
+    car.turn()
+    with pytest.raises(HardwareError, match="cannot be armed"):
+        car.guard.arm(car.now)
+
+
+@pytest.mark.parametrize("hard", [True, False])
+def test_a_reason_to_stop_before_arming_forbids_it_until_reset_by_hand(car, hard):
+    car.turn(count=2)
+    car.guard.stop("SIGINT", car.now, hard)
+    assert car.guard.finished
+    car.turn(count=20)
+    with pytest.raises(HardwareError, match=r"it is stopped \(SIGINT\); reset it by hand"):
+        car.guard.arm(car.now)
+    assert "arm" not in car.wiring.calls
+    car.guard.reset(car.now)
+    car.turn()
+    car.guard.arm(car.now)
+    assert car.wiring.calls[-1] == "arm"
+
+
+def test_a_signal_while_the_car_is_being_armed_or_let_go_switches_it_off(car):
+    car.turn(count=2)
+    arm = car.wiring.arm
+
+    def interrupted():
+        arm()
+        car.guard.stop("SIGTERM", car.now, hard=True)
+
+    car.wiring.arm = interrupted
+    car.guard.arm(car.now)
+    assert car.guard.stage is Stage.EXITING
+    assert car.wiring.calls == ["arm", "disarm"]
+    with pytest.raises(HardwareError, match="SIGTERM"):
+        car.guard.drive(RadioMode.AUTO, car.now)
+
+
+def test_a_device_that_is_silent_or_a_missing_watchdog_test_forbids_arming(car):
+    car.wiring.faults["imu"] = SourceFault.SILENT
+    car.turn()
+    with pytest.raises(HardwareError, match="imu SILENT"):
+        car.guard.arm(car.now)
+    car.wiring.faults.clear()
+    car.wiring.refuse = "no watchdog test"
+    car.turn()
+    with pytest.raises(HardwareError, match="no watchdog test"):
+        car.guard.arm(car.now)
+    assert car.guard.stage is Stage.READY
+
+
+def test_a_hard_reason_while_holding_exits_at_once(car):
+    car.driving()
+    car.guard.stop("the operator is silent", car.now)
+    car.turn(count=3)
+    car.wiring.motor_fault()
+    car.turn()
+    assert car.guard.stage is Stage.EXITING
+    assert car.guard.reason == "the operator is silent"
+
+
+def test_late_cycles_are_counted_and_too_many_in_a_row_stop_the_car(car):
+    car.driving()
+    car.turn(late=0.03, count=SAFETY.most_overruns - 1)
+    car.turn()
+    assert car.guard.stage is Stage.DRIVING
+    assert car.guard.overruns == SAFETY.most_overruns - 1
+    car.turn(late=0.03, count=SAFETY.most_overruns)
+    assert car.guard.stage is Stage.EXITING
+    assert "30 ms late" in car.guard.reason
+
+
+def test_more_current_than_the_fuse_has_stops_the_car(car):
+    car.driving()
+    read = car.wiring.read
+
+    def powerful(now):
+        reading = read(now)
+        reading.tail_state[4], reading.tail_torque[1] = 35.0, 24.0  # 840 W
+        return reading
+
+    car.wiring.read = powerful
+    car.turn()
+    assert car.guard.hard
+    assert "35 A; the fuse has 30 A" in car.guard.reason
+
+
+def test_a_car_without_a_tail_drives_without_armed_motors(car):
+    car.guard = CarGuard(car.wiring, SAFETY, has_tail=False)
+    car.turn()
+    car.guard.arm(car.now)
+    car.wiring.armed = False
+    car.wiring.faults |= {"tail_roll": SourceFault.NOT_FITTED, "tail_pitch": SourceFault.NOT_FITTED}
+    car.turn(count=2)
+    car.guard.drive(RadioMode.AUTO, car.now)
+    car.turn()
+    assert same(car.last, FORWARD)
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_an_operator_who_leaves_the_mode_and_falls_silent_was_lost(car, heard):
+    car.driving()
+    car.wiring.operator = IDLE  # by hand, or by the console whose page has gone
+    car.turn(count=10)
+    assert (car.guard.stage, car.guard.left) == (Stage.HOLDING, True)
+    if not heard:
+        car.wiring.faults["operator"] = SourceFault.SILENT
+    car.turn(count=100)
+    assert car.guard.finished
+    assert (car.guard.left, car.guard.hard) == (heard, False)
+    assert car.guard.reason == "the operator left AUTO for IDLE" + " and was not heard any more" * (not heard)

@@ -1,0 +1,224 @@
+"""A whole drive on devices in memory: however it ends, exit frames and throttle 0 go out, and the log can be read."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from aerodima.hardware.car.car_ports import ports_from_dict
+from aerodima.hardware.drive.drive_session import RUN_OVER, DriveOptions, run_drive
+from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
+from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.logs.schema import read_run_log
+from tests.hardware.car.fake_devices import PORTS, CarOnTheBench, ImuAtRest
+
+pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
+
+QUICK = [
+    "manoeuvre.straight_time=0.5",
+    "manoeuvre.speed_ramp=0.3",
+    "manoeuvre.wait_after_turn=0.1",
+    "manoeuvre.log_end=1.2",
+]
+
+
+class LawThatBreaks:
+    """The law of the scenario, and after some ticks whatever `fail` does."""
+
+    def __init__(self, scenario, fail=None, ticks=30):
+        self._law, self._fail, self._left = law_of_scenario(scenario), fail, ticks
+        self.rate, self.memory_size = self._law.rate, self._law.memory_size
+
+    def start(self):
+        return self._law.start()
+
+    def step(self, memory, observation):
+        self._left -= 1
+        result = self._law.step(memory, observation)
+        return self._fail(result) if self._fail and self._left < 0 else result
+
+
+class Drive:
+    def __init__(self, folder, with_drake):
+        self.bench = CarOnTheBench(*QUICK)
+        self.bench.devices.imu = ImuAtRest()
+        self.log = folder / "run.parquet"
+        self.with_drake = with_drake
+        self.said = []
+
+    def run(self, fail=None, **options):
+        scenario = self.bench.scenario
+        chosen = DriveOptions(self.log, with_drake=self.with_drake, **options)
+        law = LawThatBreaks(scenario, fail)
+        return run_drive(self.bench.car, scenario, law, ports_from_dict(PORTS), chosen, self.said.append)
+
+    def assert_safe(self):
+        assert not any(motor.entered for motor in self.bench.port.motors)
+        assert self.bench.port.exits(1)
+        assert self.bench.port.exits(2)
+        assert self.bench.teensy.pulses[-1] == (1500, 1500)
+        assert self.bench.closed == [1]
+
+
+@pytest.fixture(params=[True, False], ids=["drake", "plain"])
+def drive(request, tmp_path):
+    return Drive(tmp_path, request.param)
+
+
+def test_the_sequence_runs_and_ends_in_order(drive):
+    result = drive.run()
+    assert (result.reason, result.orderly, result.signal) == (RUN_OVER, True, 0)
+    drive.assert_safe()
+    log = read_run_log(drive.log)
+    assert log.time[-1] == pytest.approx(1.2)
+    assert log.extra["overruns"] == 0
+    throttle = max(pulse for _, pulse in drive.bench.teensy.pulses)
+    assert throttle > 1500
+    assert "driving: AUTO" in drive.said
+
+
+def test_a_traffic_log_that_stopped_is_told_in_the_outcome(drive):
+    drive.bench.devices.traffic_error = lambda: "CAN traffic log stopped: No space left on device"
+    result = drive.run()
+    assert (result.reason, result.orderly) == (RUN_OVER, True)
+    assert result.traffic_error == "CAN traffic log stopped: No space left on device"
+
+
+def test_an_exception_in_the_controller(drive):
+    def fail(result):
+        raise ZeroDivisionError("in the law")
+
+    with pytest.raises(Exception, match="in the law"):
+        drive.run(fail)
+    drive.assert_safe()
+    log = read_run_log(drive.log)
+    assert "in the law" in log.extra["stop_reason"]
+    assert log.time[-1] > 0.25
+
+
+def test_a_controller_that_commands_nan(drive):
+    result = drive.run(lambda result: (result[0], np.full(5, np.nan), result[2], result[3]))
+    assert not result.orderly
+    assert "NaN" in result.reason
+    drive.assert_safe()
+    assert "NaN" in read_run_log(drive.log).extra["stop_reason"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal(drive, number):
+    timer = threading.Timer(0.0, lambda: None)
+
+    def kill(result):
+        nonlocal timer
+        if not timer.is_alive() and timer.interval == 0.0:
+            timer = threading.Timer(0.05, lambda: os.kill(os.getpid(), number))
+            timer.start()
+        return result
+
+    result = drive.run(kill)
+    assert result.signal == number
+    assert result.reason == signal.Signals(number).name
+    drive.assert_safe()
+    assert read_run_log(drive.log).extra["stop_reason"] == result.reason
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_arming_switches_nothing_on(drive, number):
+    drive.bench.watchdog.arm = lambda: pytest.fail("armed after a signal")
+
+    def say(text):
+        drive.said.append(text)
+        if text.startswith("arming"):
+            os.kill(os.getpid(), number)
+
+    scenario = drive.bench.scenario
+    chosen = DriveOptions(drive.log, with_drake=drive.with_drake)
+    result = run_drive(drive.bench.car, scenario, law_of_scenario(scenario), ports_from_dict(PORTS), chosen, say)
+    assert (result.signal, result.reason) == (number, signal.Signals(number).name)
+    assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
+    drive.assert_safe()
+    assert not drive.log.exists()
+
+
+def test_the_operator_stops_and_nothing_is_armed_again(drive):
+    def stop(result):
+        drive.bench.radio.stopped = True
+        return result
+
+    result = drive.run(stop)
+    assert not result.orderly
+    assert "emergency stop" in result.reason
+    drive.assert_safe()
+
+
+def test_the_operator_takes_the_car_out_of_auto(drive):
+    def idle(result):
+        drive.bench.radio.command = OperatorCommand(RadioMode.IDLE)
+        return result
+
+    result = drive.run(idle)
+    assert result.orderly
+    assert result.reason == "the operator left AUTO for IDLE"
+    drive.assert_safe()
+
+
+def test_an_operator_who_is_lost_in_auto_is_no_orderly_end(drive):
+    ticks = []
+
+    def vanish(result):
+        """The console sends the car to rest when the page has gone; the heartbeat ends with the page."""
+        ticks.append(len(ticks))
+        drive.bench.radio.command, drive.bench.radio.silence = OperatorCommand(RadioMode.IDLE), 0.05 + 0.01 * len(ticks)
+        return result
+
+    result = drive.run(vanish)
+    assert not result.orderly
+    assert result.reason == "the operator left AUTO for IDLE and was not heard any more"
+    drive.assert_safe()
+
+
+def test_without_an_answer_on_the_terminal_nothing_is_armed(drive):
+    with pytest.raises(HardwareError, match="not armed"):
+        drive.run(confirm=lambda: False)
+    assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
+    assert not drive.log.exists()
+    assert not list(drive.log.parent.glob("*.journal"))
+
+
+def test_an_operator_who_never_chooses(drive):
+    drive.bench.radio.command = OperatorCommand(RadioMode.IDLE)
+    begin = time.monotonic()
+    result = drive.run(wait_for_operator=0.3)
+    assert "neither AUTO nor MANUAL" in result.reason
+    assert time.monotonic() - begin < 10.0
+    drive.assert_safe()
+    assert not drive.log.exists()
+
+
+def test_a_switch_that_stands_on_auto_since_before_the_arming_starts_nothing(drive):
+    drive.bench.radio.car = None  # nobody listens to what the car asks for
+    result = drive.run(wait_for_operator=1.0)
+    assert result.reason == "the operator did not put the switch in IDLE"
+    assert any("switch stands on AUTO: put it in IDLE first" in text for text in drive.said)
+    assert not any(text.startswith("driving") for text in drive.said)
+    assert {pulses for pulses in drive.bench.teensy.pulses if pulses} == {(1500, 1500)}
+    drive.assert_safe()
+    assert not drive.log.exists()
+
+
+def test_a_motor_that_does_not_answer_fails_the_start(drive):
+    drive.bench.port.motors[1].respond = lambda frame: []
+    with pytest.raises(HardwareError, match="arming failed: tail roll: does not answer"):
+        drive.run()
+    drive.assert_safe()
+
+
+def test_a_tail_far_from_its_mark_fails_the_start(drive):
+    drive.bench.port.motors[1].position = -0.8
+    with pytest.raises(HardwareError, match="tail roll zero: at -45"):
+        drive.run()
+    drive.assert_safe()

@@ -1,0 +1,116 @@
+"""Scripts of faults: what is read, what is refused, and what is on when."""
+
+import pytest
+import yaml
+
+from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.emulator.event_log import EventLog, read_events
+from aerodima.hardware.emulator.fault_board import FaultBoard
+from aerodima.hardware.emulator.fault_script import Fault, Script, load_emulator_numbers, no_faults, read_script
+from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.workbench.errors import UserError
+
+
+def script(tmp_path, **content):
+    path = tmp_path / "script.yaml"
+    path.write_text(yaml.safe_dump({"schema": "aerodima/emulation/1", **content}))
+    return path
+
+
+@pytest.fixture
+def events(tmp_path):
+    log = EventLog(tmp_path / "events.jsonl")
+    yield log
+    log.close()
+
+
+def board(events, *faults, clock="start"):
+    made = FaultBoard(Script.model_validate({"clock": clock, "faults": faults}), events)
+    made.begin("start", 100.0)
+    return made
+
+
+def test_a_script_is_read(tmp_path):
+    read = read_script(
+        script(
+            tmp_path,
+            clock="start",
+            faults=[{"time": 1.0, "fault": "reply_lost", "part": "tail_roll", "duration": 0.1}],
+            operator=[{"time": 0.5, "mode": "manual", "throttle": 0.2}],
+        )
+    )
+    assert (read.clock, read.faults[0].fault, read.faults[0].duration) == ("start", Fault.REPLY_LOST, 0.1)
+    command = read.operator[0].command(asked=False)
+    assert (command.mode, command.throttle) == (RadioMode.MANUAL, 0.2)
+    usual = no_faults().operator[0]
+    assert (usual.command(asked=False).mode, usual.command(asked=True).mode) == (RadioMode.IDLE, RadioMode.AUTO)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"faults": [{"time": 1.0, "fault": "fire"}]}, "faults.*fire|fault: 'fire'|'fire'"),
+        ({"faults": [{"time": -1.0, "fault": "bus_off"}]}, "time"),
+        (
+            {"faults": [{"time": 1.0, "fault": "reply_lost"}]},
+            "part of reply_lost: None; allowed: tail_pitch, tail_roll",
+        ),
+        ({"faults": [{"time": 1.0, "fault": "unplugged", "part": "wheel"}]}, "'wheel'; allowed: can, teensy"),
+        ({"faults": [{"time": 1.0, "fault": "bus_off", "part": "can"}]}, "allowed: none"),
+        ({"faults": [{"time": 1.0, "fault": "bus_off", "length": 2}]}, "length"),
+        ({"faults": [{"time": float("nan"), "fault": "bus_off"}]}, "time"),
+        ({"operator": [{"time": 0.0, "mode": "fly"}]}, "mode"),
+        ({"clock": "noon"}, "clock"),
+    ],
+)
+def test_a_wrong_script_is_one_line_that_names_the_file(tmp_path, content, message):
+    path = script(tmp_path, **content)
+    with pytest.raises(UserError, match=message) as caught:
+        read_script(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_schema_and_a_missing_file_are_refused(tmp_path):
+    with pytest.raises(UserError, match="'aerodima/scenario/1' cannot be read"):
+        read_script(script(tmp_path, schema="aerodima/scenario/1"))
+    with pytest.raises(UserError, match="no such file"):
+        read_script(tmp_path / "missing.yaml")
+
+
+def test_a_fault_lasts_from_its_time_for_its_duration(events, tmp_path):
+    faults = board(events, {"time": 1.0, "fault": "silent", "part": "imu", "duration": 0.5})
+    for now, on in ((100.9, False), (101.0, True), (101.4, True), (101.6, False), (110.0, False)):
+        faults.look(now)
+        assert (faults.entry(Fault.SILENT, "imu") is not None) is on
+        assert faults.entry(Fault.SILENT, "gps") is None
+    assert [event["event"] for event in read_events(tmp_path / "events.jsonl")] == [
+        "script_begins",
+        "fault_on",
+        "fault_off",
+    ]
+
+
+def test_a_counted_fault_meets_that_many(events):
+    faults = board(events, {"time": 0.0, "fault": "reply_lost", "part": "tail_roll", "count": 2})
+    faults.look(100.0)
+    assert [faults.meets(Fault.REPLY_LOST, "tail_roll") for _ in range(4)] == [True, True, False, False]
+    faults.look(100.1)
+    assert not faults.meets(Fault.REPLY_LOST, "tail_roll")
+
+
+def test_the_clock_may_begin_with_the_first_enter_frame(events):
+    faults = board(events, {"time": 0.0, "fault": "bus_off"}, clock="entered")
+    faults.look(105.0)
+    assert faults.entry(Fault.BUS_OFF) is None
+    faults.begin("entered", 106.0)
+    faults.begin("entered", 107.0)
+    faults.look(106.0)
+    assert faults.entry(Fault.BUS_OFF) is not None
+
+
+def test_the_faults_are_larger_than_what_the_motors_are_allowed():
+    numbers, safety = load_emulator_numbers(), load_motor_safety()
+    assert numbers.temperature < safety.temperature_limit < numbers.hot_temperature
+    assert numbers.encoder_jump > safety.jump_margin
+    assert numbers.drift_rate < safety.speed_limit

@@ -1,0 +1,153 @@
+"""Without the record of a watchdog test for its wiring nothing real is armed."""
+
+import json
+
+import pytest
+
+from aerodima.hardware.car.car_ports import ports_from_dict
+from aerodima.hardware.car.emulator_files import READY_FILE, READY_SCHEMA
+from aerodima.hardware.watchdog import test_record as record
+from aerodima.hardware.watchdog.test_record import (
+    is_emulated,
+    new_record,
+    read_record,
+    require_watchdog_test,
+    write_record,
+)
+from aerodima.workbench.errors import HardwareError
+
+
+def ports(teensy="/dev/ttyACM0", can=None):
+    data = {"schema": "aerodima/ports/1", "teensy": {"path": teensy}, "imu": {"path": "/dev/ttyUSB0"}}
+    return ports_from_dict(data if can is None else {**data, "can": can})
+
+
+REAL = ports(can={"interface": "socketcan", "channel": "can0"})
+WIRINGS = ("direct_can", "teensy_bridge")
+
+
+def recorded(folder, wiring="teensy_bridge", **changes):
+    made = new_record(wiring, REAL, "strings stopped", 0.152, "operator")
+    return write_record(made.model_copy(update=changes), folder)
+
+
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_a_test_of_this_wiring_allows_arming(tmp_path, wiring):
+    path = recorded(tmp_path, wiring)
+    found = require_watchdog_test(wiring, REAL, tmp_path)
+    assert (found.time_to_exit, found.seen_off_by, found.emulated) == (0.152, "operator", False)
+    assert found == read_record(path)
+
+
+def test_without_a_record_it_says_how_to_make_one(tmp_path):
+    recorded(tmp_path, "teensy_bridge")
+    with pytest.raises(HardwareError, match=r"no watchdog test of direct_can is recorded.*--watchdog-test"):
+        require_watchdog_test("direct_can", REAL, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"emulated": True}, "was made on the emulator; the motors are real"),
+        ({"firmware": "0" * 64}, "another firmware"),
+        ({"watchdog": "0" * 64}, "another watchdog process"),
+        ({"time_to_exit": 0.5}, "took 0.5 s"),
+        ({"ports": ports("/dev/ttyACM7").model_dump(mode="json", by_alias=True)}, "other ports: teensy"),
+        ({"ports": {**REAL.model_dump(mode="json"), "firmware_profile": "ak70_10_24_n_m"}}, "firmware_profile"),
+        ({"ports": {**REAL.model_dump(mode="json"), "tail_roll": {"motor_id": 5}}}, r"tail_roll\.motor_id"),
+        ({"ports": {}}, "other ports: teensy, firmware_profile"),
+    ],
+)
+def test_a_record_that_does_not_fit_is_refused(tmp_path, changes, message):
+    recorded(tmp_path, **changes)
+    with pytest.raises(HardwareError, match=message):
+        require_watchdog_test("teensy_bridge", REAL, tmp_path)
+
+
+def test_a_record_of_another_wiring_under_this_name_is_refused(tmp_path):
+    recorded(tmp_path, "direct_can").rename(tmp_path / "teensy_bridge.json")
+    with pytest.raises(HardwareError, match="is of the wiring direct_can; allowed: teensy_bridge"):
+        require_watchdog_test("teensy_bridge", REAL, tmp_path)
+
+
+def test_exit_frames_that_came_too_late_are_not_recorded():
+    with pytest.raises(HardwareError, match=r"exit frames 0\.400 s after the cut; allowed is 0\.3 s"):
+        new_record("direct_can", REAL, "drive process killed (SIGKILL)", 0.4, "operator")
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/1"}', "\xff"])
+def test_a_file_that_is_no_record_is_one_line(tmp_path, text):
+    path = tmp_path / "teensy_bridge.json"
+    path.write_text(text, encoding="latin-1")
+    with pytest.raises(HardwareError, match=r"teensy_bridge\.json") as caught:
+        require_watchdog_test("teensy_bridge", REAL, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_record_with_an_unknown_key_is_refused(tmp_path):
+    path = recorded(tmp_path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "motors_off": True}))
+    with pytest.raises(HardwareError, match="motors_off"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("wiring", "car", "emulated"),
+    [
+        ("teensy_bridge", REAL, False),
+        ("direct_can", REAL, False),
+        ("direct_can", ports(can={"interface": "slcan", "channel": "/dev/ttyACM3"}), False),
+        ("direct_can", ports(can={"interface": "virtual", "channel": "x"}), True),
+        ("direct_can", ports("/dev/pts/0", can={"interface": "socketcan", "channel": "can0"}), False),
+        (
+            "direct_can",
+            ports(can={"interface": "socketcand", "channel": "can0", "options": {"host": "127.0.0.1", "port": 1}}),
+            False,
+        ),
+    ],
+)
+def test_which_motors_are_real(wiring, car, emulated):
+    assert is_emulated(wiring, car) is emulated
+
+
+def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
+    (tmp_path / "ports").mkdir()
+    link = tmp_path / "ports" / "teensy"
+    link.symlink_to("/dev/pts/0")
+    assert not is_emulated("teensy_bridge", ports(str(link))), "a real device may hang behind a pseudo-terminal"
+    (tmp_path / READY_FILE).write_text(json.dumps({"schema": READY_SCHEMA}))
+    assert is_emulated("teensy_bridge", ports(str(link)))
+    link.unlink()
+    link.symlink_to("/dev/ttyACM0")
+    assert not is_emulated("teensy_bridge", ports(str(link)))
+
+
+def test_a_test_is_void_for_another_adapter_and_not_for_another_zero_or_imu(tmp_path):
+    recorded(tmp_path, "direct_can")
+    data = REAL.model_dump(mode="json", by_alias=True)
+    moved = {**data, "imu": {"path": "/dev/ttyUSB9"}, "tail_roll": {"motor_id": 2, "zero": 0.3}}
+    assert require_watchdog_test("direct_can", ports_from_dict(moved), tmp_path)
+    other = {**data, "can": {"interface": "socketcan", "channel": "can1"}}
+    with pytest.raises(HardwareError, match="other ports: can"):
+        require_watchdog_test("direct_can", ports_from_dict(other), tmp_path)
+
+
+def test_strings_that_hide_a_silent_motor_are_not_armed(tmp_path):
+    recorded(tmp_path)
+    data = {**REAL.model_dump(mode="json", by_alias=True), "string_form": "published"}
+    with pytest.raises(HardwareError, match="string_form published"):
+        require_watchdog_test("teensy_bridge", ports_from_dict(data), tmp_path)
+
+
+def test_other_timing_is_another_watchdog(monkeypatch, tmp_path):
+    before = record.watchdog_hash(), record.teensy_hash()
+    changed = tmp_path / "changed.yaml"
+    changed.write_text("heartbeat_timeout: 0.25")
+    monkeypatch.setattr(record, "model_path", lambda name: changed)
+    assert record.watchdog_hash() != before[0]
+    assert record.teensy_hash() != before[1]
+
+
+def test_the_default_place_is_the_users_state_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert record.record_path("direct_can") == tmp_path / "aerodima" / "watchdog_tests" / "direct_can.json"

@@ -1,0 +1,118 @@
+"""Threshold search on made-up survival: the step is bracketed, islands are reported."""
+
+import math
+
+import pytest
+
+from aerodima.optimisation.sweep.rollover_threshold import (
+    FRICTION,
+    SPEED,
+    TIPPED,
+    Case,
+    Search,
+    critical_friction,
+    find_thresholds,
+)
+from aerodima.optimisation.sweep.study_engine import SerialEngine, SweepError
+from aerodima.workbench.errors import UserError
+
+
+class MadeUp(SerialEngine):
+    """Survival as a function of the searched factor instead of a run."""
+
+    def __init__(self, survives, factor):
+        self.survives, self.factor, self.runs = survives, factor, []
+
+    def rows(self, tasks, done=None):
+        rows = []
+        for place, task in enumerate(tasks):
+            value = float(dict(setting.split("=") for setting in task.settings)[self.factor])
+            self.runs.append(value)
+            outcome = self.survives(value)
+            kind = outcome if isinstance(outcome, str) else "survived" if outcome else "flipped"
+            speeds = {"speed_m_per_s": 0.5 if kind == "tipped" else 3.3, "commanded_speed_m_per_s": 3.33}
+            kind = "flipped" if kind == "tipped" else kind
+            row = {"outcome": None if kind == "error" else kind, "error": "broken" if kind == "error" else ""}
+            rows.append(row | speeds)
+            if done is not None:
+                done(place, rows[-1])
+        return rows
+
+
+def search(survives, **changes):
+    settings = {"factor": FRICTION, "low": 0.4, "high": 1.0, "scan": 0.1, "tolerance": 0.01} | changes
+    engine = MadeUp(survives, settings["factor"])
+    return find_thresholds([Case("", "turn_none")], Search(**settings), engine)[0], engine
+
+
+def test_step_is_bracketed_within_the_tolerance_with_few_runs():
+    found, engine = search(lambda friction: friction < 0.6537)
+    assert found.found
+    assert found.survived < 0.6537 <= found.flipped
+    assert found.flipped - found.survived <= 0.01 + 1e-9
+    assert abs(found.value - 0.6537) <= 0.01
+    assert len(engine.runs) == len(set(engine.runs)) == 7 + 3 * 2
+    assert found.islands == ()
+    assert found.highest_survived == found.survived
+
+
+def test_island_of_survivors_is_reported_and_not_taken_for_the_threshold():
+    found, _ = search(lambda friction: friction < 0.55 or 0.75 < friction < 0.95)
+    assert found.survived < 0.55 <= found.flipped
+    assert found.islands == ((0.8, 0.9),)
+    assert found.highest_survived == 0.9
+    assert found.as_row()["islands"] == "0.8 to 0.9"
+
+
+def test_threshold_outside_the_range_is_said_so():
+    always, _ = search(lambda friction: True)
+    never, _ = search(lambda friction: False)
+    assert (always.flipped, always.value, always.found) == (None, math.inf, False)
+    assert (never.survived, never.value, never.found) == (None, -math.inf, False)
+
+
+def test_failed_runs_are_counted_and_passed_over():
+    found, _ = search(lambda friction: "error" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
+    assert found.survived < 0.72 <= found.flipped
+    assert found.as_row()["failed_runs"] == 1
+
+
+def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
+    found, _ = search(lambda friction: "tipped" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
+    assert found.survived < 0.72 <= found.flipped
+    assert found.outcomes[0.5] == TIPPED
+    assert (found.as_row()["tipped_before_turn"], found.as_row()["failed_runs"]) == (1, 0)
+
+
+def test_cases_are_searched_together_and_give_what_each_gives_alone():
+    engine = MadeUp(lambda speed: speed < 3.4, SPEED)
+    wanted = Search(SPEED, 3.0, 4.0, 0.25, 0.05)
+    both = find_thresholds([Case("a", "turn_none"), Case("b", "turn_held")], wanted, engine)
+    assert both[0] == both[1]
+    assert both[0] == find_thresholds([Case("a", "turn_none")], wanted, engine)[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"low": 1.2}, "low 1.2; allowed: below high"),
+        ({"scan": 0.0}, "scan 0; allowed: above 0"),
+        ({"tolerance": 0.2}, "tolerance 0.2; allowed: above 0, up to scan"),
+        ({"tolerance": math.nan}, "tolerance nan"),
+    ],
+)
+def test_impossible_search_is_refused(changes, said):
+    with pytest.raises(SweepError, match=said):
+        search(lambda friction: True, **changes)
+
+
+def test_scenario_that_cannot_be_resolved_is_refused_before_any_run():
+    with pytest.raises(UserError, match=r"car\.mass"):
+        critical_friction("turn_none", ["car.mass=-1"], MadeUp(lambda friction: True, FRICTION))
+
+
+@pytest.mark.slow
+def test_tailless_car_has_its_critical_friction_between_a_slippery_and_a_gripping_floor():
+    found = critical_friction("turn_none", ["manoeuvre.speed=4.0"], low=0.5, high=0.8, scan=0.15, tolerance=0.05)
+    assert found.found
+    assert 0.5 <= found.survived < found.flipped <= 0.8

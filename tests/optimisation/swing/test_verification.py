@@ -1,0 +1,134 @@
+"""`aerodima verify`: what it measures, what it refuses, what it leaves behind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+from aerodima.optimisation.sweep.study_engine import SerialEngine
+from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.swing.verification import StateErrors, _complaints, heading_ratio
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.swing_file import SwingFile, read_swing, write_swing
+from aerodima.workbench.resources import model_path
+
+FINE = StateErrors(0.1, 0.0, 0.05, None, 1.57, 0.0, 10.0, 0.03, 0.1, False)
+
+
+def thesis() -> SwingFile:
+    return read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
+
+
+def call(*words: object) -> Result:
+    return CliRunner().invoke(build_app(), ["verify", *map(str, words)], catch_exceptions=False)
+
+
+class Told:
+    """An engine whose runs come out as told: heading change by friction, None for a flip."""
+
+    workers, startup = 1, 0.0
+
+    def __init__(self, swing: dict[float, float | None], reference: dict[float, float | None]) -> None:
+        self._told = swing, reference
+
+    def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
+        friction = float(next(s for s in reversed(tasks[0].settings) if "friction" in s).partition("=")[2])
+        return [
+            {"error": "", "clean": told[friction] is not None, "heading_change_rad": told[friction]}
+            for told in self._told
+        ]
+
+    def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
+        return SerialEngine().call(function, items)
+
+
+def test_headings_are_compared_at_the_highest_friction_that_both_survive() -> None:
+    engine = Told({0.7: 0.9, 0.65: None, 0.6: 0.8}, {0.7: None, 0.65: 1.1, 0.6: 1.0})
+    ratio, friction = heading_ratio("turn_swing", (), (), 0.7, engine)
+    assert (ratio, friction) == (pytest.approx(0.8), pytest.approx(0.6))
+    never = dict.fromkeys([round(0.7 - 0.05 * i, 9) for i in range(7)])
+    assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, Told(never, never))[0])
+
+
+class _Trial:
+    class summary:  # noqa: N801
+        survived, clean = True, True
+
+
+def test_each_limit_that_is_broken_is_named_with_value_and_limit() -> None:
+    swing, trial = thesis(), _Trial()
+    assert _complaints(swing, trial, FINE, 1.0) == []  # type: ignore[arg-type]
+    for errors, ratio, words in (
+        (replace(FINE, largest_torque=25.0), 1.0, "motor torque reaches 25 N m; allowed: 24.8 N m"),
+        (replace(FINE, largest_roll=1.7), 1.0, "tail roll reaches 1.7 rad; allowed: 1.571 rad"),
+        (replace(FINE, clearance=-0.004), 1.0, "the tail overlaps with the car by 4 mm"),
+        (replace(FINE, ground=-0.1), 1.0, "the tail overlaps with the ground by 100 mm"),
+        (replace(FINE, fell_back=True), 1.0, "the tracker left its funnel"),
+        (FINE, 0.949, "heading change is 94.9% of that with 8 rad/s; allowed: >= 95%"),
+        (FINE, math.nan, "headings do not compare"),
+    ):
+        (complaint,) = _complaints(swing, trial, errors, ratio)  # type: ignore[arg-type]
+        assert words in complaint
+
+
+@pytest.mark.slow
+def test_the_published_swing_is_measured_and_a_report_is_left(tmp_path: Path) -> None:
+    words = ("--set", "manoeuvre.speed=3.33", "--set", "manoeuvre.duration=3", "--step", 0.002, "--workers", 1)
+    result = call("thesis_8_rad_per_s", "--members", 1, "--out", tmp_path / "a", *words)
+    verdict = yaml.safe_load((tmp_path / "a" / "verification.yaml").read_text())
+    assert result.exit_code == (0 if verdict["verified"] else 2)
+    own = verdict["own_car"]
+    assert own["clean"] is True
+    assert 0.0 < own["state_error_tail_roll"] < 0.6
+    assert own["state_error_largest_torque"] < 24.8
+    assert own["state_error_largest_roll"] == pytest.approx(math.pi / 2, abs=0.01)
+    assert verdict["heading_over_8_rad_per_s"] == pytest.approx(1.0, abs=0.2)
+    page = (tmp_path / "a" / "report.html").read_text()
+    assert "data:image/png;base64," in page
+    rows = (tmp_path / "a" / "verification.csv").read_text().splitlines()
+    assert len(rows) == 3
+    again = call("thesis_8_rad_per_s", "--out", tmp_path / "a", *words)
+    assert (again.exit_code, "exists already" in again.stderr) == (2, True)
+
+
+def test_bad_swings_are_refused_before_anything_runs(tmp_path: Path) -> None:
+    data = thesis().model_dump(mode="json", by_alias=True, exclude_none=True)
+    good = yaml.safe_dump(data)
+    for name, change, message in (
+        ("gains", lambda d: d.pop("gains"), "gains: missing"),
+        ("time", lambda d: d["knots"].update(time_s=[0.0, 0.5, 0.4]), "allowed: strictly increasing times"),
+        ("nan", lambda d: d["knots"].update(roll_velocity_rad_per_s=[8.0, math.nan, 0.0]), "nan is not allowed"),
+    ):
+        bad = yaml.safe_load(good)
+        change(bad)
+        path = tmp_path / f"{name}.yaml"
+        path.write_text(yaml.safe_dump(bad))
+        result = call(path, "--out", tmp_path / "out")
+        assert result.exit_code == 2, name
+        assert message in result.stderr
+        assert result.stderr.count("\n") == 1
+    heavy = thesis().model_copy(update={"car": {"car.mass": 7.5}})
+    result = call(write_swing(heavy, tmp_path / "heavy.yaml"), "--out", tmp_path / "out")
+    mass = load_scenario("turn_swing").car.mass
+    assert f"car.mass: made for 7.5, the scenario has {mass:g};" in result.stderr
+    result = call("thesis_8_rad_per_s", "--tracking", "feedback", "--out", tmp_path / "out")
+    assert "gains.feedback: missing" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_swing_that_is_never_released_is_said_to_be(tmp_path: Path) -> None:
+    lazy = thesis().model_copy(update={"trigger": thesis().trigger.model_copy(update={"threshold_rad_per_s": 50.0})})
+    path = write_swing(lazy, tmp_path / "lazy.yaml")
+    short = ("--set", "manoeuvre.duration=2.7", "--step", 0.002, "--workers", 1, "--members", 1)
+    result = call(path, "--out", tmp_path / "out", *short)
+    assert "was never released in this turn" in result.stderr
+    assert np.array(list(tmp_path.glob("out/*"))).size == 0

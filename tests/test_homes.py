@@ -1,0 +1,80 @@
+"""Which folder of a package may import which: every arrow goes down the list, and no module stands in the corridor."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+LAYERS = {
+    "workbench": (
+        *("config", "systems", "aero", "sensors", "plants", "actuators", "controllers", "logs", "metrics", "stations"),
+        *("batch", "simulate", "figures", "replay", "report", "cli"),
+    ),
+    "optimisation": ("fit", "identify", "sweep", "calibration", "swing", "studies", "commands"),
+    "hardware": (
+        *("protocol", "transport", "devices", "car", "firmware", "watchdog", "drive", "emulator", "console"),
+        *("examples", "commands"),
+    ),
+}
+"""Folders of each package; one imports those before it."""
+CORRIDOR = {"workbench": {"__init__", "atomic_write", "errors", "realtime", "resources", "text_table"}}
+"""Modules that stand beside the folders; every folder may import them, they import no folder."""
+
+
+def module_of(path: Path) -> tuple[str, ...]:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return parts[:-1] if parts[-1] in ("__init__", "__main__") else parts
+
+
+def imports(source: str) -> Iterator[tuple[str, ...]]:
+    """Parts of the names that a module imports from our packages, lazily or not: package, folder, module, name."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("aerodima."):
+            yield from ((*node.module.split(".")[1:], alias.name) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from (tuple(alias.name.split(".")[1:]) for alias in node.names if alias.name.startswith("aerodima."))
+
+
+def upward(package: str, folder: str, source: str) -> list[str]:
+    """Imports of a module in `folder` that do not go down the layers of its package."""
+    order = LAYERS[package]
+    below = order.index(folder) if folder in order else 0
+    return [
+        ".".join(name)
+        for name in imports(source)
+        if name[0] == package and name[1] in order and name[1] != folder and order.index(name[1]) >= below
+    ]
+
+
+@pytest.mark.parametrize("package", sorted(LAYERS))
+def test_folders_import_only_what_stands_below_them(package: str) -> None:
+    wrong = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        folder = module_of(path)[1] if len(module_of(path)) > 1 else ""
+        if found := upward(package, folder, path.read_text(encoding="utf-8")):
+            wrong[str(path.relative_to(ROOT))] = found
+    assert not wrong
+
+
+@pytest.mark.parametrize("package", sorted(LAYERS))
+def test_every_folder_has_its_layer_and_the_corridor_is_empty(package: str) -> None:
+    folders = {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
+    assert folders == set(LAYERS[package])
+    assert {path.stem for path in (ROOT / package).glob("*.py")} == CORRIDOR.get(package, {"__init__"})
+
+
+@pytest.mark.parametrize("package", sorted(LAYERS))
+def test_a_basename_occurs_once_in_a_package(package: str) -> None:
+    names = [path.stem for path in (ROOT / package).rglob("*.py") if not path.stem.startswith("__")]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_an_arrow_upwards_is_seen() -> None:
+    assert upward("workbench", "aero", "from aerodima.workbench.plants.car import make_car_plant")
+    assert upward("hardware", "devices", "def later():\n    from aerodima.hardware import car")
+    assert not upward("workbench", "plants", "from aerodima.workbench.aero.laws import NormalForceLaw")
+    assert not upward("optimisation", "fit", "from aerodima.workbench.cli import program")

@@ -1,0 +1,258 @@
+"""Coefficient functions and files: values at the nodes, edges held, degrees of surfaces, and bad files."""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+
+import numpy as np
+import pytest
+import yaml
+
+from aerodima.workbench.aero.coefficient_files import coefficients_from_dict, embedded_sets, load_coefficients
+from aerodima.workbench.aero.coefficient_functions import (
+    PolynomialSurface,
+    RegularTable,
+    SpeedLine,
+    SpeedTable,
+    fit_surface,
+)
+from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.published_coefficients import robot_tail_rows, weighted, write_sets
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.resources import models_dir
+
+TABLE = RegularTable((10.0, 20.0), (0.0, 0.5, 1.0), ((1.0, 2.0, 4.0), (3.0, 6.0, 8.0)))
+
+
+def test_a_table_is_bilinear_inside_and_holds_its_edge_outside() -> None:
+    assert TABLE(15.0, 0.25) == pytest.approx((1.0 + 2.0 + 3.0 + 6.0) / 4)
+    assert TABLE(10.0, 1.0) == 4.0
+    assert TABLE(5.0, 0.0) == 1.0
+    assert TABLE(99.0, 1.5) == 8.0
+    assert TABLE.covers(20.0, 1.0)
+    assert not TABLE.covers(20.1, 1.0)
+    assert not TABLE.covers(15.0, 1.01)
+
+
+def test_a_cell_with_a_seed_corner_is_not_measured() -> None:
+    table = RegularTable((10.0, 20.0), (0.0, 0.5), ((1.0, 1.0), (1.0, 1.0)), ((True, True), (True, False)))
+    assert table.covers(10.0, 0.5)
+    assert table.covers(20.0, 0.0)
+    assert not table.covers(15.0, 0.25)
+
+
+def test_speed_functions_hold_their_edge_values() -> None:
+    table = SpeedTable((3.0, 5.0, 9.0), (1.0, 2.0, 0.0))
+    assert [table(v) for v in (0.0, 4.0, 7.0, 20.0)] == [1.0, 1.5, 1.0, 0.0]
+    line = SpeedLine(0.1, 1.0, (3.0, 15.0))
+    assert [line(v) for v in (0.0, 10.0, 50.0)] == pytest.approx([1.3, 2.0, 2.5])
+    assert line.covers(15.0)
+    assert not line.covers(2.9)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SpeedTable((3.0, 3.0), (1.0, 1.0)), "increase strictly"),
+        (lambda: SpeedTable((3.0, 4.0), (1.0, math.nan)), r"values\[1\]"),
+        (lambda: SpeedTable((3.0,), (1.0,)), "at least 2"),
+        (lambda: RegularTable((10.0, 5.0), (0.0, 1.0), ((1.0, 1.0), (1.0, 1.0))), r"speeds\[1\] = 5.0 follows 10.0"),
+        (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0, math.nan), (1.0, 1.0))), r"values\[0\]\[1\]"),
+        (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0,), (1.0, 1.0))), "2 rows"),
+        (lambda: NormalForceLaw(-1.0), "coefficient is -1"),
+        (lambda: PolarLaw(RegularTable((5.0, 9.0), (0.0, 1.0), ((1.0, -1.0), (1.0, 1.0)))), "-1.0.*add energy"),
+        (lambda: PolynomialSurface(((1.0,),), (5.0, 9.0), (0.0, 1.0), 0.0), "speed_scale is 0.0"),
+    ],
+)
+def test_unsorted_tables_holes_and_nan_are_refused(make, message) -> None:
+    with pytest.raises(ModelError, match=message):
+        make()
+
+
+def test_a_surface_takes_the_highest_degree_that_its_nodes_determine() -> None:
+    """Eighteen nodes give the thesis' 2 x 5; three speeds by two angles 2 x 1; eight of nine nodes six terms."""
+
+    def truth(v, g):
+        return 1.0 + 0.02 * v - 0.4 * g
+
+    grid = [(v, math.radians(a)) for v in (10.0, 20.0, 30.0) for a in (0, 15, 30, 45, 60, 75)]
+    for nodes, degree in (
+        (grid, (2, 5)),
+        ([n for n in grid if n[1] < 0.4], (2, 1)),
+        ([n for n in grid if n[1] < 0.6 and n != (30.0, math.radians(30))], (1, 2)),
+    ):
+        v, g = (np.array(x) for x in zip(*nodes, strict=True))
+        surface = fit_surface(v, g, truth(v, g))
+        assert surface.degree == degree
+        np.testing.assert_allclose([surface(*n) for n in nodes], truth(v, g), rtol=1e-10)
+    assert surface(15.0, 0.1) == pytest.approx(truth(15.0, 0.1))
+    assert surface(15.0, 1.2) == pytest.approx(truth(15.0, math.radians(30)))  # held at the last measured angle
+
+
+def test_the_embedded_sets_are_what_the_published_tables_give(tmp_path) -> None:
+    for path in write_sets(tmp_path):
+        kept = models_dir() / "coefficients" / path.name
+        assert yaml.safe_load(path.read_text()) == yaml.safe_load(kept.read_text()), path.name
+
+
+def test_every_embedded_set_names_its_source_and_makes_a_law() -> None:
+    for name in embedded_sets():
+        coefficients = load_coefficients(name)
+        assert "Table" in coefficients.source or "section" in coefficients.source
+        force = coefficients.law().section_force((0.0, 8.0, 1.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 0.02, 1.225)
+        assert force[1] > 0.0, name  # pushed with the wind
+
+
+def test_the_robot_tail_models_agree_with_the_errata() -> None:
+    """E24: 160 distinct rows; E26: mean 1.996, resnorm-weighted 2.029, line 0.0449 v + 1.581."""
+    rows = robot_tail_rows()
+    assert len(rows) == 160
+    assert rows.cd.mean() == pytest.approx(1.996, abs=5e-4)
+    assert weighted(rows.cd.to_numpy(), rows.resnorm.to_numpy()) == pytest.approx(2.029, abs=5e-4)
+    line = load_coefficients("robot_tail_line").law().coefficient
+    assert line(10.0) == pytest.approx(0.0449 * 10 + 1.581, abs=2e-3)
+    assert load_coefficients("robot_tail_constant").law().coefficient == 2.0
+
+
+def test_the_cheetah_sets_say_which_nodes_are_measured() -> None:
+    """ERRATA F: 9 of 18 nodes are seeds, 30 degrees is there for tail 1 only, and without 30 m/s (E1)."""
+    one = load_coefficients("cheetah_tail_1_major")
+    assert len(one.nodes) == 18
+    assert len(one.measured_nodes()) == 8
+    assert len(load_coefficients("cheetah_tail_3_minor").measured_nodes()) == 6
+    law = one.law()
+    assert law.covers(10.0, math.radians(30.0))
+    assert not law.covers(25.0, math.radians(25.0))
+    assert not law.covers(10.0, math.radians(40.0))
+    assert one.fitted_surface("cd").degree == (1, 2)
+    # The seed (0.7) at 30 degrees / 30 m/s is not used; the nearest measured speed is held.
+    assert one.table("cd")(30.0, math.radians(30.0)) == pytest.approx(one.table("cd")(20.0, math.radians(30.0)))
+    assert one.table("cd", seeds=True)(30.0, math.radians(30.0)) == pytest.approx(0.7)
+    assert isinstance(one.law(surface=True), PolarLaw)
+
+
+def example() -> dict:
+    return {
+        "schema": "aerodima/coefficients/1",
+        "name": "example",
+        "law": "polar",
+        "kind": "table",
+        "source": "made for this test",
+        "quasi_steady_limit_m_per_s": 10.0,
+        "range": {"speed_m_per_s": [5.0, 10.0], "angle_rad": [0.0, 1.0]},
+        "nodes": [
+            {"speed_m_per_s": v, "angle_rad": g, "cd": 1.0, "cl": 0.1, "status": "measured"}
+            for g in (0.0, 1.0)
+            for v in (5.0, 10.0)
+        ],
+    }
+
+
+def as_normal(kind: str, **keys):
+    """Changes the example to the normal-force law with these keys."""
+
+    def change(content: dict) -> None:
+        del content["range"]["angle_rad"], content["nodes"]
+        content.update(law="normal_force", kind=kind, **keys)
+
+    return change
+
+
+def as_surface(**keys):
+    """Changes the example to a surface with these keys."""
+
+    def change(content: dict) -> None:
+        del content["nodes"]
+        surface = {"cd": [[1.0, 0.1]], "cl": [[0.0]], "speed_scale_m_per_s": 10.0, "angle_scale_rad": 1.0}
+        content.update({"kind": "surface", **surface, **keys})
+
+    return change
+
+
+def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
+    """The lowest C_D of the published fits is -0.012."""
+    content = example()
+    content["nodes"][1]["cd"] = -0.012
+    content["nodes"][0]["cl"] = -0.3
+    assert coefficients_from_dict(content, "tail.yaml").law().lift(5.0, 0.0) == -0.3
+    surface = example()
+    as_surface()(surface)
+    assert coefficients_from_dict(surface, "tail.yaml").law().drag(5.0, 1.0) == pytest.approx(1.1)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda c: c["nodes"].pop(2), "hole in the table: no node at 5.0 m/s, 1.0 rad"),
+        (lambda c: c["nodes"].reverse(), "must increase by angle"),
+        (lambda c: c["nodes"][1].update(cd=math.nan), r"nodes.cd\[1\]"),
+        (lambda c: c["nodes"][1].update(cd="much"), "nodes.cd"),
+        (lambda c: c.update(colour="red"), "unknown keys .colour"),
+        (lambda c: c.pop("source"), "missing keys .source"),
+        (lambda c: c.update(source=" "), "source is empty"),
+        (lambda c: c.update(schema="other"), "schema is 'other'"),
+        (lambda c: c["range"].update(speed_m_per_s=[10.0, 5.0]), "range.speed_m_per_s"),
+        (lambda c: c.update(kind="spline"), "polar/spline"),
+        (lambda c: c["nodes"][0].update(status="guessed"), "measured or seed"),
+        (lambda c: c["nodes"][0].update(status=["seed"]), "measured or seed"),
+        (lambda c: c["nodes"][1].update(cd=-3.0), r"nodes\[1\].cd is -3.0.*add energy"),
+        (lambda c: c.update(nodes=3), "nodes is 3.*list of nodes"),
+        (lambda c: c.update(nodes=[]), "nodes is .*list of nodes"),
+        (lambda c: c["nodes"].append(4), r"nodes\[4\] is 4.*keys and values"),
+        (lambda c: c["range"].update(speed_m_per_s=[[1.0], 2.0]), r"range.speed_m_per_s is \[1.0\].*a number"),
+        (lambda c: c.update(quasi_steady_limit_m_per_s=[1.0]), r"limit_m_per_s is \[1.0\].*a number"),
+        (as_normal("constant", cn=[1, 2]), r"cn is \[1, 2\].*a number"),
+        (as_normal("constant", cn="2"), "cn is '2'.*a number"),
+        (as_normal("constant", cn=True), "cn is True.*a number"),
+        (as_normal("constant", cn=math.inf), "cn is inf.*finite"),
+        (as_normal("constant", cn=-1), "cn is -1.*add energy"),
+        (as_normal("speed_line", cn_slope_s_per_m=-0.2, cn_intercept=1.5), "give -0.5 at 10 m/s.*add energy"),
+        (
+            as_normal("speed_table", nodes=[{"speed_m_per_s": v, "cn": c} for v, c in ((1.0, 2.0), (2.0, -3.0))]),
+            r"nodes\[1\].cn is -3.0.*add energy",
+        ),
+        (as_surface(speed_scale_m_per_s=0), "speed_scale_m_per_s is 0.*above 0"),
+        (as_surface(angle_scale_rad=-1.0), "angle_scale_rad is -1.0.*above 0"),
+        (as_surface(cd=3), "cd is 3.*rows of numbers"),
+        (as_surface(cl=[[1.0, 2.0], [1.0]]), "cl is .*one length"),
+        (as_surface(cl=[["x"]]), r"cl\[0\]\[0\] is 'x'.*a number"),
+    ],
+)
+def test_bad_files_are_refused_with_their_place(spoil, message) -> None:
+    content = deepcopy(example())
+    spoil(content)
+    with pytest.raises(ModelError, match=message) as caught:
+        coefficients_from_dict(content, "tail.yaml")
+    assert "tail.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_angles_in_degrees_warn_and_name_the_file() -> None:
+    content = example()
+    content["range"]["angle_rad"] = [0.0, 15.0]
+    for node in content["nodes"]:
+        node["angle_rad"] *= 15.0
+    with pytest.warns(UserWarning, match=r"tail\.yaml.*15\.0 rad.*degrees"):
+        coefficients_from_dict(content, "tail.yaml")
+
+
+def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text(
+        "speed_m_per_s,angle_rad,cd,cl,source\n5,0,1,0,run 1\n9,0,2,0,run 1\n5,0.5,1,0.2,run 2\n9,0.5,2,0.2,run 2\n"
+    )
+    coefficients = load_coefficients(path)
+    assert coefficients.source == "run 1; run 2"
+    assert coefficients.law().drag(7.0, 0.25) == pytest.approx(1.5)
+    with pytest.raises(ModelError, match="robot_tail_constant"):
+        load_coefficients("robot_tale")
+    with pytest.raises(ModelError, match="no file"):
+        load_coefficients(tmp_path / "none.yaml")
+    path.write_text(path.read_text().replace("9,0,2", "fast,0,2"))
+    with pytest.raises(ModelError, match=r"mine\.csv: column speed_m_per_s: .*fast"):
+        load_coefficients(path)
+    (tmp_path / "latin.yaml").write_bytes(b"name: \xe9\xe8\n")
+    with pytest.raises(ModelError, match=r"latin\.yaml: cannot be read"):
+        load_coefficients(tmp_path / "latin.yaml")

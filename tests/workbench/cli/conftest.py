@@ -1,0 +1,47 @@
+"""The program as a user calls it, in this process, so that Drake is imported once for all tests of a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from aerodima.workbench.cli.program import build_app
+
+Call = Callable[..., Result]
+
+
+@pytest.fixture(scope="session")
+def call() -> Call:
+    """Runs `aerodima` with the given words; the result has exit_code, stdout and stderr."""
+    app = build_app()
+    runner = CliRunner()
+
+    def run(*words: object) -> Result:
+        return runner.invoke(app, [str(word) for word in words], catch_exceptions=False)
+
+    return run
+
+
+@pytest.fixture
+def refused(call: Call) -> Callable[..., str]:
+    """Runs `aerodima` and returns the message of a user error: exit status 2, one line on stderr, no traceback."""
+
+    def run(*words: object) -> str:
+        result = call(*words)
+        assert result.exit_code == 2, result.output
+        assert result.stderr.startswith("error: ")
+        assert "Traceback" not in result.output
+        return result.stderr.removeprefix("error: ").strip()
+
+    return run
+
+
+@pytest.fixture
+def untouched(tmp_path: Path) -> Path:
+    """A file that must keep its content."""
+    path = tmp_path / "precious.txt"
+    path.write_text("precious")
+    return path

@@ -1,0 +1,108 @@
+"""`aerodima compare`: two runs beside one another, on the terminal and as a page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.figures.overlay_figures import plot_overlay
+from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.report.comparison_page import (
+    comparison_page,
+    different_cars,
+    metrics_rows,
+    scenario_differences,
+)
+from aerodima.workbench.simulate.car_run import run_scenario
+
+SHORT = ("speed=1.0", "turn_start=0.2", "speed_ramp=0.1", "turn_hold=0.1", "duration=0.7")
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("compared")
+    settings = [f"manoeuvre.{setting}" for setting in SHORT]
+    paths = {}
+    for name, scenario, more in (
+        ("none", "turn_none", []),
+        ("held", "turn_held", []),
+        ("high", "turn_none", ["car.com_height=0.26"]),
+    ):
+        paths[name] = folder / f"{name}.parquet"
+        run_scenario(load_scenario(scenario, [*settings, *more]), paths[name])
+    return paths
+
+
+@pytest.fixture(scope="module")
+def runs(logs: dict[str, Path]) -> dict[str, RunLog]:
+    return {name: read_run_log(path) for name, path in logs.items()}
+
+
+def compare(*arguments: str | Path):
+    return CliRunner().invoke(build_app(), ["compare", *map(str, arguments)])
+
+
+def test_only_what_was_set_differently_is_listed(runs: dict[str, RunLog]) -> None:
+    differences = scenario_differences([runs["none"], runs["high"]])
+    assert differences["car.com_height"][1] == 0.26
+    assert set(differences) == {"car.com_height"}
+    assert different_cars(differences) == ["car.com_height"]
+
+
+def test_another_use_of_the_tail_is_not_another_car(runs: dict[str, RunLog]) -> None:
+    differences = scenario_differences([runs["none"], runs["held"]])
+    assert differences["tail.mode"] == ["none", "held"]
+    assert different_cars(differences) == []
+
+
+def test_values_stay_with_their_run(runs: dict[str, RunLog]) -> None:
+    rows = metrics_rows([runs["none"], runs["high"]])
+    swapped = metrics_rows([runs["high"], runs["none"]])
+    assert rows["peak_roll_rad"] == swapped["peak_roll_rad"][::-1]
+    assert rows["peak_roll_rad"][0] != rows["peak_roll_rad"][1]
+
+
+def test_tail_of_a_car_without_one_is_not_drawn(runs: dict[str, RunLog]) -> None:
+    figure = plot_overlay([runs["none"], runs["held"]], ["none", "held"])
+    yaw, tail = figure.axes[0], figure.axes[4]
+    assert tail.get_ylabel().startswith("tail roll angle")
+    assert sum(line.get_xdata().size > 0 for line in yaw.lines) == 2
+    drawn = [line for line in tail.lines if np.size(line.get_xdata())]
+    assert len(drawn) == 1
+    assert drawn[0].get_ydata()[-1] == pytest.approx(-90.0, abs=2.0)
+
+
+def test_page_holds_both_replays_and_one_bar(runs: dict[str, RunLog]) -> None:
+    page = comparison_page([runs["none"], runs["held"]], ["none", "held"])
+    assert page.count("<iframe") == 2
+    assert page.count('id="both"') == 1
+    assert page.count("<iframe title=") == page.count('srcdoc="&lt;!DOCTYPE') == 2
+
+
+def test_command_prints_and_writes(logs: dict[str, Path], tmp_path: Path) -> None:
+    out = tmp_path / "page.html"
+    result = compare(logs["none"], logs["high"], "--html", out)
+    assert result.exit_code == 0, result.output
+    assert "note: these are different cars: car.com_height" in result.output
+    assert out.stat().st_size > 1e6
+    again = compare(logs["none"], logs["high"], "--html", out)
+    assert again.exit_code == 2
+
+
+@pytest.mark.parametrize("names", [["none"], ["none", "none"], ["none"] * 6])
+def test_wrong_number_of_runs_is_one_line(logs: dict[str, Path], names: list[str]) -> None:
+    result = compare(*(logs[name] for name in names))
+    assert result.exit_code == 2
+
+
+def test_log_without_sensors_is_refused_by_name(runs: dict[str, RunLog]) -> None:
+    bare = replace(runs["held"], table=runs["held"].table[["time_s"]], source="bare.parquet")
+    with pytest.raises(LogError, match=r"bare\.parquet"):
+        comparison_page([runs["none"], bare], ["none", "bare"])

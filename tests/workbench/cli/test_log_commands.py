@@ -1,0 +1,87 @@
+"""`aerodima metrics` and `aerodima log recover`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.logs.journal import journal_path
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.simulate.car_run import run_scenario
+
+SETTINGS = ["manoeuvre.turn_start=0.9", "manoeuvre.speed_ramp=0.7", "manoeuvre.duration=1.7", "manoeuvre.speed=1.5"]
+"""At 2 m/s2: harder, up to the tyres' friction, the short car rears up on its board."""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "run.parquet"
+    run_scenario(load_scenario("turn_none", SETTINGS), path)
+    return path
+
+
+def test_metrics_prints_and_writes_the_figures_of_the_log(call: Callable, log: Path, tmp_path: Path) -> None:
+    table = tmp_path / "metrics.csv"
+    result = call("metrics", log, "--csv", table)
+    assert result.exit_code == 0, result.output
+    assert "max_yaw_rate_rad_per_s" in result.stdout
+    written = pd.read_csv(table, index_col="run").loc[str(log)]
+    expected = metrics_of(read_run_log(log)).as_row()
+    assert written["outcome"] == "survived"
+    for name in ("speed_m_per_s", "average_yaw_rate_rad_per_s", "filtered_max_linear_acceleration_m_per_s2"):
+        assert written[name] == pytest.approx(expected[name], rel=1e-12)
+
+
+def test_metrics_prints_the_eight_raw_and_filtered(call: Callable, log: Path) -> None:
+    lines = call("metrics", log).stdout.splitlines()
+    raw, filtered = (next(i for i, line in enumerate(lines) if word in line) for word in ("raw:", "filtered:"))
+    expected = metrics_of(read_run_log(log))
+    for start, metrics in ((raw, expected.raw), (filtered, expected.filtered)):
+        block = dict(line.split() for line in lines[start + 1 : start + 9])
+        assert {name: float(value) for name, value in block.items()} == pytest.approx(asdict(metrics), rel=1e-3)
+    assert ["touched", "none"] in [line.split() for line in lines]
+
+
+def test_a_folder_is_no_log(refused: Callable, tmp_path: Path) -> None:
+    for words in (("metrics",), ("replay",)):
+        assert "is a folder" in refused(*words, tmp_path)
+
+
+def test_metrics_names_the_file_that_is_no_log(refused: Callable, untouched: Path) -> None:
+    assert "precious.txt" in refused("metrics", untouched)
+    assert "missing.parquet" in refused("metrics", "missing.parquet")
+
+
+def test_metrics_csv_is_not_overwritten(refused: Callable, log: Path, untouched: Path) -> None:
+    assert "--force" in refused("metrics", log, "--csv", untouched)
+    assert untouched.read_text() == "precious"
+
+
+def test_truncated_log_points_to_recover(refused: Callable, log: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.parquet"
+    cut.write_bytes(log.read_bytes()[:-2000])
+    assert "log recover" in refused("metrics", cut)
+
+
+def test_recover_says_what_it_saved(call: Callable, refused: Callable, tmp_path: Path) -> None:
+    """A journal as a killed run leaves it: the run is interrupted by an exception, its journal stays."""
+    path = tmp_path / "run.parquet"
+
+    def interrupt(time: float, _length: float) -> None:
+        if time > 0.8:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_scenario(load_scenario("turn_none", SETTINGS), path, progress=interrupt)
+    assert not path.exists()
+    result = call("log", "recover", journal_path(path))
+    assert result.exit_code == 0, result.output
+    assert read_run_log(path).time[-1] > 0.7
+    assert "none was lost" in result.stdout
+    assert "no.journal" in refused("log", "recover", tmp_path / "no.journal")

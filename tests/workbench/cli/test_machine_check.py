@@ -1,0 +1,65 @@
+"""What the doctor finds, and what it says when something is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from aerodima.workbench.cli import machine_check as doctor
+from aerodima.workbench.cli.program import build_app
+
+
+def finding(subject: str) -> doctor.Finding:
+    return next(found for found in doctor.examine() if found.subject == subject)
+
+
+def test_here_everything_required_is_there() -> None:
+    assert all(found.ok for found in doctor.examine() if found.required)
+
+
+def test_every_shortcoming_has_a_remedy_and_nothing_else_has() -> None:
+    for found in doctor.examine():
+        assert bool(found.remedy) == (not found.ok), found
+
+
+def test_missing_browser_is_named_but_not_fatal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    browser = finding("browser")
+    assert not browser.ok
+    assert not browser.required
+    assert "chromium" in browser.found
+
+
+def test_missing_module_of_an_extra_is_named_with_its_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "find_spec", lambda name: None if name == "mcap" else object())
+    logs = finding("extra logs")
+    assert logs.found == "not there: mcap (MCAP logs)"
+    assert "aerodima-workbench[logs]" in logs.remedy
+    assert finding("extra hardware").ok
+
+
+def test_old_drake_is_required_and_fails_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "version", lambda name: "1.40.0")
+    assert not finding("Drake").ok
+    result = CliRunner().invoke(build_app(), ["doctor"])
+    assert result.exit_code == 2
+    assert "FAIL Drake" in result.output
+
+
+def test_drake_1_100_is_newer_than_1_51(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "version", lambda name: "1.100.0")
+    assert finding("Drake").ok
+
+
+def test_full_disk_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(doctor, "SMALLEST_DISK", 1e18)
+    assert not finding("disk").ok
+
+
+def test_command_ends_well_here() -> None:
+    result = CliRunner().invoke(build_app(), ["doctor"])
+    assert result.exit_code == 0, result.output
+    assert "everything needed" in result.output

@@ -1,0 +1,101 @@
+"""`aerodima models check`."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from aerodima.workbench.cli.model_check import check_shipped_models
+from aerodima.workbench.resources import models_dir
+
+LINK = """
+<link name="{name}"><inertial><mass>{mass}</mass>
+<inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>{izz}</izz></inertia></inertial></link>
+"""
+JOINT = """
+<joint name="hinge" type="revolute"><parent>a</parent><child>b</child>
+<axis><xyz>0 0 1</xyz><dynamics>{dynamics}</dynamics></axis></joint>
+"""
+URDF = """
+<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<dynamics damping="0.1" {attribute}="2.5"/></joint></robot>
+"""
+
+
+def sdf(tmp_path: Path, dynamics: str = "", mass: float = 1.0, izz: float = 0.1) -> Path:
+    links = LINK.format(name="a", mass=1.0, izz=0.1) + LINK.format(name="b", mass=mass, izz=izz)
+    path = tmp_path / "model.sdf"
+    path.write_text(f'<sdf version="1.9"><model name="m">{links}{JOINT.format(dynamics=dynamics)}</model></sdf>')
+    return path
+
+
+def test_everything_that_ships_passes() -> None:
+    results = list(check_shipped_models())
+    assert [problem for result in results for problem in result.problems] == []
+    subjects = " ".join(result.subject for result in results)
+    for part in (
+        "car.sdf: numbers equal",
+        "tail.sdf: numbers equal",
+        "parameters/car.yaml",
+        "scenarios/turn_none.yaml",
+        "parameters/hardware/motor_safety.yaml",
+        "coefficients/robot_tail_line.yaml",
+        "coefficients/half_cylinder.yaml",
+    ):
+        assert part in subjects
+
+
+def test_broken_coefficients_and_hardware_parameters_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    models = tmp_path / "models"
+    shutil.copytree(models_dir(), models)
+    for name, old, new in (
+        ("coefficients/robot_tail_line.yaml", "cn_intercept: 1.58", "cn_intercept: -9.58"),
+        ("parameters/hardware/motor_safety.yaml", "unit: degC, source: chosen", "unit: degC, source: hearsay"),
+    ):
+        text = (models / name).read_text()
+        assert old in text
+        (models / name).write_text(text.replace(old, new))
+    for module in ("aerodima.workbench.cli.model_check", "aerodima.workbench.aero.coefficient_files"):
+        monkeypatch.setattr(f"{module}.models_dir", lambda: models)
+    monkeypatch.setattr("aerodima.workbench.cli.model_check.nominal_models", list)
+    problems = " ".join(problem for result in check_shipped_models() for problem in result.problems)
+    assert "robot_tail_line.yaml: cn_slope" in problems
+    assert "motor_safety.yaml: temperature_limit" in problems
+
+
+def test_good_model_of_a_user_passes(call: Callable, tmp_path: Path) -> None:
+    assert call("models", "check", sdf(tmp_path, "<damping>0.1</damping>")).exit_code == 0
+
+
+def test_joint_friction_is_refused(refused: Callable, tmp_path: Path) -> None:
+    message = refused("models", "check", sdf(tmp_path, "<friction>0.2</friction>"))
+    assert "joint 'hinge'" in message
+    assert "ignored by Drake" in message
+
+
+@pytest.mark.parametrize("attribute", ["friction", "spring_stiffness"])
+def test_urdf_attributes_that_drake_drops_are_refused(refused: Callable, tmp_path: Path, attribute: str) -> None:
+    path = tmp_path / "model.urdf"
+    path.write_text(URDF.format(attribute=attribute))
+    message = refused("models", "check", path)
+    assert attribute in message
+    assert "2.5" in message
+
+
+def test_unphysical_inertia_is_refused(refused: Callable, tmp_path: Path) -> None:
+    """Triangle inequality: no body has izz above ixx + iyy."""
+    assert "model.sdf" in refused("models", "check", sdf(tmp_path, izz=0.5))
+
+
+def test_negative_mass_is_refused(refused: Callable, tmp_path: Path) -> None:
+    assert "model.sdf" in refused("models", "check", sdf(tmp_path, mass=-1.0))
+
+
+def test_missing_and_foreign_files_are_named(refused: Callable, tmp_path: Path, untouched: Path) -> None:
+    assert "nothing.sdf" in refused("models", "check", tmp_path / "nothing.sdf")
+    assert ".txt" in refused("models", "check", untouched)

@@ -1,0 +1,79 @@
+"""`aerodima replay`: files or a viewer, from a log alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.replay.viewer import open_meshcat
+from aerodima.workbench.simulate.car_run import run_scenario
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    settings = ["manoeuvre.duration=0.1", "manoeuvre.speed_ramp=0.1"]
+    path = tmp_path_factory.mktemp("replay") / "run.parquet"
+    run_scenario(load_scenario("turn_none", settings), path)
+    return path
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C as soon as the program waits."""
+
+    def interrupt(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(time, "sleep", interrupt)
+
+
+def test_files_are_written_and_nothing_waits(call: Callable, log: Path, tmp_path: Path) -> None:
+    html, strip = tmp_path / "run.html", tmp_path / "run.png"
+    result = call("replay", log, "--html", html, "--strip", strip, "--rate", 0.5)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines() == [f"replay: {html}", f"strip: {strip}"]
+    assert "replay at 0.5 times its speed" in html.read_text(encoding="utf-8")
+    assert strip.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.usefixtures("impatient")
+def test_viewer_tells_its_address_and_ends_with_ctrl_c(call: Callable, log: Path) -> None:
+    result = call("replay", log)
+    assert result.exit_code == 0
+    assert "published turn: left turn" in result.stdout
+    assert "open http://127.0.0.1:" in result.stdout
+
+
+def test_port_in_use_is_refused(refused: Callable, log: Path) -> None:
+    other = open_meshcat()
+    assert f"port {other.port()} of 127.0.0.1 is in use" in refused("replay", log, "--port", other.port())
+
+
+@pytest.mark.parametrize("option", ["--html", "--strip"])
+def test_existing_output_is_refused_before_anything_is_written(
+    refused: Callable, log: Path, untouched: Path, tmp_path: Path, option: str
+) -> None:
+    other = {"--html": "--strip", "--strip": "--html"}[option]
+    present = untouched.rename(untouched.with_suffix(".png"))
+    message = refused("replay", log, other, tmp_path / "other.png", option, present)
+    assert "exists already" in message
+    assert present.read_text() == "precious"
+    assert not (tmp_path / "other.png").exists()
+
+
+def test_strip_is_a_png(refused: Callable, log: Path, tmp_path: Path) -> None:
+    assert "'.jpg'; allowed: .png" in refused("replay", log, "--strip", tmp_path / "strip.jpg")
+    assert not (tmp_path / "strip.jpg").exists()
+
+
+def test_file_that_is_no_log_is_refused(refused: Callable, untouched: Path) -> None:
+    assert "not a Parquet file" in refused("replay", untouched)
+
+
+@pytest.mark.parametrize("rate", ["0", "-1", "100"])
+def test_rate_out_of_range_is_refused(refused: Callable, log: Path, tmp_path: Path, rate: str) -> None:
+    assert "--rate" in refused("replay", log, "--html", tmp_path / "run.html", "--rate", rate)

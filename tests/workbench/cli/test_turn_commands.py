@@ -1,0 +1,180 @@
+"""`aerodima turn`, `straight`, `slalom`: what they print, write and refuse."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.replay.caption import caption_of
+
+SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
+"""A turn of 1.2 s: enough for the window of the metrics, quick to simulate."""
+
+
+def test_turn_writes_the_log_it_was_asked_for(call: Callable, tmp_path: Path) -> None:
+    log = tmp_path / "new folder" / "run.parquet"
+    result = call("turn", "--speed", 1.5, "--tail", "held", "--direction", "right", *SHORT, "--log", log)
+    assert result.exit_code == 0, result.output
+    assert "outcome: survived" in result.stdout
+    assert f"log: {log} (in a new folder)" in result.stdout
+    run = read_run_log(log)
+    assert run.scenario["manoeuvre"]["speed"] == 1.5
+    assert run.scenario["tail"]["mode"] == "held"
+    assert run.scenario["manoeuvre"]["direction"] == "right"
+    assert run.table["steering_command_rad"].min() == pytest.approx(-0.5236, abs=1e-4)  # right is negative
+    assert run.table["tail_roll_angle_rad"].iloc[0] == pytest.approx(1.5708, abs=1e-3)  # inside of a right turn: right
+
+
+def test_tail_speed_reaches_the_controller(call: Callable, tmp_path: Path) -> None:
+    log = tmp_path / "run.parquet"
+    assert call("turn", "--speed", 1.0, "--tail-speed", 5.5, *SHORT, "--log", log).exit_code == 0
+    assert read_run_log(log).scenario["controller"]["swing_speed"] == 5.5
+
+
+@pytest.mark.parametrize("command", ["straight", "slalom"])
+def test_other_manoeuvres_run(call: Callable, tmp_path: Path, command: str) -> None:
+    log = tmp_path / "run.parquet"
+    result = call(command, "--speed", 1.0, "--set", "manoeuvre.duration=0.6", "--log", log)
+    assert result.exit_code == 0, result.output
+    assert read_run_log(log).scenario["manoeuvre"]["kind"] == command
+
+
+def test_law_of_a_file_drives_the_tail_and_is_named_in_log_and_caption(call: Callable, tmp_path: Path) -> None:
+    own, log = tmp_path / "my_law.py", tmp_path / "run.parquet"
+    own.write_text(
+        "import numpy as np\n\n\nclass Upright:\n    rate = 100.0\n    memory_size = 0\n\n"
+        "    def start(self):\n        return np.zeros(0)\n\n    def step(self, memory, observation):\n"
+        "        return memory, np.array([0.0, 0.0, 17.0, 5.0, 0.0]), np.array([0.3, 0.0, 17.0, 5.0, 0.0]), 1\n"
+    )
+    result = call("turn", "--speed", 1.0, *SHORT, "--law", f"{own}:Upright", "--log", log)
+    assert result.exit_code == 0, result.output
+    run = read_run_log(log)
+    assert run.extra["tail_law"] == "Upright"
+    assert run.table["tail_roll_command_position_rad"].iloc[-1] == 0.3
+    assert "tail law Upright" in caption_of(run).facts
+
+
+def test_run_without_a_turn_speaks_of_none(call: Callable) -> None:
+    said = call("straight", "--speed", 1.0, "--set", "manoeuvre.duration=0.6").stdout
+    assert "at the end, peak roll" in said
+    assert "turn" not in said
+    assert "heading" not in said
+
+
+def test_jolt_of_the_tail_is_explained(call: Callable) -> None:
+    assert "is a jolt of the tail motor at the IMU" in call("turn", "--speed", 3.61).stdout
+    assert "jolt" not in call("turn", "--speed", 3.0, "--tail", "none").stdout
+
+
+SLOW_TO_IMPORT = """
+import sys
+from aerodima.workbench.cli.program import main
+try:
+    main()
+except SystemExit as end:
+    print(end.code, "pydrake" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("turn", "--tail", "up"),
+        ("turn", "--set", "car.com_heigth=0.2"),
+        ("turn", "--scenario", "turn_swin"),
+        ("turn", "--log", "precious.txt"),
+        ("metrics", "nowhere.parquet"),
+        ("replay", "nowhere.parquet"),
+        ("compare", "nowhere.parquet", "here.parquet"),
+    ],
+)
+def test_wrong_input_is_told_before_drake_is_imported(untouched: Path, words: tuple[str, ...]) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", SLOW_TO_IMPORT, *words], cwd=untouched.parent, capture_output=True, text=True, check=True
+    )
+    assert result.stderr.startswith("error: ")
+    assert result.stdout.split() == ["2", "False"]
+
+
+def test_existing_log_is_kept_without_force(call: Callable, refused: Callable, untouched: Path) -> None:
+    assert "--force" in refused("turn", *SHORT, "--log", untouched)
+    assert untouched.read_text() == "precious"
+    assert call("turn", "--speed", 1.0, *SHORT, "--log", untouched, "--force").exit_code == 0
+    assert len(read_run_log(untouched).table) == 601  # 1.2 s at 500 Hz, both ends
+
+
+def test_existing_replay_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
+    log = untouched.parent / "run.parquet"
+    assert "precious.txt" in refused("turn", *SHORT, "--log", log, "--replay", untouched)
+    assert untouched.read_text() == "precious"
+    assert not log.exists()
+
+
+def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None:
+    assert str(untouched) in refused("turn", *SHORT, "--log", untouched / "run.parquet")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--speed", "nan"), ("manoeuvre.speed", "nan", "finite")),
+        (("--speed", "-1"), ("manoeuvre.speed", "-1", "greater than or equal to 0", "m/s")),
+        (("--speed", "25"), ("25", "m/s")),  # beyond the throttle line
+        (("--tail", "wagging"), ("with --tail wagging --set", "tail.mode", "'none', 'held' or 'swing'")),
+        (("--set", "com_height=0.2"), ("com_height", "did you mean car.com_height?")),
+        (("--scenario", "turn_swin"), ("turn_swin", "nearest: scenarios/turn_swing")),
+        (("--law", "nowhere.py:Law"), ("nowhere.py", "no such Python file")),
+        (("--law", "nowhere.py:Law", "--tail", "none"), ("--law", "no tail")),
+        (("--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"), ("--law", "--swing")),
+        (("--direction", "up"), ("manoeuvre.direction", "'left' or 'right'")),
+        (("--set", "car.com_heigth=0.2"), ("car.com_heigth", "did you mean 'com_height'")),
+        (("--set", "car.com_height=21 cm"), ("car.com_height", "'cm'", "allowed is 'm'")),
+        (("--set", "cra.com_height=0.2"), ("'cra'", "did you mean 'car'")),
+        (("--set", "car.mass=-4"), ("car.mass", "-4", "kg")),
+        (("--set", "car.mass=2"), ("car.mass", "2 kg", "more than its parts")),
+        (("--set", "nonsense"), ("nonsense", "section.key=value")),
+        (("--set", "imu.rate=2000"), ("imu.rate", "2000 Hz", "1/step", "500 Hz")),
+        (("--scenario", "nowhere.yaml"), ("nowhere.yaml", "no such file")),
+        (("--port", "7000"), ("--port", "--live")),
+    ],
+)
+def test_wrong_input_is_one_clear_line(refused: Callable, words: tuple[str, ...], named: tuple[str, ...]) -> None:
+    message = refused("turn", *SHORT, *words)
+    for part in named:
+        assert part in message
+    assert "\n" not in message
+
+
+def test_log_and_replay_cannot_be_one_file(refused: Callable, tmp_path: Path) -> None:
+    out = tmp_path / "run.parquet"
+    assert "--log" in refused("turn", *SHORT, "--log", out, "--replay", out, "--force")
+    assert not out.exists()
+
+
+def test_replay_below_a_file_is_refused_before_anything_is_simulated(refused: Callable, untouched: Path) -> None:
+    log = untouched.parent / "run.parquet"
+    assert str(untouched) in refused("turn", *SHORT, "--log", log, "--replay", untouched / "run.html")
+    assert not log.exists()
+
+
+def test_run_that_ends_before_its_turn_names_the_duration(refused: Callable) -> None:
+    message = refused("turn", "--set", "manoeuvre.duration=1")
+    assert "manoeuvre.duration: 1 s" in message
+    assert ">= 2.64 s" in message
+
+
+def test_scenario_file_may_have_no_ending(call: Callable, tmp_path: Path) -> None:
+    path = tmp_path / "mine"
+    path.write_text("manoeuvre: {speed: 1.0, turn_start: 0.4, speed_ramp: 0.3, duration: 1.2}\n")
+    assert call("turn", "--scenario", path).exit_code == 0
+
+
+def test_slalom_of_the_thesis_stays_upright_while_it_gathers_speed_and_rolls_over_at_4_m_per_s(call: Callable) -> None:
+    """The thesis steers while it accelerates (6.1.3), and shows the first second of it."""
+    assert "outcome: survived, clean" in call("slalom").stdout
+    assert "outcome: flipped" in call("slalom", "--set", "manoeuvre.duration=6").stdout

@@ -1,0 +1,109 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aerodima.workbench.config.ensemble import Member, ensemble_names, load_ensemble, weighted_quantiles
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import EnsembleError
+
+TEXT = """schema: aerodima/ensemble/1
+name: two
+provenance: {method: test}
+best: b
+members:
+- {name: a, weight: 3.0, values: {car.com_height: 0.25, tail.sail: free}}
+- {name: b, weight: 1.0, values: {car.mass: 6.5}}
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "two.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_weights_are_scaled_to_one_and_the_best_is_found(tmp_path: Path) -> None:
+    ensemble = load_ensemble(written(tmp_path, TEXT))
+    assert [member.weight for member in ensemble.members] == [0.75, 0.25]
+    assert ensemble.best.settings == ("car.mass=6.5",)
+    assert ensemble.effective_size == pytest.approx(1 / (0.75**2 + 0.25**2))
+
+
+def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(tmp_path: Path) -> None:
+    ensemble = load_ensemble(written(tmp_path, TEXT))
+    car = ensemble.scenario(ensemble.members[0], "turn_none", ["car.com_height=0.2"])
+    assert (car.car.com_height, car.tail.sail) == (0.2, "free")
+    assert ensemble.scenario(ensemble.members[0], "turn_none").car.com_height == 0.25
+
+
+def test_shipped_ensembles_load_and_every_member_is_a_scenario() -> None:
+    assert "car" in ensemble_names()
+    for name in ensemble_names():
+        ensemble = load_ensemble(name)
+        assert ensemble.best in ensemble.members
+        for member in ensemble.members[:4]:
+            ensemble.scenario(member, "turn_swing")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("ensemble/1", "ensemble/0", "'aerodima/ensemble/0' is of another version"),
+        ("aerodima/ensemble/1", "aerodima/scenario/1", "is no ensemble; allowed is 'aerodima/ensemble/1'"),
+        ("best: b", "best: c", "best: 'c' is no member"),
+        ("car.mass:", "car.masss:", "member 'b': car.masss: unknown key; did you mean 'mass'?"),
+        ("car.mass:", "cart.mass:", "'cart' is no section; did you mean 'car'?"),
+        ("weight: 3.0", "weight: -3.0", "weight: -3.0 is not allowed"),
+        ("weight: 3.0", "weight: .nan", "weight: nan is not allowed"),
+        ("name: b,", "name: a,", "'a' stands there twice"),
+        ("provenance:", "origin:", "origin: unknown key"),
+    ],
+)
+def test_a_wrong_file_is_one_line_that_says_what_is_allowed(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = written(tmp_path, TEXT.replace(old, new))
+    with pytest.raises(EnsembleError, match=r"two\.yaml") as caught:
+        load_ensemble(path)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_name_and_a_missing_file_are_told() -> None:
+    with pytest.raises(EnsembleError, match="'carr': there is none of this name; did you mean 'car'"):
+        load_ensemble("carr")
+    with pytest.raises(EnsembleError, match=r"nowhere\.yaml: no such file"):
+        load_ensemble("nowhere.yaml")
+
+
+def test_a_member_whose_values_do_not_go_together_is_named(tmp_path: Path) -> None:
+    ensemble = load_ensemble(written(tmp_path, TEXT.replace("car.mass: 6.5", "car.gyration_roll: 0.4")))
+    with pytest.raises(EnsembleError, match=r"two\.yaml: member 'b': .*gyration_roll: 0.4 m; allowed: <="):
+        ensemble.scenario(ensemble.members[1], "turn_none")
+
+
+def test_drawn_members_stand_for_all_of_the_weight(tmp_path: Path) -> None:
+    ensemble = load_ensemble(written(tmp_path, TEXT))
+    members = tuple(Member(str(place), weight, {}) for place, weight in enumerate((0.1, 0.55, 0.02, 0.33)))
+    many = replace(ensemble, members=members)
+    assert [(m.name, m.weight) for m in many.drawn(3)] == [("1", pytest.approx(2 / 3)), ("3", pytest.approx(1 / 3))]
+    assert many.drawn(4) == many.members
+    assert sum(member.weight for member in ensemble.drawn(1)) == 1.0
+    with pytest.raises(EnsembleError, match="0 members of"):
+        ensemble.drawn(0)
+
+
+def test_weighted_quantiles_follow_the_weight_not_the_count() -> None:
+    values, weights = [3.0, 1.0, np.nan, 2.0], [0.1, 0.8, 5.0, 0.1]
+    assert list(weighted_quantiles(values, weights, (0.05, 0.5, 0.85, 1.0))) == [1.0, 1.0, 2.0, 3.0]
+    assert np.isnan(weighted_quantiles([np.nan], [1.0], (0.5,))).all()
+
+
+def test_another_tail_than_the_built_one_keeps_its_size_on_the_car_of_a_member() -> None:
+    ensemble = load_ensemble()
+    member = ensemble.members[0]
+    built, designed = (ensemble.scenario(member, name) for name in ("turn_swing", "turn_designed"))
+    assert built.tail.sail_width == pytest.approx(float(member.values["tail.sail_width"]))
+    assert designed.tail.sail_width == load_scenario("turn_designed").tail.sail_width != built.tail.sail_width
+    assert designed.tail.mount_height == built.tail.mount_height
+    assert designed.car == built.car

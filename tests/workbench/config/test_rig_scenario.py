@@ -1,0 +1,119 @@
+"""Rig scenarios: the parameters are the published ones, and what is refused names what is allowed."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from aerodima.workbench.config.rig_scenario import (
+    RIG_SECTIONS,
+    load_rig_parameter_entries,
+    load_rig_scenario,
+    rig_scenario_from_dict,
+    rig_scenario_names,
+)
+from aerodima.workbench.config.scenario import scenario_from_dict
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.resources import model_path
+
+RIG = rig_scenario_from_dict({})
+
+
+def rows(name: str) -> list[dict[str, str]]:
+    with open(model_path(f"published/{name}.csv"), newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tails_are_those_of_the_published_tables() -> None:
+    for tail, properties, offsets in zip(
+        (RIG.tail_1, RIG.tail_2, RIG.tail_3), rows("tail_properties"), rows("force_offsets"), strict=True
+    ):
+        for key, column in (
+            ("length", "length_m"),
+            ("major_axis", "major_axis_m"),
+            ("minor_axis", "minor_axis_m"),
+            ("mass", "mass_kg"),
+        ):
+            assert getattr(tail, key) == float(properties[column])
+        assert tail.offsets == tuple(float(value) for key, value in offsets.items() if "_offset_" in key)
+
+
+def test_mount_bar_and_pivot_are_those_of_the_published_tables() -> None:
+    mount, bar = rows("rig_bodies")
+    for key in ("xx", "yy", "zz", "xy", "xz", "yz"):
+        assert getattr(RIG.mount, f"inertia_{key}") == pytest.approx(float(mount[f"inertia_{key}_kg_m2"]), rel=1e-12)
+    assert (RIG.mount.mass, RIG.bar.mass) == (float(mount["mass_kg"]), float(bar["mass_kg"]))
+    # ERRATA E11: the remainders behind the common offset, in g cm2.
+    for key in ("xx", "yy", "zz"):
+        remainder = float(bar[f"printed_inertia_{key}_g_mm2"]) - 673108e6
+        assert getattr(RIG.bar, f"inertia_{key}") == pytest.approx(remainder * 1e-7, rel=1e-9)
+    terms = {(row["body"], row["term_no"]): row for row in rows("rig_positions")}
+    for key in "xyz":
+        assert getattr(RIG.mount, f"com_{key}") == float(terms["Mounting Structure", "1"][f"{key}_m"])
+        assert getattr(RIG.mount, f"pivot_{key}") == float(terms["Steel Bar", "2"][f"{key}_m"])
+    assert -RIG.bar.com_distance == float(terms["Steel Bar", "3"]["z_m"])
+    assert -RIG.bar.tail_distance == float(terms["Tail", "3"]["z_m"])
+
+
+def test_friction_and_accuracies_are_those_of_the_published_tables() -> None:
+    (average,) = (row for row in rows("bar_friction") if row["record"] == "published_weighted_average")
+    assert RIG.friction.coulomb == float(average["coulomb_friction_n_m"])
+    assert RIG.friction.viscous == float(average["viscous_friction_n_m_s_per_rad"])
+    accuracies = [float(row["uncertainty_factor"]) for row in rows("residual_weights")][:6]
+    assert list(RIG.force_sensor.accuracies) == accuracies
+
+
+def test_the_robot_tail_is_the_one_on_the_car() -> None:
+    car = scenario_from_dict({})
+    assert RIG.robot_tail == car.tail
+    assert RIG.robot_motor == car.tail_motor
+    assert RIG.robot_friction == car.friction
+    assert RIG.environment == car.environment
+
+
+@pytest.mark.parametrize("section", sorted(RIG_SECTIONS))
+def test_every_number_has_unit_and_source(section: str) -> None:
+    assert set(load_rig_parameter_entries(section)) == set(RIG_SECTIONS[section].model_fields)
+
+
+def test_shipped_scenarios_resolve_and_survive_a_round_trip() -> None:
+    assert rig_scenario_names() == ["bar", "flick", "robot", "static"]
+    for name in rig_scenario_names():
+        scenario = load_rig_scenario(name)
+        assert rig_scenario_from_dict(scenario.resolved()) == scenario
+        assert scenario.varied() == scenario
+
+
+def test_what_is_not_varied_stays() -> None:
+    varied = RIG.varied(seed=9, experiment={"tail": 2})
+    assert (varied.seed, varied.experiment.tail, varied.tail_name) == (9, 2, "2")
+    assert varied.varied(seed=RIG.seed, experiment={"tail": 1}) == RIG
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"experiment": {"kind": "spin"}}, "experiment.kind: 'spin' is not allowed"),
+        ({"experiment": {"kind": "bar_swing"}}, "experiment.wind_speed: 10 m/s; allowed in a bar_swing: 0 m/s"),
+        ({"experiment": {"kind": "swing", "rest": 30.0}}, "experiment.rest: 30 s; allowed: < duration 20 s"),
+        ({"experiment": {"target": 1.749}}, "experiment.target: 1.749 rad; allowed: within mount.angle_limit"),
+        ({"encoder": {"rate": 1001.0}}, "encoder.rate: 1001 Hz is above 1/step; allowed with step 0.001 s: <= 1000 Hz"),
+        ({"tunel": {"psi3": 0.1}}, "tunel: unknown key; did you mean 'tunnel'?"),
+        ({"tunnel": {"psi3": "5 deg"}}, "allowed is 'rad'"),
+        ({"bar": 3}, "bar: 3 is not allowed; it takes keys with values"),
+        ({"schema": "aerodima/scenario/1"}, "allowed is 'aerodima/rig-scenario/1'"),
+    ],
+)
+def test_wrong_scenarios_are_refused_by_name(overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError) as error:
+        rig_scenario_from_dict(overrides)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_scenario_file(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="no such file"):
+        load_rig_scenario(tmp_path / "nowhere.yaml")

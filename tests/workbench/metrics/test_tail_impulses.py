@@ -1,0 +1,225 @@
+"""The tail as a point mass on a massless arm, for which every moment is known in closed form."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.tail_impulses import tail_yaw_impulses
+from aerodima.workbench.metrics.turn_metrics import tail_impulses
+from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, made_up_run, times
+
+LENGTH, HEIGHT = 0.6, 0.24
+"""Of the arm and of its axis above the ground, m."""
+ACCELERATION = 40.0
+"""Of the arm's roll angle while it speeds up, rad/s2."""
+START, SPEED_UP = 2.0, 0.2
+FORWARD = 3.0
+"""Speed of the car, m/s."""
+
+
+def sides(values: np.ndarray) -> dict[str, np.ndarray]:
+    return {axis: values[:, number] for number, axis in enumerate("xyz")}
+
+
+def point_mass_run(
+    roll: np.ndarray, roll_rate: np.ndarray, yaw: float = 0.0, direction: str = "left", lateral: float = 0.0
+) -> RunLog:
+    """A car that goes straight at heading `yaw` from (5, -2) m, with acceleration `lateral` to its left from the start
+    of the turn on, its tail at these roll angles (0 up, positive to the right).
+    """
+    t = times()
+    ahead, left = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    since = np.maximum(t - START, 0.0)
+    ground = np.array([5.0, -2.0, 0.0]) + np.outer(FORWARD * t, ahead) + np.outer(0.5 * lateral * since**2, left)
+    arm = LENGTH * (np.outer(-np.sin(roll), left) + np.outer(np.cos(roll), up))
+    swing = LENGTH * roll_rate[:, None] * (np.outer(-np.cos(roll), left) + np.outer(-np.sin(roll), up))
+    com = ground + HEIGHT * up + arm
+    momentum = TAIL_MASS * (FORWARD * ahead + np.outer(lateral * since, left) + swing)
+    columns = {"yaw_truth_rad": np.full(t.size, yaw)}
+    for stem, suffix, values in (
+        ("position", "truth_m", ground + 0.01 * up),
+        ("tail_com", "truth_m", com),
+        ("tail_momentum", "truth_n_s", momentum),
+        ("tail_angular_momentum", "truth_n_m_s", np.cross(com, momentum)),
+    ):
+        columns |= {f"{stem}_{axis}_{suffix}": column for axis, column in sides(values).items()}
+    side = 1.0 if direction == "left" else -1.0
+    columns["roll_truth_rad"] = side * 0.1 * np.exp(-(((t - 2.2) / 0.1) ** 2))
+    return made_up_run(columns, direction)
+
+
+def speeding_up(side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Roll angle and rate: at rest on the inside, even acceleration for 0.2 s, then even speed."""
+    since = np.clip(times() - START, 0.0, SPEED_UP)
+    rate = ACCELERATION * since
+    after = np.maximum(times() - START - SPEED_UP, 0.0)
+    roll = -math.pi / 2 + 0.5 * ACCELERATION * since**2 + rate[-1] * after
+    return side * roll, side * rate
+
+
+def at_rest(roll: float) -> tuple[np.ndarray, np.ndarray]:
+    return np.full(times().size, roll), np.zeros(times().size)
+
+
+def at(time: float) -> int:
+    return round(time / (times()[1] - times()[0]))
+
+
+@pytest.mark.parametrize(("direction", "inside"), [("left", -math.pi / 2), ("right", math.pi / 2)])
+@pytest.mark.parametrize("yaw", [0.0, 2.1])
+def test_the_weight_of_a_tail_on_the_inside_helps(direction: str, inside: float, yaw: float) -> None:
+    """m g l about the ground point, in any heading and however far the car is from the origin of the world."""
+    result = tail_impulses(point_mass_run(*at_rest(inside), yaw=yaw, direction=direction))
+    assert result is not None
+    expected = TAIL_MASS * GRAVITY * LENGTH
+    np.testing.assert_allclose(result.weight_moment, expected, rtol=1e-9)
+    np.testing.assert_allclose(result.inertial_moment, 0.0, atol=1e-9)
+    assert result.over_window.weight == pytest.approx(expected * 0.64, rel=1e-9)
+    assert result.over_window.aerodynamic == 0.0
+    outside = tail_impulses(point_mass_run(*at_rest(-inside), yaw=yaw, direction=direction))
+    assert outside is not None
+    assert outside.over_window.weight == pytest.approx(-expected * 0.64, rel=1e-9)
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@pytest.mark.parametrize("yaw", [0.0, 2.1])
+def test_speeding_the_tail_up_outwards_helps(direction: str, side: float, yaw: float) -> None:
+    """Angular momentum about the ground point along the heading: m (l^2 + h l cos(roll)) times the roll rate.
+
+    The swing starts on the inside, so the tail gains momentum that points outwards and the car gains as much inwards.
+    """
+    roll, rate = speeding_up(side)
+    result = tail_impulses(point_mass_run(roll, rate, yaw=yaw, direction=direction))
+    assert result is not None
+    gained = TAIL_MASS * (LENGTH**2 + HEIGHT * LENGTH * np.cos(roll)) * rate * side
+    assert result.over_window.inertial == pytest.approx(gained[at(2.64)] - gained[at(2.0)], rel=1e-6)
+    assert result.until_peak_roll.inertial == pytest.approx(gained[at(2.2)], rel=1e-6)
+    assert result.peak_roll_time == pytest.approx(2.2, abs=1e-9)
+    inside = slice(at(2.0) + 2, at(2.2) - 2)
+    # Central differences over 4 ms of a signal with a third derivative of about 6e3 of its size err by 2e-3.
+    np.testing.assert_allclose(result.inertial_moment[inside], np.gradient(gained, times())[inside], rtol=5e-3)
+    assert np.all(result.inertial_moment[inside] > 0)
+
+
+def test_a_swing_that_stops_again_gives_its_inertial_impulse_back() -> None:
+    since = np.clip((times() - START) / 0.5, 0.0, 1.0)
+    roll = -math.pi / 2 + math.pi * (since - np.sin(2 * np.pi * since) / (2 * np.pi))
+    rate = np.where(since < 1.0, math.pi / 0.5 * (1.0 - np.cos(2 * np.pi * since)), 0.0)
+    result = tail_impulses(point_mass_run(roll, rate))
+    assert result is not None
+    assert result.over_window.inertial == pytest.approx(0.0, abs=1e-5)
+    assert np.max(result.inertial_moment) > 1.0
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+def test_an_upright_tail_carried_into_the_turn_hurts(direction: str, side: float) -> None:
+    """m a (h + l): what accelerates towards the inside at a height pulls the car over to the outside."""
+    result = tail_impulses(point_mass_run(*at_rest(0.0), direction=direction, lateral=side * 4.0))
+    assert result is not None
+    turning = slice(at(2.1), at(3.0))
+    np.testing.assert_allclose(result.inertial_moment[turning], -TAIL_MASS * 4.0 * (HEIGHT + LENGTH), rtol=1e-6)
+    np.testing.assert_allclose(result.weight_moment, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+def test_air_that_holds_the_tail_back_while_it_swings_outwards_helps(direction: str, side: float) -> None:
+    """Upright tail moving outwards: drag points to the inside at height h + l. The log has its moment about Wo, 2 m
+    beside the car, about which the lift has one too; about the ground point the lift has none.
+    """
+    run = point_mass_run(*at_rest(0.0), direction=direction)
+    force = np.tile([0.0, side * 2.0, 1.0], (times().size, 1))
+    moment = np.cross(run.vector("tail_com", "truth_m"), force)
+    table = run.table.assign(
+        **{f"tail_force_{axis}_truth_n": column for axis, column in sides(force).items()},
+        **{f"tail_force_moment_{axis}_truth_n_m": column for axis, column in sides(moment).items()},
+    )
+    result = tail_impulses(dataclasses.replace(run, table=table))
+    assert result is not None
+    np.testing.assert_allclose(result.aerodynamic_moment, 2.0 * (HEIGHT + LENGTH), rtol=1e-9)
+    assert result.over_window.total == pytest.approx(2.0 * (HEIGHT + LENGTH) * 0.64, rel=1e-9)
+
+
+def test_a_jump_of_the_momentum_counts_in_full() -> None:
+    rate = np.where(times() >= 2.3, 5.0, 0.0)
+    roll = np.where(times() >= 2.3, 5.0 * (times() - 2.3), 0.0) - math.pi / 2
+    roll = np.minimum(roll, 3.0)
+    result = tail_impulses(point_mass_run(roll, rate))
+    assert result is not None
+    gained = TAIL_MASS * (LENGTH**2 + HEIGHT * LENGTH * math.cos(roll[at(2.64)])) * 5.0
+    assert result.over_window.inertial == pytest.approx(gained, rel=1e-6)
+
+
+def test_inertial_moment_of_any_motion_is_minus_arm_cross_mass_times_acceleration() -> None:
+    """Car on a curve with a turning heading while the tail swings: -(c - p) x m d2c/dt2 about the heading axis.
+
+    The independent side differentiates the path twice; all motions are slow sines, so both differ by (w dt)^2 < 1e-3.
+    """
+    t = times()
+    yaw = 0.4 * np.sin(2.0 * t)
+    ground = np.column_stack([5.0 + 3.0 * t, -2.0 + 1.5 * np.sin(3.0 * t), np.zeros_like(t)])
+    roll = 1.2 * np.sin(4.0 * t)
+    arm = LENGTH * np.column_stack([np.sin(roll) * np.sin(yaw), -np.sin(roll) * np.cos(yaw), np.cos(roll)])
+    com = ground + np.array([0.0, 0.0, HEIGHT]) + arm
+    momentum = TAIL_MASS * np.gradient(com, t, axis=0)
+    columns: dict[str, np.ndarray] = {"yaw_truth_rad": yaw}
+    for stem, suffix, values in (
+        ("position", "truth_m", ground),
+        ("tail_com", "truth_m", com),
+        ("tail_momentum", "truth_n_s", momentum),
+        ("tail_angular_momentum", "truth_n_m_s", np.cross(com, momentum)),
+    ):
+        columns |= {f"{stem}_{axis}_{suffix}": column for axis, column in sides(values).items()}
+    result = tail_impulses(made_up_run(columns))
+    assert result is not None
+    acceleration = np.gradient(np.gradient(com, t, axis=0), t, axis=0)
+    heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])
+    about_heading = np.sum(-np.cross(com - ground, TAIL_MASS * acceleration) * heading, axis=1)
+    middle = slice(5, -5)
+    scale = float(np.max(np.abs(about_heading)))
+    np.testing.assert_allclose(result.inertial_moment[middle], -about_heading[middle], atol=2e-3 * scale)
+    impulse = float(np.sum(-about_heading[at(2.0) : at(2.64)]) * (t[1] - t[0]))
+    assert result.over_window.inertial == pytest.approx(impulse, abs=2e-3 * scale * 0.64 + scale * (t[1] - t[0]))
+
+
+def test_when_the_car_flips_the_impulses_end_at_75_degrees() -> None:
+    run = point_mass_run(*at_rest(-math.pi / 2))
+    tilt = np.clip((times() - 2.0) * 2.0, 0.0, 3.0)
+    flipped = dataclasses.replace(run, table=run.table.assign(tilt_truth_rad=tilt, roll_truth_rad=tilt))
+    result = tail_impulses(flipped)
+    assert result is not None
+    assert result.peak_roll_time == pytest.approx(2.0 + math.radians(75.0) / 2.0, abs=0.002)
+
+
+def test_no_tail_no_impulses_and_no_truth_is_an_error() -> None:
+    assert tail_impulses(made_up_run(tail_mode="none")) is None
+    with pytest.raises(LogError, match="no ground truth"):
+        tail_impulses(made_up_run(truth=False))
+    with pytest.raises(LogError, match="tail_mass_kg"):
+        tail_impulses(dataclasses.replace(made_up_run(), extra={}))
+
+
+@pytest.mark.parametrize(("direction", "side"), [("left", 1.0), ("right", -1.0)])
+@pytest.mark.parametrize("yaw", [0.0, 2.1])
+def test_a_tail_behind_the_centre_of_mass_that_speeds_up_outwards_turns_the_car_out_of_the_turn(
+    direction: str, side: float, yaw: float
+) -> None:
+    """Lever times change of momentum; the window ends while the tail still moves outwards, before it is upright."""
+    lever = 0.15
+    run = point_mass_run(*speeding_up(side), yaw=yaw, direction=direction)
+    ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    com = run.vector("position", "truth_m") + lever * ahead
+    run = dataclasses.replace(
+        run, table=run.table.assign(**{f"com_{a}_truth_m": com[:, n] for n, a in enumerate("xyz")})
+    )
+    shorter = {**run.scenario, "manoeuvre": {**run.scenario["manoeuvre"], "turn_hold": 0.1}}  # until 2.24 s
+    found = tail_yaw_impulses(dataclasses.replace(run, scenario=shorter))
+    roll, rate = speeding_up(1.0)
+    outwards = LENGTH * rate[at(2.24)] * math.cos(roll[at(2.24)])
+    assert outwards > 1.0
+    assert found.inertial == pytest.approx(-lever * TAIL_MASS * outwards, rel=1e-3)
+    assert (found.weight, found.aerodynamic) == (0.0, 0.0)

@@ -1,0 +1,121 @@
+"""The map of the tail's range of motion, against geometry done by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.plants.clearance import (
+    PARTS,
+    RangeOfMotion,
+    ground_clearance,
+    make_range_of_motion,
+    read_range_of_motion,
+    write_range_of_motion,
+)
+
+LIMIT = math.pi / 2
+
+
+@pytest.fixture(scope="module")
+def motion() -> RangeOfMotion:
+    joints = ["tail.mount_x=-0.03", "tail.mount_height=0.24"]
+    return make_range_of_motion(load_scenario("turn_swing", joints), 13, 13)
+
+
+def test_an_upright_tail_swings_freely_in_roll_and_backwards(motion: RangeOfMotion) -> None:
+    assert np.all(motion.clearance(0.0, motion.roll) > 0.02)
+    assert np.all(motion.clearance(-0.7, motion.roll) > 0.02)
+    assert motion.allowed_roll(0.0, 0.01) == (pytest.approx(-LIMIT), pytest.approx(LIMIT))
+
+
+def test_a_tail_pitched_forwards_meets_the_rear_bar_of_the_cage(motion: RangeOfMotion) -> None:
+    """The bar is 80 mm ahead of and 80 mm above the joints, 6 mm thick like the rod: it is met near 45 degrees."""
+    cage = motion.clearance(np.radians([0.0, 15.0, 30.0, 45.0]), 0.0, ("cage",))
+    by_hand = [math.hypot(0.08, 0.08) * math.sin(math.radians(45 - pitch)) - 0.012 for pitch in (0, 15, 30, 45)]
+    np.testing.assert_allclose(cage, by_hand, atol=2e-3)
+    assert motion.clearance(0.8, 0.0) < 0.0 < motion.clearance(-0.8, 0.0), "forwards is positive"
+
+
+def test_the_map_is_that_of_a_car_with_two_equal_sides(motion: RangeOfMotion) -> None:
+    for part in ("cage", "wheels"):
+        there = motion.clearance(0.3, motion.roll, (part,))
+        np.testing.assert_allclose(there, there[::-1], atol=0.03)  # the drawn sail stands out to one side only
+
+
+def test_ground_under_a_car_on_its_wheels_and_under_one_that_leans(motion: RangeOfMotion) -> None:
+    scenario = load_scenario("turn_swing")
+    mount, half_track = scenario.tail.mount_height, scenario.car.outer_half_track
+    # A sail that turns sweeps 0.15 m about the rod: half of the shell and the board are behind the bearing.
+    assert scenario.tail.sail_reach == pytest.approx(
+        (0.5 + scenario.tail.sail_board_share) * scenario.tail.sail_width - scenario.tail.sail_front
+    )
+    assert ground_clearance(scenario, 0.0, -LIMIT) == pytest.approx(mount - scenario.tail.sail_reach, abs=1e-6)
+    flat = load_scenario("turn_swing", ["tail.sail=locked"])
+    assert ground_clearance(flat, 0.0, -LIMIT) == pytest.approx(mount)
+    assert ground_clearance(flat, LIMIT, LIMIT) == pytest.approx(mount - scenario.tail.sail_width / 2)
+    by_query = motion.clearance(0.0, np.array([-LIMIT, LIMIT]), ("ground",))
+    assert np.all(by_query <= mount)
+    assert np.all(by_query > mount - 0.041 - scenario.tail.sail_reach - 1e-3)  # mounted 41 mm lower
+    assert motion.clearance(0.0, -LIMIT, ("ground",)) == pytest.approx(0.24 - scenario.tail.sail_reach, abs=5e-3), (
+        "mounted at 0.24 m"
+    )
+    scenario = flat
+    leaning = float(ground_clearance(scenario, 0.0, LIMIT, 0.2))
+    tip = (half_track - scenario.tail.length) * math.sin(0.2) + mount * math.cos(0.2)
+    assert leaning == pytest.approx(tip), "a car that leans to the right lowers a tail on its right"
+    assert float(ground_clearance(scenario, 0.0, -LIMIT, 0.2)) > leaning
+    assert float(ground_clearance(scenario, 0.0, -LIMIT, -0.2)) == pytest.approx(leaning)
+
+
+def test_between_the_nodes_it_is_linear_and_takes_complex_steps() -> None:
+    nodes = np.array([0.0, 1.0, 2.0])
+    values = np.array([[0.0, 1.0, 2.0], [2.0, 3.0, 4.0], [4.0, 5.0, 6.0]])
+    motion = RangeOfMotion(nodes, nodes, np.repeat(values[:, :, None], len(PARTS), axis=2), {})
+    assert float(motion.clearance(0.5, 1.25)) == pytest.approx(2.25)
+    assert float(motion.clearance(9.0, -9.0)) == 4.0
+    step = 1e-20
+    slope = motion.clearance(np.array([0.5 + 1j * step, 0.5]), np.array([1.25, 1.25 + 1j * step])).imag / step
+    np.testing.assert_allclose(slope, [2.0, 1.0])
+
+
+def test_file_comes_back_equal_and_a_bad_one_is_refused(tmp_path: Path, motion: RangeOfMotion) -> None:
+    path = write_range_of_motion(motion, tmp_path / "map.csv")
+    again = read_range_of_motion(path)
+    np.testing.assert_array_equal(again.clearances, motion.clearances)
+    assert again.car == motion.car
+    lines = path.read_text().splitlines()
+    for name, text, message in (
+        ("cut", lines[:-1], "one row per node of a full grid"),
+        ("nan", [*lines[:-1], lines[-1].replace("0.", "nan 0.", 1)], "allowed: finite numbers"),
+        ("other", ["# {}", *lines[1:]], "schema: None cannot be read"),
+        ("text", ["hello"], "is no range of motion"),
+        ("columns", [lines[0], "a,b", "1,2"], "columns a, b; allowed: pitch_rad"),
+    ):
+        bad = tmp_path / f"{name}.csv"
+        bad.write_text("\n".join(text))
+        with pytest.raises(UserError, match=message):
+            read_range_of_motion(bad)
+    with pytest.raises(UserError, match="no such range of motion"):
+        read_range_of_motion(tmp_path / "none.csv")
+
+
+def test_command(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from aerodima.workbench.cli.program import build_app
+
+    run: Callable = lambda *words: CliRunner().invoke(build_app(), ["range-of-motion", *map(str, words)])  # noqa: E731
+    out = tmp_path / "map.csv"
+    result = run("--out", out, "--pitch-nodes", 5, "--roll-nodes", 5)
+    assert result.exit_code == 0, result.output
+    assert "cage: " in result.output
+    assert out.with_suffix(".png").stat().st_size > 10_000
+    assert "exists already" in run("--out", out).stderr
+    assert "--roll-nodes 2: allowed: 3 to 1001" in run("--out", tmp_path / "b.csv", "--roll-nodes", 2).stderr

@@ -1,0 +1,259 @@
+"""The demo: every number again from its logs, going on after Ctrl-C, and folders that are not its own."""
+
+import csv
+import json
+import math
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics.published_figures import metric_column
+from aerodima.workbench.metrics.turn_metrics import metrics_of, tail_impulses
+from aerodima.workbench.report.demo import DemoPlan, demo_runs, do_run, make_demo
+from aerodima.workbench.resources import model_path
+
+pytestmark = pytest.mark.slow
+
+PLAN = DemoPlan(
+    speeds=(12 / 3.6, 16 / 3.6),
+    tail_modes=("none", "swing"),
+    shown=(("swing", 16 / 3.6),),
+)
+NAMES = ("none_3.33", "none_4.44", "swing_3.33", "swing_4.44")
+
+
+class Made(NamedTuple):
+    """A demo that was interrupted after its first run and then asked for again."""
+
+    out: Path
+    first_log_when_interrupted: int
+    messages: list[str]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    out = tmp_path_factory.mktemp("demo") / "out"
+    messages: list[str] = []
+
+    def interrupt(line: str) -> None:
+        messages.append(line)
+        if line.startswith("[1/4]"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_demo(out, PLAN, workers=1, say=interrupt)
+    (log,) = (out / "logs").glob("*.parquet")
+    changed = log.stat().st_mtime_ns
+    # The next run as a killed process leaves it: a journal that would be in the way of a new one.
+    (out / "logs" / "turn_none_3.33.parquet.journal").write_bytes(b"cut off")
+    make_demo(out, PLAN, workers=1, say=messages.append)
+    return Made(out, changed, messages)
+
+
+@pytest.fixture(scope="module")
+def rows(made: Made) -> dict[str, dict[str, str]]:
+    with (made.out / "summary.csv").open(encoding="utf-8") as file:
+        return {row["run"]: row for row in csv.DictReader(file)}
+
+
+def test_everything_is_there_and_the_page_links_only_to_it(made: Made) -> None:
+    found = {path.relative_to(made.out).as_posix() for path in made.out.rglob("*") if path.is_file()}
+    assert found == {
+        "index.html",
+        "summary.csv",
+        "demo.json",
+        "replay_swing_4.44.html",
+        "strip_swing_4.44.png",
+        *(f"logs/turn_{name}.parquet" for name in NAMES),
+    }
+    page = (made.out / "index.html").read_text(encoding="utf-8")
+    for name in found - {"index.html", "demo.json"}:
+        assert f'"{name}"' in page, name
+
+
+def test_ctrl_c_keeps_finished_runs_and_says_how_to_go_on(made: Made) -> None:
+    (stopped,) = [line for line in made.messages if line.startswith("stopped")]
+    assert "1 of 4 logs are there" in stopped
+    assert f"aerodima demo --out {made.out}" in stopped
+    log = made.out / "logs" / "turn_swing_4.44.parquet"  # shown in full, so it is the first piece of work
+    assert log.stat().st_mtime_ns == made.first_log_when_interrupted
+
+
+def test_summary_has_one_row_per_run_in_order(rows: dict[str, dict[str, str]]) -> None:
+    assert tuple(rows) == NAMES
+    assert [row["tail_mode"] for row in rows.values()] == ["none", "none", "swing", "swing"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_metric_is_computed_again_from_the_log(made: Made, rows: dict[str, dict[str, str]], name: str) -> None:
+    row, log = rows[name], read_run_log(made.out / "logs" / f"turn_{name}.parquet")
+    for column, value in metrics_of(log).as_row().items():
+        expected = "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+        assert row[column] == expected, column
+    impulses = tail_impulses(log)
+    for label in ("window", "until_peak_roll"):
+        for cause in ("aerodynamic", "weight", "inertial"):
+            cell = row[f"{cause}_impulse_{label}_n_m_s"]
+            if impulses is None:
+                assert cell == ""
+            else:
+                part = impulses.over_window if label == "window" else impulses.until_peak_roll
+                assert float(cell) == getattr(part, cause)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_figures_follow_from_the_columns_by_hand(made: Made, rows: dict[str, dict[str, str]], name: str) -> None:
+    # Straight from the table, without the project's metrics: window [2, 2.64] s of a left turn.
+    table = read_run_log(made.out / "logs" / f"turn_{name}.parquet").table
+    window = table[(table.time_s > 2.0 - 1e-6) & (table.time_s < 2.64 + 1e-6)]
+    after = table[table.time_s > 2.0 - 1e-6]
+    speed = math.hypot(window.velocity_x_truth_m_per_s.iloc[0], window.velocity_y_truth_m_per_s.iloc[0])
+    mean_yaw_rate = np.trapezoid(window.gyro_z_truth_rad_per_s, window.time_s) / 0.64
+    expected = {
+        "commanded_speed_km_per_h": 12.0 if name.endswith("3.33") else 16.0,
+        "speed_m_per_s": speed,
+        "max_yaw_rate_rad_per_s": window.gyro_z_truth_rad_per_s.abs().max(),
+        "average_yaw_rate_rad_per_s": mean_yaw_rate,
+        "max_linear_acceleration_m_per_s2": window.acceleration_y_truth_m_per_s2.abs().max(),
+        "average_kohut_deg_m_per_s2": speed * math.degrees(mean_yaw_rate),
+        "heading_change_rad": after.yaw_truth_rad.iloc[-1] - after.yaw_truth_rad.iloc[0],
+        "imu_peak_yaw_rate_rad_per_s": window.imu_gyro_z_rad_per_s.max(),
+        "max_tilt_rad": table.tilt_truth_rad.max(),
+    }
+    for column, value in expected.items():
+        assert float(rows[name][column]) == pytest.approx(value, rel=1e-9), column
+    swinging = table.time_s[table.controller_state == 3]
+    assert rows[name]["swing_trigger_time_s"] == ("" if swinging.empty else repr(float(swinging.iloc[0])))
+
+
+def test_published_figures_stand_beside_the_runs_of_the_thesis(rows: dict[str, dict[str, str]]) -> None:
+    with model_path("published/manoeuvre_metrics.csv").open(encoding="utf-8") as file:
+        published = {row["source_table"]: row for row in csv.DictReader(file)}
+    beside = {("none_3.33", "simulated"): "7.1", ("none_3.33", "physical"): "7.3", ("swing_4.44", "simulated"): "7.2"}
+    for name, row in rows.items():
+        for platform in ("simulated", "physical"):
+            number = beside.get((name, platform))
+            assert row[f"published_{platform}_source"] == (f"Table {number}" if number else "")
+            if number is None:
+                continue
+            for metric in ("speed_m_per_s", "max_yaw_rate_rad_per_s", "average_kohut_deg_m_per_s2"):
+                figure = float(published[f"Table {number}"][metric])
+                assert float(row[f"published_{platform}_{metric}"]) == figure
+                difference = float(row[metric_column(metric, platform)]) - figure
+                assert float(row[f"difference_{platform}_{metric}"]) == pytest.approx(difference, abs=1e-12)
+
+
+def test_the_published_turn_ends_as_published(rows: dict[str, dict[str, str]]) -> None:
+    # Thesis 7.1: without tail 3.33 m/s is survived and 4.44 m/s is not; with the swinging tail both are.
+    outcomes = {name: row["outcome"] for name, row in rows.items()}
+    assert outcomes["none_3.33"] == outcomes["swing_3.33"] == outcomes["swing_4.44"] == "survived"
+    assert outcomes["none_4.44"] == "flipped"
+
+
+def test_a_reused_log_gives_the_same_summary_as_a_new_one(made: Made, tmp_path: Path) -> None:
+    again = next(run for run in demo_runs(tmp_path, PLAN) if run.name == "none_3.33")
+    kept = next(run for run in demo_runs(made.out, PLAN) if run.name == "none_3.33")
+    assert do_run(again) == do_run(kept)
+
+
+def test_a_finished_demo_is_kept(made: Made) -> None:
+    before = {path: path.stat().st_mtime_ns for path in made.out.rglob("*")}
+    with pytest.raises(UserError, match="holds a finished demo already"):
+        make_demo(made.out, PLAN, workers=1)
+    assert {path: path.stat().st_mtime_ns for path in made.out.rglob("*")} == before
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (DemoPlan(**(PLAN.__dict__ | {"seed": 2})), "of another scenario, seed or version"),
+        (
+            DemoPlan(**(PLAN.__dict__ | {"settings": ("manoeuvre.duration=3.5",)})),
+            "of another scenario, seed or version",
+        ),
+    ],
+)
+def test_logs_of_another_demo_are_not_mixed_in(made: Made, tmp_path: Path, changed: DemoPlan, message: str) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(made.out, out)
+    (out / "demo.json").write_text(json.dumps({"schema": "aerodima/demo/1", "finished": False}))
+    with pytest.raises(UserError, match=message):
+        make_demo(out, changed, workers=1)
+
+
+def test_a_damaged_log_is_named(made: Made, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(made.out, out)
+    (out / "demo.json").write_text(json.dumps({"schema": "aerodima/demo/1", "finished": False}))
+    (out / "logs" / "turn_none_3.33.parquet").write_bytes(b"PAR1")
+    with pytest.raises(UserError, match=r"turn_none_3\.33\.parquet: cut off.*--force makes it again"):
+        make_demo(out, PLAN, workers=1)
+
+
+def test_force_makes_again_and_leaves_foreign_files(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "logs").mkdir(parents=True)
+    (out / "notes.txt").write_text("mine")
+    old = out / "logs" / "turn_none_3.33.parquet"
+    old.write_text("old")
+
+    def interrupt(line: str) -> None:
+        if line.startswith("1 runs"):  # before the first run: the old log is gone, the note is not
+            raise KeyboardInterrupt
+
+    plan = DemoPlan(speeds=(12 / 3.6,), tail_modes=("none",), shown=())
+    with pytest.raises(KeyboardInterrupt):
+        make_demo(out, plan, workers=1, force=True, say=interrupt)
+    assert not old.exists()
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arrange", "flags", "message"),
+    [
+        ("foreign", [], r"holds other files (notes.txt); choose another folder, or --force"),
+        ("file", [], "is a file, a folder is needed"),
+        ("file", ["--force"], "is a file, a folder is needed"),
+        ("file above", [], "cannot be made or used as a folder"),
+        ("nothing", ["--workers", "0"], "--workers 0: allowed: 1 to 64"),
+        ("nothing", ["--seed", "-1"], "seed"),
+    ],
+)
+def test_wrong_input_is_one_line_and_changes_nothing(
+    tmp_path: Path, arrange: str, flags: list[str], message: str
+) -> None:
+    out = tmp_path / "out"
+    if arrange == "foreign":
+        out.mkdir()
+        (out / "notes.txt").write_text("mine")
+    elif arrange.startswith("file"):
+        out.write_text("mine")
+    target = out / "demo" if arrange == "file above" else out
+    before = sorted(tmp_path.rglob("*"))
+    result = CliRunner().invoke(build_app(), ["demo", "--out", str(target), *flags])
+    assert result.exit_code == 2, result.output
+    (line,) = [line for line in result.stderr.splitlines() if line]
+    assert line.startswith("error: ")
+    assert message in line
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_plan_of_the_command_is_the_published_range() -> None:
+    # Whole km/h from 12 to 18 (ERRATA E37), four tail modes.
+    runs = demo_runs(Path("out"), DemoPlan())
+    speeds = sorted({round(3.6 * run.scenario["manoeuvre"]["speed"], 9) for run in runs})
+    assert speeds == [12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0]
+    assert len(runs) == 28
+    designed = {run.name for run in runs if run.scenario["tail"]["name"] != "built"}
+    assert designed == {run.name for run in runs if run.name.startswith("designed_")}
+    shown = {run.name for run in runs if run.replay is not None}
+    assert shown == {"none_3.33", "none_3.61", "held_4.44", "swing_4.44", "designed_4.44"}
+    assert all(run.scenario["manoeuvre"]["duration"] == 4.0 for run in runs)
+    assert all(run.scenario["controller"]["swing_speed"] == 8.0 for run in runs)

@@ -1,0 +1,171 @@
+"""Swings on the rigs: logs that agree with the equations of motion and with what the sensors can resolve."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.schema import RunLog, signals_equal
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.stations.rig_logs import RIG_COLUMN_NAMES
+
+COUNT = 2 * math.pi / (512 * 4 * 26)
+ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[RigScenario, RunLog]]:
+    """One log of each kind of swing, rest and run shortened."""
+    folder = tmp_path_factory.mktemp("rig")
+    settings = ["experiment.rest=0.2", "experiment.duration=1.0"]
+    made = {}
+    for name in ("flick", "bar", "robot"):
+        scenario = load_rig_scenario(name, settings)
+        made[name] = (scenario, run_rig(scenario, folder / f"{name}.parquet"))
+    return made
+
+
+def wrench_truth(log: RunLog) -> np.ndarray:
+    return np.column_stack((log.vector("force", "truth_n"), log.vector("torque", "truth_n_m")))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "tail", "axis", "wind"),
+    [
+        ("flick", "swing", "1", "major", 10.0),
+        ("bar", "bar_swing", "none", "none", 0.0),
+        ("robot", "robot_swing", "robot", "none", 5.0),
+    ],
+)
+def test_columns_and_metadata_are_those_of_the_contract(logs, name, kind, tail, axis, wind) -> None:
+    _, log = logs[name]
+    assert tuple(log.table.columns[:10]) == RIG_COLUMN_NAMES
+    assert log.kind == kind
+    assert (log.extra["tail"], log.extra["axis"], log.extra["wind_speed_m_per_s"]) == (tail, axis, wind)
+    np.testing.assert_allclose(log.time, np.arange(1001) / 1000.0, atol=1e-12)
+    assert np.all(np.isfinite(log.table.to_numpy()))
+
+
+@pytest.mark.parametrize("name", ["flick", "bar", "robot"])
+def test_it_rests_at_the_start_angle_and_then_swings_upstream(logs, name) -> None:
+    scenario, log = logs[name]
+    angle = log.signal("angle_truth_rad")
+    resting = log.time <= 0.2
+    np.testing.assert_allclose(angle[resting], scenario.experiment.angle, atol=3e-4)
+    assert angle[-1] < 0.6 * scenario.experiment.angle
+    assert np.max(np.abs(log.signal("angular_velocity_truth_rad_per_s")[resting])) < 0.01
+
+
+def test_free_bar_swing_decays_with_the_published_friction(logs) -> None:
+    """J angle'' = -m g d sin(angle) - Cf tanh(10 w) - Vf w with Tables 4.5 to 4.7, integrated by scipy."""
+    _, log = logs["bar"]
+    inertia = 6.731e-3 + 1.9198e-3 + 0.313 * 0.1**2
+    begin = 201  # let go at 0.2 s
+    angle, rate = log.signal("angle_truth_rad"), log.signal("angular_velocity_truth_rad_per_s")
+
+    def motion(_t: float, x: np.ndarray) -> list[float]:
+        friction = 0.0435 * math.tanh(10.0 * x[1]) + 0.0364 * x[1]
+        return [x[1], (-0.313 * 9.81 * 0.1 * math.sin(x[0]) - friction) / inertia]
+
+    span = (log.time[begin], log.time[-1])
+    solution = solve_ivp(motion, span, [angle[begin], rate[begin]], t_eval=log.time[begin:], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(angle[begin:], solution.y[0], atol=1e-7)
+    np.testing.assert_allclose(rate[begin:], solution.y[1], atol=1e-6)
+    energy = 0.5 * inertia * rate**2 - 0.313 * 9.81 * 0.1 * np.cos(angle)
+    assert np.all(np.diff(energy[begin:]) < 1e-12)
+
+
+@pytest.mark.parametrize("name", ["flick", "bar", "robot"])
+def test_logged_wrench_is_the_reaction_at_the_logged_state_and_torque(logs, name) -> None:
+    scenario, log = logs[name]
+    rig = Rig(scenario)
+    rows = log.table.iloc[::97]
+    for index, row in rows.iterrows():
+        reaction = rig.reaction(
+            row["angle_truth_rad"], row["angular_velocity_truth_rad_per_s"], row["motor_torque_truth_n_m"]
+        )
+        np.testing.assert_allclose(wrench_truth(log)[index], reaction.wrench, atol=1e-9)
+
+
+def test_motor_torque_is_minus_the_current(logs) -> None:
+    """0.346 N m/A on the cheetah rig; the current in the log has noise of 0.01 A, here averaged over 200 samples."""
+    _, log = logs["flick"]
+    rest = log.time < 0.2
+    torque = np.mean(log.signal("motor_torque_truth_n_m")[rest])
+    assert torque == pytest.approx(-0.346 * np.mean(log.signal("current_a")[rest]), abs=0.346 * 0.004)
+    _, log = logs["robot"]
+    np.testing.assert_allclose(log.signal("motor_torque_truth_n_m"), -1.23 * log.signal("current_a"), atol=1e-9)
+
+
+def test_encoder_counts(logs) -> None:
+    """Whole counts, nearest to the angle at that instant; the rate over 2 ms resolves 0.059 rad/s and lags 1 ms."""
+    _, log = logs["flick"]
+    counts = log.signal("angle_rad") / COUNT
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    assert np.max(np.abs(log.signal("angle_rad") - log.signal("angle_truth_rad"))) <= 0.5 * COUNT * (1 + 1e-9)
+    rate, truth = log.signal("angular_velocity_rad_per_s"), log.signal("angular_velocity_truth_rad_per_s")
+    delayed = np.interp(log.time - 0.001, log.time, truth)
+    assert np.max(np.abs(rate - delayed)[5:]) < COUNT / 0.002 * 1.1
+
+
+def test_robot_motor_reports_words_of_the_mit_frame(logs) -> None:
+    _, log = logs["robot"]
+    assert np.max(np.abs(log.signal("angle_rad") - log.signal("angle_truth_rad"))) <= 12.5 / 65535 * (1 + 1e-9)
+
+
+def test_force_readings_are_wrench_less_offset_plus_bias_and_noise(logs) -> None:
+    scenario, log = logs["flick"]
+    readings = np.column_stack((log.vector("force", "n"), log.vector("torque", "n_m")))
+    offsets = np.array(scenario.cheetah_tail.offsets)
+    rest = readings - (wrench_truth(log) - offsets + np.array(log.extra["bias"]))
+    np.testing.assert_allclose(rest.std(axis=0), 0.01 * ACCURACIES, rtol=0.08)
+    assert np.all(np.abs(rest.mean(axis=0)) < 0.002 * ACCURACIES)
+
+
+def test_robot_tail_comes_to_rest_where_spring_and_wind_balance(tmp_path: Path) -> None:
+    """Held by kp (0 - angle): the same torque that holds that angle statically. Friction 0.161 N m may keep it away."""
+    scenario = load_rig_scenario("robot", ["experiment.rest=0.2", "experiment.duration=2.5"])
+    angle = run_rig(scenario, tmp_path / "robot.parquet").signal("angle_truth_rad")[-1]
+    rig = Rig(scenario)
+    torque = -scenario.experiment.kp * angle
+    assert torque == pytest.approx(rig.torque_of(rig.holding_current(angle)), abs=0.17)
+
+
+def test_repeated_runs_are_equal_bit_for_bit(tmp_path: Path) -> None:
+    scenario = load_rig_scenario("flick", ["experiment.rest=0.02", "experiment.duration=0.1"])
+    first, second = (run_rig(scenario, tmp_path / f"{i}.parquet") for i in range(2))
+    assert signals_equal(first, second)
+
+
+def test_unactuated_flick_is_let_go(tmp_path: Path) -> None:
+    scenario = load_rig_scenario(
+        "flick", ["experiment.actuated=false", "experiment.rest=0.02", "experiment.duration=0.2"]
+    )
+    log = run_rig(scenario, tmp_path / "free.parquet")
+    assert np.all(log.signal("motor_torque_truth_n_m")[25:] == 0.0)
+    assert log.signal("angle_truth_rad")[-1] < 1.5
+
+
+def test_tail_that_leaves_its_range_is_refused_and_its_rows_are_kept(tmp_path: Path) -> None:
+    scenario = load_rig_scenario(
+        "flick", ["experiment.wind_speed=30", "experiment.angle=1", "experiment.rest=0.01", "mount.angle_limit=1.1"]
+    ).varied(experiment={"target": -1.0, "kp": 60.0, "kd": 0.0, "duration": 2.0})
+    with pytest.raises(UserError, match="the tail left its range at"):
+        run_rig(scenario, tmp_path / "wild.parquet")
+    assert (tmp_path / "wild.parquet.journal").exists()
+
+
+def test_existing_log_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "log.parquet"
+    scenario = load_rig_scenario("static", ["experiment.duration=0.01"])
+    run_rig(scenario, path)
+    with pytest.raises(LogError, match="--force"):
+        run_rig(scenario, path)
+    run_rig(scenario, path, force=True)

@@ -1,0 +1,68 @@
+"""The rig behind its ports: simulated and real have the same ones."""
+
+from __future__ import annotations
+
+import pytest
+from pydrake.systems.framework import LeafSystem
+
+from aerodima.workbench.config.rig_ports import CHEETAH_RIG_INPUTS, RIG_OUTPUTS, ROBOT_RIG_INPUTS
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.stations.rig_station import make_rig_station
+
+
+class FakeInterface(LeafSystem):
+    """Has the ports of the contract and shows zeros."""
+
+    def __init__(self, inputs=ROBOT_RIG_INPUTS, outputs=RIG_OUTPUTS) -> None:
+        super().__init__()
+        self.set_name("fake_interface")
+        for name, fields in inputs.items():
+            self.DeclareVectorInputPort(name, fields.size)
+        for name, fields in outputs.items():
+            self.DeclareVectorOutputPort(name, fields.size, lambda context, output: None)
+
+
+def ports(station):
+    inputs = {
+        station.get_input_port(i).get_name(): station.get_input_port(i).size() for i in range(station.num_input_ports())
+    }
+    outputs = {
+        station.get_output_port(i).get_name(): station.get_output_port(i).size()
+        for i in range(station.num_output_ports())
+    }
+    return inputs, {name: size for name, size in outputs.items() if not name.endswith("_truth")}
+
+
+def test_simulated_and_real_robot_rig_have_the_same_ports() -> None:
+    scenario = load_rig_scenario("robot")
+    simulated = make_rig_station(scenario)
+    real = make_rig_station(scenario, interface=lambda scenario: FakeInterface())
+    assert ports(simulated) == ports(real)
+    assert ports(real) == (
+        {"tail_command": 5},
+        {"rig_state": 2, "motor_current": 1, "force_torque": 6, "status": 7},
+    )
+    assert not any(real.get_output_port(i).get_name().endswith("_truth") for i in range(real.num_output_ports()))
+
+
+@pytest.mark.parametrize("name", ["flick", "bar"])
+def test_cheetah_rig_takes_a_current(name: str) -> None:
+    inputs, outputs = ports(make_rig_station(load_rig_scenario(name)))
+    assert inputs == {port: fields.size for port, fields in CHEETAH_RIG_INPUTS.items()}
+    assert outputs == {port: fields.size for port, fields in RIG_OUTPUTS.items()}
+
+
+def test_cheetah_rig_has_no_hardware() -> None:
+    with pytest.raises(UserError, match="'swing' has no hardware interface; allowed with one: 'robot_swing'"):
+        make_rig_station(load_rig_scenario("flick"), interface=lambda scenario: FakeInterface())
+
+
+def test_interface_with_other_ports_is_refused_by_name() -> None:
+    short = {name: fields for name, fields in RIG_OUTPUTS.items() if name != "force_torque"}
+    with pytest.raises(UserError, match=r"interface 'fake_interface': outputs .* allowed: .*force_torque"):
+        make_rig_station(load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(outputs=short))
+    with pytest.raises(UserError, match=r"inputs .* allowed: .*tail_command"):
+        make_rig_station(
+            load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(inputs=CHEETAH_RIG_INPUTS)
+        )

@@ -1,0 +1,52 @@
+"""One message of Drake is dropped by its exact text; every other one is still seen."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+
+import pytest
+
+from aerodima.workbench.plants.car import HALF_SPACE_WARNING
+from aerodima.workbench.systems.drake_log import drop_message
+
+BUILD_CAR = """
+import logging
+from pydrake.systems.framework import DiagramBuilder
+from aerodima.workbench.plants import car
+from aerodima.workbench.config.scenario import load_scenario
+{before}
+builder = DiagramBuilder()
+car.add_car_plant(builder, load_scenario("turn_swing"))
+builder.Build().CreateDefaultContext()
+"""
+
+
+def said(before: str) -> str:
+    """What a new process says while it builds a car; Drake warns only once in a process."""
+    command = [sys.executable, "-c", BUILD_CAR.format(before=before)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stderr
+
+
+def test_car_is_built_without_a_message() -> None:
+    assert said("") == ""
+
+
+def test_drake_still_says_what_is_dropped() -> None:
+    """Otherwise the filter can go, or its text must follow."""
+    assert said("car.drop_message = lambda message: None").strip().endswith(HALF_SPACE_WARNING)
+
+
+def test_other_messages_pass(caplog: pytest.LogCaptureFixture) -> None:
+    drop_message("something old")
+    logging.getLogger("drake").warning("something old")
+    logging.getLogger("drake").warning("something new")
+    assert caplog.messages == ["something new"]
+
+
+def test_filter_is_added_once() -> None:
+    drop_message("something old")
+    before = len(logging.getLogger("drake").filters)
+    drop_message("something old")
+    assert len(logging.getLogger("drake").filters) == before

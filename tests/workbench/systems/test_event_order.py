@@ -1,0 +1,131 @@
+"""Servo frames, controllers, sensors, logs and plant steps: one order at every frame, whatever the step."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import LeafSystem
+
+from aerodima.workbench.actuators.servo import SteeringServo
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.controllers.tail_controller import TailController
+from aerodima.workbench.controllers.turn_driver import TurnDriver
+from aerodima.workbench.logs.recorder import RunRecorder
+from aerodima.workbench.sensors.encoder import MotorEncoder
+from aerodima.workbench.sensors.gps import GpsSpeed
+from aerodima.workbench.sensors.imu import Imu
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.simulate.car_run import assemble
+from aerodima.workbench.simulate.trial import run_trial
+from aerodima.workbench.systems.event_order import LEAD, Stage, nominal_time, period_of
+
+STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
+"""s; the last one divides no frame, and no power of ten."""
+
+TRACED = [
+    (Imu, "_sample", "sensor"),
+    (MotorEncoder, "_sample", "sensor"),
+    (GpsSpeed, "_sample", "sensor"),
+    (TailController, "_tick", "controller"),
+    (RollEstimator, "_tick", "controller"),
+    (TurnDriver, "_tick", "driver"),
+    (SteeringServo, "_read_frame", "servo"),
+    (RunRecorder, "_record", "row"),
+]
+ORDER = ["sensor", "controller", "driver", "servo", "row", "step"]
+
+
+class Ticker(LeafSystem):
+    """Writes into a trace whenever the plant steps: period and offset are the plant's."""
+
+    def __init__(self, step, trace):
+        super().__init__()
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            step, 0.0, lambda context, _: trace.append(("step", context.get_time()))
+        )
+        self.DeclareDiscreteState(1)
+
+
+def scenario_at(step, duration=2.9, **more):
+    rate = 250.0 if step == 0.004 else min(1.0 / step, 1000.0)
+    settings = {"simulation.step": step, "simulation.log_rate": rate, "manoeuvre.duration": duration, **more}
+    return load_scenario("turn_swing", [f"{key}={value!r}" for key, value in settings.items()])
+
+
+def traced(trace, who, original):
+    def call(self, context, *rest):
+        trace.append((who, context.get_time()))
+        return original(self, context, *rest)
+
+    return call
+
+
+def trace_of(step, monkeypatch):
+    """(who, context time) in the order in which Drake let them act, over a whole turn."""
+    trace = []
+    for owner, name, who in TRACED:
+        monkeypatch.setattr(owner, name, traced(trace, who, getattr(owner, name)))
+    scenario = scenario_at(step)
+    car = assemble(scenario)
+    sink = type("Sink", (), {"append": lambda self, row: None})()
+    RunRecorder.add_to_builder(car.builder, sink, car.signals[:6], scenario.simulation.log_rate, Stage.RECORD)
+    car.builder.AddSystem(Ticker(step, trace))
+    simulator = Simulator(car.builder.Build())
+    simulator.Initialize()
+    simulator.AdvanceTo(scenario.manoeuvre.duration)
+    return trace
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_frame(step, monkeypatch):
+    """Times apart by more than rounding are two instants; within one, stages follow each other and the step is last."""
+    trace = trace_of(step, monkeypatch)
+    start = [who for who, time in trace if time == 0.0]
+    assert {"controller", "driver", "servo", "row"} <= set(start[: start.index("step")])
+    trace = trace[len(start) :]
+    while trace[-1][0] != "step":  # the run ends before the last instant's step
+        trace.pop()
+    instants = [[trace[0]]]
+    for before, event in pairwise(trace):
+        assert event[1] >= before[1]
+        if event[1] - before[1] > 1e-6:
+            instants.append([])
+        instants[-1].append(event)
+    assert len(instants) >= 2.8 / step
+    met = set()
+    for instant in instants:
+        ranks = [ORDER.index(who) for who, _ in instant]
+        assert ranks == sorted(ranks)
+        for (who, time), (other, later) in pairwise(instant):
+            assert who == other or time < later, "two stages at the same Drake time"
+        met.add(tuple(dict.fromkeys(who for who, _ in instant)))
+    if step in (0.002, 0.001):  # every frame falls on a step and every step has its row
+        assert met == {("row", "step"), tuple(ORDER)}
+
+
+@pytest.mark.parametrize("step", [0.002, 0.001, 0.0005])
+def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step):
+    """No latency but what is modelled, at any step: the row after a command has the knuckle and the tail moving."""
+    log = run_trial(scenario_at(step, 2.7, **{"simulation.log_rate": 1.0 / step}), signals="all").run_log
+    time, command = log.time, log.signal("steering_command_rad")
+    assert time[np.flatnonzero(command)[0]] == pytest.approx(2.0, abs=1e-12)
+    knuckle = log.signal("plant_position_car_front_left_steering_q")
+    before = knuckle[np.searchsorted(time, 2.0 - 1e-9)]
+    steered = np.abs(knuckle - before) > 0.1 * 3.74 * step  # the servo turns at 3.74 rad/s
+    assert time[np.flatnonzero(steered & (time >= 2.0))[0]] == pytest.approx(2.0 + step, abs=1e-9)
+    swing = np.flatnonzero(log.signal("controller_state") == SwingState.SWING)[0]
+    torque = log.signal("tail_roll_torque_n_m")
+    assert abs(torque[swing] - torque[swing - 1]) > 1.0, "the motor follows the command within the row of the tick"
+
+
+def test_stages_are_further_apart_than_rounding_and_closer_than_anything_physical():
+    times = np.arange(1, 200_001)
+    for rate in (10.0, 100.0, 333.0, 1000.0):
+        exact = times / rate
+        early = [times * period_of(rate, stage) for stage in sorted(Stage, reverse=True)] + [exact]
+        gaps = np.diff(early, axis=0)
+        assert np.all(gaps > 1e5 * np.spacing(exact))
+        assert np.all(exact - early[0] <= 7 * LEAD * exact)
+        np.testing.assert_allclose([nominal_time(time, rate) for time in early[0][:100]], exact[:100], rtol=1e-15)

@@ -1,0 +1,81 @@
+"""Did the sail leave the conditions that its coefficients were measured in? Facts about a run, for its log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
+
+from aerodima.workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
+from aerodima.workbench.systems.event_order import Stage, period_of
+
+_REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
+
+
+class SectionWatch(LeafSystem):
+    """Counts the looks at which a section was outside its coefficients' range; keeps the largest Reynolds number.
+
+    The counts are those of one run: initialisation starts them anew.
+
+    Input ports:
+        sections (4 n), validity (n): of a `TailForce`.
+
+    Args:
+        number: of sections.
+        rate: looks per second, Hz.
+    """
+
+    def __init__(self, number: int, rate: float) -> None:
+        super().__init__()
+        self._sections = self.DeclareVectorInputPort("sections", len(SECTION_COLUMNS) * number)
+        self._validity = self.DeclareVectorInputPort("validity", number)
+        self._clear()
+        self.DeclareInitializationPublishEvent(self._start)
+        self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
+
+    @classmethod
+    def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float) -> SectionWatch | None:
+        """Adds a watch, at `rate` Hz, on the sail of a simulated station; None where the car has no tail."""
+        if not station.HasOutputPort("tail_sections_truth"):
+            return None
+        validity = station.GetOutputPort("tail_validity_truth")
+        watch = cls(validity.size(), rate)
+        builder.AddNamedSystem("section_watch", watch)
+        builder.Connect(station.GetOutputPort("tail_sections_truth"), watch.GetInputPort("sections"))
+        builder.Connect(validity, watch.GetInputPort("validity"))
+        return watch
+
+    def facts(self) -> dict[str, float]:
+        """What the run came to so far, for `extra` of its log.
+
+        Returns:
+            sections_outside_measured_range: share of the looks (0 to 1) at which at least one section held the edge
+                value of its coefficients.
+            sections_above_quasi_steady_limit: share at which at least one section, inside that range, was faster than
+                the quasi-steady model was shown to hold.
+            largest_reynolds_number: of any section, with the sail's width.
+        """
+        looks = max(self._looks, 1)
+        return {
+            "sections_outside_measured_range": self._outside / looks,
+            "sections_above_quasi_steady_limit": self._too_fast / looks,
+            "largest_reynolds_number": self._reynolds,
+        }
+
+    def _clear(self) -> None:
+        self._looks = self._outside = self._too_fast = 0
+        self._reynolds = 0.0
+
+    def _start(self, context: Context) -> EventStatus:
+        self._clear()
+        return EventStatus.Succeeded()
+
+    def _look(self, context: Context) -> EventStatus:
+        sections: Any = self._sections.Eval(context)
+        validity: Any = self._validity.Eval(context)
+        self._looks += 1
+        self._outside += bool(np.any(validity == EXTRAPOLATED))
+        self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))
+        self._reynolds = max(self._reynolds, float(sections[_REYNOLDS :: len(SECTION_COLUMNS)].max()))
+        return EventStatus.Succeeded()

@@ -1,0 +1,28 @@
+"""The program `aerodima`, and its commands that need no other package: one module each, heavy imports inside."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import typer
+
+COMMAND_MODULES: tuple[str, ...] = (
+    "demo_commands",
+    "turn_commands",
+    "replay_commands",
+    "compare_commands",
+    "log_commands",
+    "models_commands",
+    "range_of_motion_commands",
+    "coefficients_commands",
+    "scenario_commands",
+    "rig_commands",
+    "doctor_commands",
+)
+"""Modules of this package in the order of the help page; each has `register(app)`."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of every module in `COMMAND_MODULES` (entry point of the group `aerodima.commands`)."""
+    for name in COMMAND_MODULES:
+        import_module(f"{__name__}.{name}").register(app)

@@ -1,0 +1,190 @@
+"""Checks of everything in `models/`: loads, is physical, hides nothing, names its sources, agrees with itself."""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+
+from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
+from aerodima.workbench.config.parameter_files import load_entries_without_model
+from aerodima.workbench.config.rig_scenario import (
+    RIG_SECTIONS,
+    SHARED_WITH_CAR,
+    load_rig_parameter_entries,
+    load_rig_scenario,
+    rig_scenario_from_dict,
+    rig_scenario_names,
+)
+from aerodima.workbench.config.scenario import (
+    SECTIONS,
+    load_parameter_entries,
+    load_scenario,
+    scenario_from_dict,
+    scenario_names,
+)
+from aerodima.workbench.config.swing_file import read_swing
+from aerodima.workbench.errors import ModelError, UserError
+from aerodima.workbench.plants.car import MODELS_PACKAGE
+from aerodima.workbench.plants.car_model import car_sdf
+from aerodima.workbench.plants.rig_model import cheetah_rig_sdf, robot_rig_sdf
+from aerodima.workbench.plants.sdf_model import SdfModel
+from aerodima.workbench.plants.tail import tail_sdf
+from aerodima.workbench.resources import models_dir
+
+SDF_TOLERANCE = 1e-6
+"""Relative; the files carry nine digits, so a larger difference was not made by rounding."""
+
+IGNORED_BY_DRAKE = {
+    "sdf": {"axis/dynamics/friction": "joint friction", "axis2/dynamics/friction": "joint friction"},
+    "urdf": {
+        "dynamics@friction": "joint friction",
+        "dynamics@spring_stiffness": "joint spring",
+        "dynamics@spring_reference": "joint spring",
+    },
+}
+"""Elements (or `element@attribute`) below a joint that Drake reads past, even when it parses strictly."""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One check: what was looked at, and the problems found (none when it passed)."""
+
+    subject: str
+    problems: tuple[str, ...]
+
+
+def check_shipped_models() -> Iterator[CheckResult]:
+    """Runs every check of `models/`, one result each, in the order in which a reader would ask."""
+    root = models_dir()
+    for path in sorted([*root.rglob("*.sdf"), *root.rglob("*.urdf")]):
+        yield from check_model_file(path)
+    for section in SECTIONS:
+        yield _attempt(
+            f"parameters/{section}.yaml: unit and source of every number", partial(load_parameter_entries, section)
+        )
+    for section in RIG_SECTIONS:
+        if section not in SHARED_WITH_CAR:
+            yield _attempt(
+                f"parameters/rig/{section}.yaml: unit and source of every number",
+                partial(load_rig_parameter_entries, section),
+            )
+    for path in sorted((root / "parameters" / "hardware").glob("*.yaml")):
+        yield _attempt(
+            f"parameters/hardware/{path.name}: unit and source of every number",
+            partial(load_entries_without_model, path),
+        )
+    for name in embedded_sets():
+        yield _attempt(f"coefficients/{name}.yaml: reads and makes a law", partial(_make_law, name))
+    for model in nominal_models():
+        yield CheckResult(
+            f"{model.path.relative_to(root)}: numbers equal the parameters", tuple(sdf_differences(model))
+        )
+    for name in scenario_names():
+        yield _attempt(f"scenarios/{name}.yaml: resolves", partial(load_scenario, name))
+    for name in rig_scenario_names():
+        yield _attempt(f"scenarios/rig/{name}.yaml: resolves", partial(load_rig_scenario, name))
+    for path in sorted((root / "swings").glob("*.yaml")):
+        yield _attempt(f"swings/{path.name}: reads", partial(read_swing, path))
+
+
+def check_model_file(path: Path) -> Iterator[CheckResult]:
+    """Checks one SDF or URDF file: no ignored attribute, loads strictly, every inertia physical."""
+    name = str(path.relative_to(models_dir())) if path.is_relative_to(models_dir()) else str(path)
+    yield _attempt(f"{name}: nothing that Drake would ignore", lambda: refuse_ignored_attributes(path))
+    yield _attempt(f"{name}: loads, inertias physical", lambda: load_strictly(path))
+
+
+def refuse_ignored_attributes(path: Path) -> None:
+    """Raises ModelError for joint friction, or a URDF joint spring, that Drake would drop without a word."""
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in IGNORED_BY_DRAKE:
+        raise ModelError(f"{path}: ending {path.suffix!r}; allowed: .sdf, .urdf")
+    try:
+        root = ElementTree.parse(path).getroot()
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such file") from None
+    except (ElementTree.ParseError, OSError) as error:
+        raise ModelError(f"{path}: cannot be read as XML: {error}") from None
+    for joint in root.iter("joint"):
+        for place, meaning in IGNORED_BY_DRAKE[kind].items():
+            element_path, _, attribute = place.partition("@")
+            element = joint.find(element_path)
+            value = None if element is None else element.get(attribute) if attribute else element.text
+            if value is not None and value.strip() not in ("", "0", "0.0"):
+                raise ModelError(
+                    f"{path}: joint {joint.get('name')!r}: {place} = {value} is ignored by Drake; remove it and model "
+                    f"the {meaning} as a system"
+                )
+
+
+def load_strictly(path: Path) -> None:
+    """Parses a file into an empty plant; raises ModelError when Drake warns, fails, or an inertia is not physical."""
+    plant = MultibodyPlant(0.001)
+    parser = Parser(plant)
+    parser.package_map().Add(MODELS_PACKAGE, str(models_dir()))
+    parser.SetStrictParsing()
+    try:
+        instances = parser.AddModels(str(path))
+        plant.Finalize()
+    except RuntimeError as error:
+        raise ModelError(f"{path}: does not load in Drake: {error}") from None
+    context = plant.CreateDefaultContext()
+    for instance in instances:
+        for index in plant.GetBodyIndices(instance):
+            body = plant.get_body(index)
+            inertia = body.CalcSpatialInertiaInBodyFrame(context)
+            if not (body.get_mass(context) > 0 and inertia.IsPhysicallyValid()):
+                raise ModelError(
+                    f"{path}: link {body.name()!r}: mass {body.get_mass(context)} kg or inertia is not physical"
+                )
+
+
+def sdf_differences(nominal: SdfModel) -> list[str]:
+    """Numbers in which the file on disk differs from the same model with the numbers of the parameters."""
+    disk = SdfModel(nominal.path).numbers()
+    expected = nominal.numbers()
+    problems = []
+    for place in sorted(set(disk) | set(expected)):
+        here, there = disk.get(place), expected.get(place)
+        if here is None or there is None or len(here) != len(there):
+            problems.append(f"{place}: {here} in the file, {there} from the parameters")
+            continue
+        for a, b in zip(here, there, strict=True):
+            if a != b and abs(a - b) > SDF_TOLERANCE * max(abs(a), abs(b)):
+                problems.append(f"{place}: {a:g} in the file, {b:g} from the parameters")
+    return problems
+
+
+def update_model_files() -> list[Path]:
+    """Writes the numbers of `models/parameters` into the SDF files; returns the files."""
+    models = nominal_models()
+    for model in models:
+        model.path.write_text(model.text(), encoding="utf-8")
+    return [model.path for model in models]
+
+
+def nominal_models() -> list[SdfModel]:
+    """The car, its tail arm and the two rigs with the numbers of `models/parameters`."""
+    scenario, rig = scenario_from_dict({}), rig_scenario_from_dict({})
+    return [
+        car_sdf(scenario),
+        tail_sdf(scenario.tail, scenario.tail_motor, scenario.car),
+        cheetah_rig_sdf(rig),
+        robot_rig_sdf(rig),
+    ]
+
+
+def _make_law(coefficients: str) -> None:
+    load_coefficients(coefficients).law()
+
+
+def _attempt(subject: str, check: Callable[[], object]) -> CheckResult:
+    try:
+        check()
+    except UserError as error:
+        return CheckResult(subject, (str(error),))
+    return CheckResult(subject, ())

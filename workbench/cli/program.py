@@ -1,0 +1,115 @@
+"""The program `aerodima`: finds the commands of every installed package, turns errors into a line and an exit status.
+
+A package adds commands with an entry point in the group `aerodima.commands` that names a function
+`register(app: typer.Typer) -> None`. Everything a command needs beyond the standard library and Typer is imported
+inside the command, so that `aerodima --help` answers at once.
+
+Exit status: 0 done; 1 an error in the program (with its traceback); 2 wrong input or flag (`error: ...` on stderr);
+130 stopped by Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import entry_points
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from aerodima.workbench.cli.help_sections import SECTIONS
+from aerodima.workbench.errors import UserError
+
+ENTRY_POINT_GROUP = "aerodima.commands"
+EXIT_USER_ERROR = 2
+EXIT_INTERRUPTED = 130
+"""128 + SIGINT, as shells report it."""
+
+
+class ErrorBoundary(TyperGroup):
+    """The outermost group: what a user can mend becomes one line; any other exception is a bug, its traceback stays."""
+
+    def invoke(self, ctx: Any) -> Any:  # Typer's own class of the context is private
+        """Run the command; raises `typer.Exit` with the statuses of the module's docstring."""
+        try:
+            return super().invoke(ctx)
+        except UserError as error:
+            message = str(error)
+            cause: BaseException = error
+        except OSError as error:
+            if error.filename is None:  # not about a file that the user named: closed pipe, lost network
+                raise
+            message = f"{error.filename}: {error.strerror}"
+            cause = error
+        except KeyboardInterrupt as error:
+            print("interrupted", file=sys.stderr)
+            raise typer.Exit(EXIT_INTERRUPTED) from error
+        print(f"error: {message}", file=sys.stderr)
+        raise typer.Exit(EXIT_USER_ERROR) from cause
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Lists the commands by section, those of other packages last."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        room = formatter.width - 6 - max(len(name) for name, _ in commands)
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in (*SECTIONS, "Commands")}
+        for name, command in commands:
+            if command is not None and not command.hidden:
+                panel = getattr(command, "rich_help_panel", None)
+                title = panel if panel in SECTIONS else "Commands"
+                sections[title].append((name, command.get_short_help_str(room)))
+        for title, rows in sections.items():
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from aerodima.workbench import __version__
+
+        print(f"aerodima {__version__}")
+        raise typer.Exit
+
+
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Model, identify, optimise and drive the AeroDima car and its aerodynamic tail."""
+
+
+def build_app() -> typer.Typer:
+    """The program with the commands of every installed package, sorted by the name of the entry point.
+
+    An exception while a package registers its commands names that package and is raised: half a program helps nobody.
+    """
+    app = typer.Typer(
+        name="aerodima",
+        cls=ErrorBoundary,
+        no_args_is_help=True,
+        add_completion=True,
+        rich_markup_mode=None,  # importing Rich takes as long as all the rest of `--help`
+        pretty_exceptions_enable=False,  # a bug report needs the plain traceback
+    )
+    app.callback()(_root)
+    for entry_point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda found: found.name):
+        try:
+            entry_point.load()(app)
+        except Exception as error:
+            error.add_note(f"while registering the commands of {entry_point.name!r} ({entry_point.value})")
+            raise
+    return app
+
+
+def main() -> None:
+    """Entry point of the console command."""
+    try:
+        build_app()()
+    except KeyboardInterrupt:  # before a command began
+        print("interrupted", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

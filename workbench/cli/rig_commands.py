@@ -1,0 +1,251 @@
+"""`aerodima rig run static|flick|bar|robot`: one experiment on a wind-tunnel rig with its log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodima.workbench.cli.help_sections import COEFFICIENTS
+
+Tail = Annotated[int | None, typer.Option(help="Cheetah tail: 1, 2 or 3.")]
+Axis = Annotated[str | None, typer.Option(help="major or minor: the width that faces the wind.")]
+Wind = Annotated[float | None, typer.Option(help="Wind speed, m/s.")]
+Angle = Annotated[
+    float | None, typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down.")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed of bias, drift and noise.")]
+WindOff = Annotated[float | None, typer.Option("--rest", help="Rest without wind at the start of the log, s.")]
+Duration = Annotated[float | None, typer.Option(help="Length of the log, s.")]
+ScenarioOption = Annotated[
+    str | None, typer.Option("--scenario", help="Rig scenario file (YAML) in place of the one that ships.")
+]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", help="Override such as maxon.torque_constant=0.35; may be repeated.")
+]
+Out = Annotated[Path, typer.Option(help="The log (Parquet).")]
+LiveOption = Annotated[bool, typer.Option("--live", help="Show a swing in Meshcat, in real time, while it goes on.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")]
+
+KINDS = {"static": "static", "flick": "swing", "bar": "bar_swing", "robot": "robot_swing"}
+"""Name of the command, and of its scenario -> kind of the experiment."""
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command group `rig` with its group `run`."""
+    group = typer.Typer(no_args_is_help=True)
+    group.callback()(_group)
+    run = typer.Typer(no_args_is_help=True)
+    run.callback()(_run_group)
+    for command in (static, flick, bar, robot):
+        run.command()(command)
+    group.add_typer(run, name="run")
+    group.command()(campaign)
+    app.add_typer(group, name="rig", rich_help_panel=COEFFICIENTS)
+
+
+def _group() -> None:
+    """Work with the wind-tunnel rigs."""
+
+
+def _run_group() -> None:
+    """Run an experiment on a rig and write its log."""
+
+
+def static(
+    out: Out,
+    tail: Tail = None,
+    axis: Axis = None,
+    wind: Wind = None,
+    angle: Angle = None,
+    seed: Seed = None,
+    duration: Duration = None,
+    rest: WindOff = None,
+    scenario: ScenarioOption = None,
+    settings: Settings = None,
+    force: ForceOption = False,
+) -> None:
+    """Hold a cheetah tail still in the wind (thesis section 4.4).
+
+    Example: aerodima rig run static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out hold.parquet
+    """
+    flags = _flags(tail=tail, axis=axis, wind_speed=wind, angle=angle, duration=duration, wind_off=rest)
+    _run("static", scenario, flags, seed, settings, out, False, force)
+
+
+def flick(
+    out: Out,
+    tail: Tail = None,
+    axis: Axis = None,
+    wind: Wind = None,
+    angle: Angle = None,
+    seed: Seed = None,
+    duration: Duration = None,
+    scenario: ScenarioOption = None,
+    settings: Settings = None,
+    live: LiveOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Swing a cheetah tail from 90 degrees to straight down (thesis sections 4.7 to 4.9)."""
+    flags = _flags(tail=tail, axis=axis, wind_speed=wind, angle=angle, duration=duration)
+    _run("flick", scenario, flags, seed, settings, out, live, force)
+
+
+def bar(
+    out: Out,
+    angle: Angle = None,
+    seed: Seed = None,
+    duration: Duration = None,
+    scenario: ScenarioOption = None,
+    settings: Settings = None,
+    live: LiveOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Let the bare bar go in still air: its swing shows the friction (thesis section 4.7)."""
+    _run("bar", scenario, _flags(angle=angle, duration=duration), seed, settings, out, live, force)
+
+
+def robot(
+    out: Out,
+    kp: Annotated[
+        float | None, typer.Option(help="Position gain of the AK70-10, N m/rad; 4 and 10 in the thesis.")
+    ] = None,
+    wind: Wind = None,
+    angle: Angle = None,
+    seed: Seed = None,
+    duration: Duration = None,
+    scenario: ScenarioOption = None,
+    settings: Settings = None,
+    live: LiveOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Swing the robot's tail from about 50 degrees to straight down (thesis section 6.3)."""
+    flags = _flags(wind_speed=wind, angle=angle, duration=duration)
+    if kp is not None:
+        flags.append(f"robot.kp={kp}")
+    _run("robot", scenario, flags, seed, settings, out, live, force)
+
+
+def campaign(
+    name: Annotated[str, typer.Argument(help="static, flick, bar, robot, or a campaign file (YAML).")],
+    out: Annotated[Path, typer.Option(help="Folder for the logs and campaign.csv.")],
+    seed: Annotated[int, typer.Option(help="Seed of the truth and the sensor errors of all logs.", min=0)] = 1,
+    repeats: Annotated[int | None, typer.Option(help="Logs per experiment in place of the campaign's.", min=1)] = None,
+    settings: Settings = None,
+    workers: Annotated[int, typer.Option(help="Worker processes.")] = 2,
+    force: Annotated[bool, typer.Option("--force", help="Make the logs again.")] = False,
+) -> None:
+    """Make all the logs of a campaign, such as the 540 published static holds.
+
+    Asked for again after Ctrl-C it keeps the finished logs and goes on.
+    Example: aerodima rig campaign static --out holds
+    """
+    import sys
+    import time
+
+    from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.simulate.campaign_run import run_campaign
+
+    start = time.monotonic()
+    tasks = campaign_tasks(load_campaign(name), seed, repeats, settings)
+    with typer.progressbar(length=len(tasks), label="making logs", file=sys.stderr) as bar:
+        try:
+            result = run_campaign(
+                tasks, out, workers=workers, force=force, progress=lambda done, _: bar.update(done - bar.pos)
+            )
+        except KeyboardInterrupt:
+            typer.echo(f"\n{bar.pos} of {len(tasks)} logs are in {out}; the same command makes the rest", err=True)
+            raise
+    if result.reused:
+        typer.echo(f"{result.reused} of {len(tasks)} logs were there before")
+    for log, reason in result.failed.items():
+        typer.echo(f"warning: {log}: {reason}", err=True)
+    typer.echo(f"{len(result.logs)} logs in {out} ({time.monotonic() - start:.0f} s)")
+    if result.failed:
+        raise UserError(f"{len(result.failed)} of {len(tasks)} logs could not be made; the reasons are above")
+
+
+def _flags(**given: float | int | str | None) -> list[str]:
+    """Settings of the flags that were given; the angle turned from degrees."""
+    from math import radians
+
+    if isinstance(given.get("angle"), float):
+        given["angle"] = radians(float(given["angle"]))  # type: ignore[arg-type]
+    return [f"experiment.{key}={value!r}" for key, value in given.items() if value is not None]
+
+
+def _run(
+    name: str,
+    scenario: str | None,
+    flags: list[str],
+    seed: int | None,
+    settings: list[str] | None,
+    out: Path,
+    live: bool,
+    force: bool,
+) -> None:
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.cli.turn_commands import show_progress
+    from aerodima.workbench.config.rig_scenario import load_rig_scenario
+    from aerodima.workbench.errors import LogError, UserError
+    from aerodima.workbench.replay import open_meshcat
+    from aerodima.workbench.simulate.rig_run import run_rig
+
+    refuse_existing(out, force, LogError)
+    seeded = [] if seed is None else [f"seed={seed}"]
+    resolved = load_rig_scenario(scenario or name, [*flags, *seeded, *(settings or [])])
+    if resolved.experiment.kind != KINDS[name]:
+        raise UserError(
+            f"{scenario or name}: experiment.kind: {resolved.experiment.kind!r}; "
+            f"allowed for `rig run {name}`: {KINDS[name]!r}"
+        )
+    meshcat = open_meshcat(None) if live else None
+    if meshcat is not None:
+        typer.echo(f"watch: {meshcat.web_url()}", err=True)
+    log = run_rig(
+        resolved, out, force=force, meshcat=meshcat, real_time_rate=1.0 if live else 0.0, progress=show_progress()
+    )
+    for line in summary_lines(log):
+        typer.echo(line)
+    typer.echo(f"log: {out}")
+
+
+def summary_lines(log) -> list[str]:  # type: ignore[no-untyped-def]  # aerodima.workbench.logs.schema.RunLog
+    """What an experiment came to, for the terminal."""
+    from math import degrees
+
+    import numpy as np
+
+    extra, angle = log.extra, log.signal("angle_rad")
+    mounted = {"robot": "robot tail", "none": "bare bar"}.get(
+        extra["tail"], f"tail {extra['tail']}, {extra['axis']} axis"
+    )
+    lines = [
+        f"{log.kind}: {mounted}, wind {extra['wind_speed_m_per_s']:g} m/s, {log.time[-1]:g} s at {_rate(log):g} Hz"
+    ]
+    if log.kind == "static":
+        exposed = "" if extra["exposed"] else "; no part of the tail is in the jet"
+        _, rest = extra.get("rest_s", (0.0, -1.0))
+        held = log.time > rest
+        rested = f", after {rest:g} s without wind" if rest > 0.0 else ""
+        lines.append(
+            f"angle {degrees(angle[0]):.2f} deg, mean current {np.mean(log.signal('current_a')[held]):.3f} A"
+            f"{rested}{exposed}"
+        )
+    else:
+        rate = log.signal("angular_velocity_rad_per_s")
+        lines.append(
+            f"angle from {degrees(angle[0]):.1f} to {degrees(angle[-1]):.1f} deg, largest rate "
+            f"{np.max(np.abs(rate)):.2f} rad/s, largest current {np.max(np.abs(log.signal('current_a'))):.2f} A"
+        )
+    force = log.vector("force", "n")
+    lines.append(
+        "mean reading F " + ", ".join(f"{value:.2f}" for value in force.mean(axis=0)) + " N (zeroed and biased)"
+    )
+    return lines
+
+
+def _rate(log) -> float:  # type: ignore[no-untyped-def]
+    return round((len(log.time) - 1) / (log.time[-1] - log.time[0]), 3)

@@ -1,0 +1,300 @@
+"""`aerodima turn`, `straight` and `slalom`: one simulated run with its log, its metrics and its replay."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from aerodima.workbench.cli.completion import complete_scenario, complete_swing, completer
+from aerodima.workbench.cli.help_sections import RUNS
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
+    from aerodima.workbench.config.scenario import Scenario
+    from aerodima.workbench.controllers.tail_law import TailLaw
+    from aerodima.workbench.logs.schema import RunLog
+    from aerodima.workbench.simulate.car_run import Progress
+
+Speed = Annotated[float | None, typer.Option(help="Commanded speed, m/s.")]
+Tail = Annotated[
+    str | None,
+    typer.Option(
+        metavar="none|held|swing", help="What the tail does.", autocompletion=completer("none", "held", "swing")
+    ),
+]
+Law = Annotated[
+    str | None,
+    typer.Option(metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw."),
+]
+ScenarioOption = Annotated[
+    str,
+    typer.Option(help="Scenario file (YAML), or the name of one that ships.", autocompletion=complete_scenario),
+]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
+]
+LogOption = Annotated[Path | None, typer.Option(help="Keep the run log as this Parquet file.")]
+ReplayOption = Annotated[Path | None, typer.Option(help="Write the replay as one self-contained HTML file.")]
+LiveOption = Annotated[bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")]
+PortOption = Annotated[int | None, typer.Option(help="Port of Meshcat on 127.0.0.1.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the three commands."""
+    app.command(rich_help_panel=RUNS)(turn)
+    app.command(rich_help_panel=RUNS)(straight)
+    app.command(rich_help_panel=RUNS)(slalom)
+
+
+def turn(
+    speed: Speed = None,
+    tail: Tail = None,
+    tail_speed: Annotated[float | None, typer.Option(help="Commanded roll rate of the swing, rad/s.")] = None,
+    swing: Annotated[
+        str | None,
+        typer.Option(help="Swing file (YAML) to play, or the name of one that ships.", autocompletion=complete_swing),
+    ] = None,
+    tracking: Annotated[
+        str | None,
+        typer.Option(
+            metavar="automatic|feedback|torque|joint_pd|open_loop",
+            help="How it is played.",
+            autocompletion=completer("automatic", "feedback", "torque", "joint_pd", "open_loop"),
+        ),
+    ] = None,
+    other_car: Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")] = False,
+    law: Law = None,
+    direction: Annotated[
+        str | None,
+        typer.Option(metavar="left|right", help="Side of the turn.", autocompletion=completer("left", "right")),
+    ] = None,
+    scenario: ScenarioOption = "turn_swing",
+    settings: Settings = None,
+    log: LogOption = None,
+    replay: ReplayOption = None,
+    live: LiveOption = False,
+    port: PortOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Drive the published turn: up to speed in 2 s, 30 degrees of steering for 0.5 s, straight on.
+
+    Example: aerodima turn --speed 4.44 --tail swing --log run.parquet --replay run.html
+    """
+    flags = {
+        **_common(speed, tail),
+        "--tail-speed": ("controller.swing_speed", tail_speed),
+        "--swing": ("controller.swing_file", swing),
+        "--tracking": ("controller.tracking", tracking),
+        "--direction": ("manoeuvre.direction", direction),
+    }
+    if law is not None and swing is not None:
+        from aerodima.workbench.errors import UserError
+
+        raise UserError("--law: allowed without --swing; each says what the tail does")
+    if swing is None and (tracking is not None or other_car):
+        from aerodima.workbench.errors import UserError
+
+        raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
+    _run(scenario, flags, settings, log, replay, live, port, force, other_car, law)
+
+
+def straight(
+    speed: Speed = None,
+    tail: Tail = None,
+    law: Law = None,
+    scenario: ScenarioOption = "straight",
+    settings: Settings = None,
+    log: LogOption = None,
+    replay: ReplayOption = None,
+    live: LiveOption = False,
+    port: PortOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Drive straight ahead at constant throttle (thesis section 6.2)."""
+    _run(scenario, _common(speed, tail), settings, log, replay, live, port, force, law=law)
+
+
+def slalom(
+    speed: Speed = None,
+    tail: Tail = None,
+    law: Law = None,
+    scenario: ScenarioOption = "slalom",
+    settings: Settings = None,
+    log: LogOption = None,
+    replay: ReplayOption = None,
+    live: LiveOption = False,
+    port: PortOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Drive with sinusoidal steering of +-30 degrees (thesis section 6.1.3)."""
+    _run(scenario, _common(speed, tail), settings, log, replay, live, port, force, law=law)
+
+
+Flags = dict[str, tuple[str, float | str | None]]
+"""Flag -> key of the scenario that it sets, and its value."""
+
+
+def _common(speed: float | None, tail: str | None) -> Flags:
+    return {"--speed": ("manoeuvre.speed", speed), "--tail": ("tail.mode", tail)}
+
+
+def _run(
+    name: str,
+    flags: Flags,
+    settings: list[str] | None,
+    log: Path | None,
+    replay: Path | None,
+    live: bool,
+    port: int | None,
+    force: bool,
+    other_car: bool = False,
+    law: str | None = None,
+) -> None:
+    # What can be wrong is looked at before Drake is imported, which takes seconds.
+    from aerodima.workbench.atomic_write import make_folder, refuse_existing
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.errors import LogError, UserError
+
+    if port is not None and not live:
+        raise UserError("--port: it names the port of the live view; allowed together with --live")
+    given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
+    scenario = load_scenario(
+        name,
+        [*(f"{key}={value}" for key, value in given.values()), *(settings or [])],
+        said=" ".join([*(f"{flag} {value}" for flag, (_, value) in given.items()), *_words_of(settings)]),
+    )
+    _refuse_cut_off_turn(scenario)
+    tail_law = None if law is None else _own_law(law, scenario)
+    if tail_law is None and not other_car:
+        from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
+
+        refuse_other_car(scenario)
+    if log is not None:
+        refuse_existing(log, force, LogError)
+    if replay is not None:
+        if log is not None and log.resolve() == replay.resolve():
+            raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")
+        refuse_existing(replay, force, UserError)
+        make_folder(replay.parent, UserError)
+    from aerodima.workbench.logs.journal import journal_path
+    from aerodima.workbench.simulate.car_run import run_scenario
+
+    meshcat = _live_view(port) if live else None
+    with tempfile.TemporaryDirectory() as folder:
+        path = log or Path(folder) / "run.parquet"
+        new_folder = "" if path.parent.exists() else " (in a new folder)"
+        rate = 1.0 if live else 0.0
+        try:
+            run_log = run_scenario(
+                scenario,
+                path,
+                force=force,
+                meshcat=meshcat,
+                real_time_rate=rate,
+                progress=show_progress(),
+                tail_law=tail_law,
+            )
+        except KeyboardInterrupt:
+            if log is not None:
+                typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(log)}", err=True)
+            raise
+    for line in summary_lines(run_log):
+        typer.echo(line)
+    if log is not None:
+        typer.echo(f"log: {log}{new_folder}")
+    if replay is not None:
+        from aerodima.workbench.replay.replay_page import write_replay_html
+
+        write_replay_html(run_log, replay, force=force)
+        typer.echo(f"replay: {replay}")
+
+
+def _words_of(settings: list[str] | None) -> list[str]:
+    return [f"--set {setting}" for setting in settings or []]
+
+
+def _own_law(place: str, scenario: Scenario) -> TailLaw:
+    from aerodima.workbench.controllers.law_file import load_law
+    from aerodima.workbench.errors import UserError
+
+    if scenario.tail.mode == "none":
+        raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or --tail swing")
+    return load_law(place)
+
+
+def _live_view(port: int | None) -> Meshcat:
+    from aerodima.workbench.replay.viewer import open_meshcat
+
+    meshcat = open_meshcat(port)
+    typer.echo(f"watch: {meshcat.web_url()}", err=True)
+    return meshcat
+
+
+def _refuse_cut_off_turn(scenario: Scenario) -> None:
+    """A run that ends before its turn does has no metrics to print."""
+    from aerodima.workbench.errors import UserError
+
+    manoeuvre = scenario.manoeuvre
+    end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
+    if manoeuvre.kind == "turn" and manoeuvre.duration < end:
+        raise UserError(f"manoeuvre.duration: {manoeuvre.duration:g} s; allowed: >= {end:g} s, the end of the turn")
+
+
+def show_progress() -> Progress | None:
+    """A progress line on stderr when that is a terminal; None otherwise."""
+    if not sys.stderr.isatty():
+        return None
+
+    def progress(time: float, length: float) -> None:
+        end = "\r" if time + 0.1 < length else "\r\x1b[K"
+        print(f"simulating {time:5.1f} of {length:.1f} s", end=end, file=sys.stderr, flush=True)
+
+    return progress
+
+
+def summary_lines(run_log: RunLog) -> list[str]:
+    """What a run came to, for the terminal."""
+    from math import degrees
+
+    from aerodima.workbench.metrics.turn_metrics import jolt_line, metrics_of
+    from aerodima.workbench.metrics.turn_signals import turn_signals
+
+    metrics = metrics_of(run_log)
+    outcome, raw = metrics.outcome, metrics.raw
+    result = outcome.result + ("" if outcome.result == "flipped" else ", clean" if outcome.clean else ", not clean")
+    touched = f"; touched the ground: {', '.join(outcome.touched)}" if outcome.touched else ""
+    board = outcome.board_before_turn_s
+    started = f"; anti-ramp board on the ground for {board:.2f} s before the turn" if board else ""
+    lines = [f"outcome: {result}{touched}{started}"]
+    peak_roll = f"peak roll {degrees(metrics.peak_roll_rad):.1f} deg"
+    if run_log.scenario["manoeuvre"]["kind"] in ("turn", "auto_turn"):
+        heading = f"heading change {degrees(metrics.heading_change_rad):.0f} deg"
+        lines.append(f"speed at the turn {raw.speed_m_per_s:.2f} m/s, {heading}, {peak_roll}")
+    else:
+        lines.append(f"speed {float(turn_signals(run_log).speed[-1]):.2f} m/s at the end, {peak_roll}")
+    lines.append(
+        f"yaw rate max {raw.max_yaw_rate_rad_per_s:.2f}, mean {raw.average_yaw_rate_rad_per_s:.2f} rad/s; lateral "
+        f"acceleration max {raw.max_linear_acceleration_m_per_s2:.2f}, mean "
+        f"{raw.average_linear_acceleration_m_per_s2:.2f} m/s2 (unfiltered {metrics.source})"
+    )
+    jolt = jolt_line(metrics)
+    return [*lines, *([f"note: {jolt}"] if jolt else []), *_air_lines(run_log.extra)]
+
+
+def _air_lines(extra: dict[str, Any]) -> list[str]:
+    """What the sail's sections met, for a simulated car with a tail."""
+    if "largest_reynolds_number" not in extra:
+        return []
+    outside, fast = extra["sections_outside_measured_range"], extra["sections_above_quasi_steady_limit"]
+    line = f"sail: Reynolds number up to {extra['largest_reynolds_number']:.0f}"
+    if outside > 0.0:
+        line += f"; outside the measured range of its coefficients {outside:.0%} of the time (edge value held)"
+    if fast > 0.0:
+        line += f"; faster than the quasi-steady model was shown to hold {fast:.0%} of the time"
+    return [line]

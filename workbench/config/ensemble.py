@@ -1,0 +1,231 @@
+"""Ensembles: the cars that are left possible after a calibration, each with a weight that says how likely it is.
+
+A file of `models/calibration` (schema `aerodima/ensemble/1`) holds the members as parameters that differ from
+`models/parameters`, the best of them, and how they were made. A study that runs over an ensemble states what the
+published data leave open, not only what one plausible car does.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from aerodima.workbench.config.parameter_files import read_yaml
+from aerodima.workbench.config.quantity import explain, nearest
+from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
+from aerodima.workbench.errors import EnsembleError, ScenarioError
+from aerodima.workbench.resources import model_path, models_dir
+
+ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
+_SCHEMA_FAMILY = ENSEMBLE_SCHEMA.rpartition("/")[0]
+
+Value = float | int | bool | str
+
+BUILT = "built"
+"""`tail.name` of the tail of the parameter files."""
+_MOUNT = ("tail.mount_x", "tail.mount_height")
+"""Part of the car, whatever tail stands on it."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """One possible car.
+
+    Attributes:
+        name: within its ensemble.
+        weight: share of the probability, all weights of an ensemble sum to 1.
+        values: `section.key` -> value, in the unit of the parameter.
+    """
+
+    name: str
+    weight: float
+    values: dict[str, Value]
+
+    def values_with(self, tail_name: str) -> dict[str, Value]:
+        """The values for a car with a tail of this name; another than the built one keeps its own size and mass."""
+        if tail_name == BUILT:
+            return dict(self.values)
+        return {key: value for key, value in self.values.items() if not key.startswith("tail.") or key in _MOUNT}
+
+    def settings_on(self, scenario: str | Path) -> tuple[str, ...]:
+        """Overrides for a scenario of that name or path, see `values_with`."""
+        return tuple(f"{key}={value}" for key, value in self.values_with(_tail_name(str(scenario))).items())
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Overrides for `load_scenario`, such as `car.com_height=0.25`."""
+        return tuple(f"{key}={value}" for key, value in self.values.items())
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Weighted members and where they come from.
+
+    Attributes:
+        name: of the ensemble.
+        members: in the order of the file.
+        best: the member that the parameter files hold, rounded; its tail only if the members are held to one.
+        provenance: how the file was made (method, seed, targets, versions), as plain data.
+        path: the file.
+    """
+
+    name: str
+    members: tuple[Member, ...]
+    best: Member
+    provenance: dict[str, Any]
+    path: Path
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weights of the members (n), summing to 1."""
+        return np.array([member.weight for member in self.members])
+
+    @property
+    def effective_size(self) -> float:
+        """Effective sample size 1 / sum(w^2): how many equally likely members it is worth."""
+        return float(1.0 / np.sum(self.weights**2))
+
+    def drawn(self, number: int) -> tuple[Member, ...]:
+        """`number` members that stand for all: drawn by weight, evenly over the weights in the order of the file.
+
+        A member that is drawn k times has the weight k / number (systematic resampling). All of them, with their own
+        weights, if there are no more than `number`.
+        """
+        if number < 1:
+            raise EnsembleError(f"{number} members of {self.path}: allowed: 1 to {len(self.members)}")
+        if number >= len(self.members):
+            return self.members
+        middles = (np.arange(number) + 0.5) / number
+        places, counts = np.unique(np.searchsorted(np.cumsum(self.weights), middles), return_counts=True)
+        chosen = [self.members[min(place, len(self.members) - 1)] for place in places]
+        return tuple(Member(m.name, k / number, m.values) for m, k in zip(chosen, counts.tolist(), strict=True))
+
+    def scenario(self, member: Member, scenario: str | Path, settings: Sequence[str] = ()) -> Scenario:
+        """A scenario with the car of a member; `settings` override the member.
+
+        Raises:
+            EnsembleError: the member's values do not go together; names file, member, value and what is allowed.
+        """
+        try:
+            return load_scenario(scenario, [*member.settings_on(scenario), *settings])
+        except ScenarioError as error:
+            raise EnsembleError(f"{self.path}: member {member.name!r}: {error}") from None
+
+
+def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
+    """Loads an ensemble by path, or by name from `models/calibration`.
+
+    Raises:
+        EnsembleError: missing, of another schema, unknown parameter, value out of range, weights that are no weights;
+            names the file, the member, the value and what is allowed.
+    """
+    path = Path(name_or_path)
+    if not path.suffix and path.name == str(name_or_path) and not path.exists():
+        path = _named(path.name)
+    try:
+        data = read_yaml(path)
+    except ScenarioError as error:
+        raise EnsembleError(str(error)) from None
+    _check_schema(path, data.get("schema"))
+    try:
+        content = _EnsembleFile.model_validate(data)
+    except ValidationError as error:
+        raise EnsembleError(str(explain(error, str(path), _EnsembleFile))) from None
+    total = math.fsum(member.weight for member in content.members)
+    members = tuple(Member(m.name, m.weight / total, _checked(path, m)) for m in content.members)
+    named = {member.name: member for member in members}
+    if content.best not in named:
+        raise EnsembleError(f"{path}: best: {content.best!r} is no member; {nearest(content.best, list(named))}")
+    return Ensemble(content.name, members, named[content.best], content.provenance, path)
+
+
+def ensemble_names() -> list[str]:
+    """Names of the ensembles that ship in `models/calibration`."""
+    return sorted(path.stem for path in (models_dir() / "calibration").glob("*.yaml"))
+
+
+def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[float]) -> NDArray[np.float64]:
+    """Quantiles of weighted values: the smallest value whose share of the weight up to it reaches the level.
+
+    Args:
+        values: (n); NaN are left out with their weight.
+        weights: (n), not negative.
+        levels: between 0 and 1.
+
+    Returns:
+        One value per level; NaN when nothing is left.
+    """
+    numbers, shares = np.asarray(values, float), np.asarray(weights, float)
+    kept = np.isfinite(numbers) & (shares > 0.0)
+    if not np.any(kept):
+        return np.full(len(levels), np.nan)
+    order = np.argsort(numbers[kept], kind="stable")
+    cumulative = np.cumsum(shares[kept][order])
+    places = np.searchsorted(cumulative / cumulative[-1], np.asarray(levels) - 1e-12)
+    return numbers[kept][order][np.minimum(places, len(order) - 1)]
+
+
+class _MemberEntry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: str = Field(min_length=1, max_length=80)
+    weight: float = Field(gt=0)
+    values: dict[str, Value]
+
+
+class _EnsembleFile(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+    schema_: str = Field(alias="schema")
+    name: str = Field(min_length=1, max_length=80)
+    provenance: dict[str, Any]
+    best: str
+    members: tuple[_MemberEntry, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> "_EnsembleFile":
+        names = [member.name for member in self.members]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"members: {twice[0]!r} stands there twice; allowed: one member per name")
+        return self
+
+
+def _named(name: str) -> Path:
+    if name not in ensemble_names():
+        raise EnsembleError(f"ensemble {name!r}: there is none of this name; {nearest(name, ensemble_names())}")
+    return model_path(f"calibration/{name}.yaml")
+
+
+def _check_schema(path: Path, schema: object) -> None:
+    if schema == ENSEMBLE_SCHEMA:
+        return
+    if isinstance(schema, str) and schema.startswith(f"{_SCHEMA_FAMILY}/"):
+        raise EnsembleError(
+            f"{path}: schema: {schema!r} is of another version of this program and not read; allowed is "
+            f"{ENSEMBLE_SCHEMA!r}; make the ensemble again with `aerodima calibrate`"
+        )
+    raise EnsembleError(f"{path}: schema: {schema!r} is no ensemble; allowed is {ENSEMBLE_SCHEMA!r}")
+
+
+def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
+    """The values of a member after a look at each key; whether they go together is told when a scenario is made."""
+    for key in member.values:
+        section, _, name = key.partition(".")
+        where = f"{path}: member {member.name!r}: {key}"
+        if section not in SECTIONS:
+            raise EnsembleError(f"{where}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
+        if name not in SECTIONS[section].model_fields:
+            raise EnsembleError(f"{where}: unknown key; {nearest(name, list(SECTIONS[section].model_fields))}")
+    return dict(member.values)
+
+
+@lru_cache(maxsize=32)
+def _tail_name(scenario: str) -> str:
+    return load_scenario(scenario).tail.name

@@ -1,0 +1,57 @@
+"""A scenario in one JSON file that needs no other: resolved, with its swing inside. What the no-Drake mode drives."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from aerodima.workbench.config.scenario import Scenario, load_scenario, scenario_from_dict
+from aerodima.workbench.config.swing_file import swing_from_dict
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, swing_of_scenario
+from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.errors import ScenarioError
+
+_SWING = "swing"
+
+
+def make_bundle(scenario: Scenario) -> dict[str, Any]:
+    """The scenario as plain data, with the swing that it names, if any, under `swing`.
+
+    Raises:
+        SwingFileError: the swing is missing or malformed.
+    """
+    data, swing = scenario.resolved(), swing_of_scenario(scenario)
+    if swing is not None:
+        data[_SWING] = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return data
+
+
+def load_drive(name_or_path: str, settings: list[str] | None = None) -> tuple[Scenario, TailLaw]:
+    """Scenario and tail law of a bundle (`.json`), a scenario file or the name of one that ships.
+
+    Args:
+        name_or_path: as `load_scenario` takes it, or a bundle.
+        settings: overrides such as `manoeuvre.speed=3`; not for a bundle, which is what was exported.
+
+    Raises:
+        UserError: wrong scenario, swing or bundle; names the file and what is allowed.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".json":
+        scenario = load_scenario(name_or_path, settings)
+        return scenario, law_of_scenario(scenario)
+    if settings:
+        raise ScenarioError(f"--set {' '.join(settings)}: {path} is a bundle; allowed: set it before the export")
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{path}: cannot be read as JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise ScenarioError(f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima export`")
+    swing = data.pop(_SWING, None)
+    scenario = scenario_from_dict(data, str(path))
+    if swing is None:
+        return scenario, law_of_scenario(scenario)
+    return scenario, SwingTracker.from_scenario(swing_from_dict(swing, f"{path}: {_SWING}"), scenario)

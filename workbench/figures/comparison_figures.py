@@ -1,0 +1,221 @@
+"""Figures over many runs: outcome map, published metrics, held and swung tail beside no tail, triggers."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from aerodima.workbench.figures.figure_style import (
+    BLACK,
+    FLIPPED_MARKER,
+    GREEN,
+    GREY,
+    MODE_STYLES,
+    VERMILION,
+    mark_top,
+    new_figure,
+    shade_turn,
+    styled,
+)
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.published_figures import Platform, PublishedFigures
+from aerodima.workbench.metrics.run_summary import RunSummary, summarise
+from aerodima.workbench.metrics.turn_metrics import published_figures
+from aerodima.workbench.metrics.turn_signals import turn_window
+
+_METRIC_LABELS = {
+    "max_yaw_rate_rad_per_s": "largest yaw rate [rad/s]",
+    "average_yaw_rate_rad_per_s": "mean yaw rate [rad/s]",
+    "max_linear_acceleration_m_per_s2": "largest lateral acc. [m/s²]",
+    "average_linear_acceleration_m_per_s2": "mean lateral acc. [m/s²]",
+    "max_kohut_deg_m_per_s2": "largest Kohut [deg m/s²]",
+    "average_kohut_deg_m_per_s2": "mean Kohut [deg m/s²]",
+    "roll_integral_rad": "roll integral [rad]",
+}
+
+
+def plot_outcomes(summaries: Sequence[RunSummary]) -> Figure:
+    """Speed x tail mode: a full disc for a clean run, a ring where something touched the ground, a cross for a flip."""
+    modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]
+    with styled():
+        figure, grid = new_figure(11.0, 0.75 * len(modes) + 1.5)
+        axes = grid[0, 0]
+        for summary in summaries:
+            marker, face, colour = _outcome_mark(summary)
+            place = (summary.commanded_speed, modes.index(summary.tail_mode))
+            axes.plot(*place, marker=marker, markersize=17, markerfacecolor=face, markeredgecolor=colour, mew=2.2)
+        speeds = sorted({s.commanded_speed for s in summaries})
+        axes.set_xticks(speeds, [f"{v:.2f}\n{3.6 * v:.0f} km/h" for v in speeds])
+        axes.set_yticks(range(len(modes)), [MODE_STYLES[mode].words for mode in modes])
+        axes.set_ylim(len(modes) - 0.4, -0.6)
+        axes.set_xlim(speeds[0] - 0.12, speeds[-1] + 0.12)
+        axes.grid(False)
+        axes.set_xlabel("commanded speed [m/s]")
+        figure.legend(handles=_outcome_legend(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _outcome_mark(summary: RunSummary) -> tuple[str, str, str]:
+    """Marker, face colour, edge colour."""
+    if not summary.survived:
+        return FLIPPED_MARKER, VERMILION, BLACK
+    return ("o", GREEN, BLACK) if summary.clean else ("o", "white", GREEN)
+
+
+def _outcome_legend() -> list[Line2D]:
+    marks = (
+        ("survived, clean", "o", GREEN, BLACK),
+        ("survived, cage, board or tail touched the ground", "o", "white", GREEN),
+        ("flipped", FLIPPED_MARKER, VERMILION, BLACK),
+    )
+    return [
+        Line2D([], [], linestyle="none", marker=m, markersize=11, markerfacecolor=f, markeredgecolor=e, label=words)
+        for words, m, f, e in marks
+    ]
+
+
+def plot_metrics(summaries: Sequence[RunSummary], platform: Platform = "simulated") -> Figure:
+    """The metrics of the thesis over the speed at the start of the turn, with a platform's published rows as stars.
+
+    Args:
+        summaries: runs; flipped ones are crosses.
+        platform: whose rows, and whose signals (`published.SIGNALS`) the metrics of the runs are from.
+    """
+    rows = [row for row in published_figures() if row.platform == platform]
+    modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]
+    with styled():
+        figure, grid = new_figure(11.0, 5.6, 2, 4)
+        for axes, (metric, label) in zip(grid.flat, _METRIC_LABELS.items(), strict=False):
+            for mode in modes:
+                runs = [s for s in summaries if s.tail_mode == mode]
+                _scatter(axes, runs, mode, [getattr(s.metrics.like(platform), metric) for s in runs])
+            for row in rows:
+                _star(axes, row, metric)
+            axes.set(xlabel="speed [m/s]", ylabel=label)
+            if metric == "roll_integral_rad":
+                survived = [s.metrics.like(platform).roll_integral_rad for s in summaries if s.survived]
+                published = [row.metrics.roll_integral_rad for row in rows]
+                axes.set_ylim(0.0, 1.15 * max(survived + published))
+            else:
+                axes.set_ylim(bottom=0.0)
+        legend = grid[1, 3]
+        legend.set_axis_off()
+        legend.legend(
+            handles=[*_mode_legend(modes), *_published_legend(platform)],
+            loc="center left",
+            title=f"signals: {platform}",
+        )
+    return figure
+
+
+def _scatter(axes: Axes, runs: list[RunSummary], mode: str, values: list[float]) -> None:
+    style = MODE_STYLES[mode]
+    for run, value in zip(runs, values, strict=True):
+        marker = style.marker if run.survived else FLIPPED_MARKER
+        face = style.colour if run.clean else "white"
+        axes.plot(
+            run.metrics.raw.speed_m_per_s,
+            value,
+            linestyle="none",
+            marker=marker,
+            markersize=6.0,
+            markeredgecolor=style.colour,
+            markerfacecolor=face,
+        )
+
+
+def _star(axes: Axes, row: PublishedFigures, metric: str) -> None:
+    colour = MODE_STYLES["none" if row.configuration == "tailless" else "swing"].colour
+    face = colour if row.platform == "simulated" else "white"
+    value = getattr(row.metrics, metric)
+    axes.plot(
+        row.metrics.speed_m_per_s, value, "*", markersize=13, markeredgecolor=colour, markerfacecolor=face, zorder=5
+    )
+
+
+def _mode_legend(modes: Sequence[str]) -> list[Line2D]:
+    handles = []
+    for mode in modes:
+        style = MODE_STYLES[mode]
+        handles.append(Line2D([], [], linestyle="none", marker=style.marker, color=style.colour, label=style.words))
+    crossed = Line2D([], [], linestyle="none", marker=FLIPPED_MARKER, mfc="white", mec=GREY, label="flipped")
+    return [*handles, crossed]
+
+
+def _published_legend(platform: Platform) -> list[Line2D]:
+    handles = []
+    for configuration, mode in (("tailless", "none"), ("tailed", "swing")):
+        colour = MODE_STYLES[mode].colour
+        handles.append(
+            Line2D(
+                [], [], linestyle="none", marker="*", markersize=12, mec=colour,
+                mfc=colour if platform == "simulated" else "white", label=f"published, {configuration}, {platform}",
+            )
+        )  # fmt: skip
+    return handles
+
+
+def plot_comparison(summaries: Sequence[RunSummary]) -> Figure:
+    """Held and swung tail beside no tail over the speed: peak roll, yaw rate, heading change, time on two wheels.
+
+    Flipped runs have no meaningful heading or peak roll: they are crosses at the top edge.
+    """
+    panels: tuple[tuple[str, Callable[[RunSummary], float]], ...] = (
+        ("peak roll outwards [deg]", lambda s: float(np.degrees(s.metrics.peak_roll_rad))),
+        ("mean yaw rate in the turn [rad/s]", lambda s: s.metrics.raw.average_yaw_rate_rad_per_s),
+        ("heading change [deg]", lambda s: float(np.degrees(s.metrics.heading_change_rad))),
+        ("time on two wheels or fewer [s]", lambda s: s.metrics.two_wheel_time_s or 0.0),
+    )
+    modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]
+    with styled():
+        figure, grid = new_figure(11.0, 6.0, 2, 2, sharex=True)
+        for axes, (label, value) in zip(grid.flat, panels, strict=True):
+            top = mark_top(axes, np.array([value(s) for s in summaries if s.survived]))
+            for number, mode in enumerate(modes):
+                _curve(axes, [s for s in summaries if s.tail_mode == mode], mode, value, top * (1.0 + 0.04 * number))
+            axes.set_ylabel(label)
+        for axes in grid[-1]:
+            axes.set_xlabel("commanded speed [m/s]")
+        figure.legend(handles=_mode_legend(modes), loc="outside upper center", ncols=len(modes) + 1)
+    return figure
+
+
+def _curve(axes: Axes, runs: list[RunSummary], mode: str, value: Callable[[RunSummary], float], top: float) -> None:
+    style = MODE_STYLES[mode]
+    ordered = sorted(runs, key=lambda s: s.commanded_speed)
+    for left, right in pairwise(ordered):
+        if left.survived and right.survived:
+            speeds = [left.commanded_speed, right.commanded_speed]
+            axes.plot(speeds, [value(left), value(right)], color=style.colour, linestyle=style.line)
+    for run in ordered:
+        marker, height = (style.marker, value(run)) if run.survived else (FLIPPED_MARKER, top)
+        face = style.colour if run.clean else "white"
+        axes.plot(run.commanded_speed, height, marker=marker, color=style.colour, markerfacecolor=face)
+
+
+def plot_triggers(run_logs: Sequence[RunLog]) -> Figure:
+    """Yaw rate of the IMU in the runs of a swinging tail, one small panel per speed, with threshold and trigger.
+
+    Args:
+        run_logs: of runs with tail mode `swing`.
+    """
+    with styled():
+        figure, grid = new_figure(11.0, 2.5, 1, len(run_logs), sharex=True, sharey=True)
+        for axes, run_log in zip(grid[0], run_logs, strict=True):
+            summary, window = summarise(run_log, ""), turn_window(run_log)
+            side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0
+            shade_turn(axes, window)
+            axes.plot(run_log.time, side * run_log.signal("imu_gyro_z_rad_per_s"), color=BLACK, linewidth=1.2)
+            axes.axhline(run_log.scenario["controller"]["trigger_yaw_rate"], color=GREEN, linestyle=(0, (1, 1)))
+            when = "never"
+            if summary.trigger_time is not None:
+                axes.axvline(summary.trigger_time, color=VERMILION, linewidth=1.6)
+                when = f"{summary.trigger_time:.2f} s"
+            axes.set_title(f"{summary.commanded_speed:.2f} m/s\nswing: {when}", fontsize=9)
+            axes.set_xlim(window[0] - 0.1, window[1] + 0.2)
+        grid[0, 0].set_ylabel("yaw rate [rad/s]")
+        figure.supxlabel("time [s]   (shaded: the turn; dotted: threshold; upright line: the swing begins)", fontsize=9)
+    return figure

@@ -1,0 +1,178 @@
+"""What is odd in a log: gaps, lost samples, dead sensors, and values that betray a wrong unit.
+
+A finding names column and time. What makes every later figure wrong (times that run back, a wrong unit) is an error;
+what a recipe can deal with (a gap, NaN) or a user must judge (a constant signal) is reported and kept.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import detrend
+
+from aerodima.workbench.config.log_columns import TIME
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.signals import GAP_FACTOR
+
+FloatArray = NDArray[np.float64]
+
+FEW_SAMPLES = 32
+"""Fewer rows than this cannot be filtered and hold no experiment."""
+STEP_RANGE = (1e-5, 1.0)
+"""Median time step (s) of a plausible log; beyond it the unit of the times is wrong."""
+RATE_OF = {
+    "angular_velocity_rad_per_s": "angle_rad",
+    "tail_pitch_rate_rad_per_s": "tail_pitch_angle_rad",
+    "tail_roll_rate_rad_per_s": "tail_roll_angle_rad",
+    "sail_rate_rad_per_s": "sail_angle_rad",
+    "imu_gyro_z_rad_per_s": "imu_yaw_rad",
+}
+"""Rate column to the angle that it is the derivative of (for the IMU: while the car is level)."""
+_MOST_LISTED = 3
+_TWO_PI = 2.0 * np.pi
+_LARGEST_OF_UNIT = {"rad/s": 60.0, "A": 60.0, "N": 500.0, "N m": 100.0, "m/s": 60.0, "m/s2": 300.0, "rad": 100.0}
+_WITHIN_A_TURN = (
+    "angle_rad",
+    "imu_roll_rad",
+    "imu_pitch_rad",
+    "roll_estimate_rad",
+    "tail_pitch_angle_rad",
+    "tail_roll_angle_rad",
+    "steering_command_rad",
+)
+_LARGEST_OF_COLUMN = dict.fromkeys(_WITHIN_A_TURN, 1.05 * _TWO_PI)
+_MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_", "tail_", "speed")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something odd: column ("" when it concerns the file), time (s; None when it is not at a time), and what it is."""
+
+    column: str
+    time: float | None
+    text: str
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        where = f"column {self.column!r}" if self.column else ""
+        where += "" if self.time is None else f" at {self.time:g} s"
+        return f"{where}: {self.text}" if where else self.text
+
+
+def gap_findings(time: FloatArray, column: str = TIME) -> list[Finding]:
+    """Steps longer than 1.5 median steps; the first few each, the rest as a number."""
+    steps = np.diff(time)
+    if steps.size < 2:
+        return []
+    step = float(np.median(steps))
+    wide = np.flatnonzero(steps > GAP_FACTOR * step)
+    found = [
+        Finding(column, float(time[at]), f"gap of {steps[at]:.6g} s, about {round(steps[at] / step) - 1} samples lost")
+        for at in wide[:_MOST_LISTED]
+    ]
+    if wide.size > _MOST_LISTED:
+        found.append(Finding(column, float(time[wide[_MOST_LISTED]]), f"{wide.size - _MOST_LISTED} further gap(s)"))
+    return found
+
+
+def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[Finding]:
+    """How many samples are NaN or infinite, and where the first one is."""
+    bad = np.flatnonzero(~np.isfinite(values))
+    if not bad.size:
+        return []
+    return [
+        Finding(column, float(time[bad[0]]), f"{bad.size} of {values.size} samples are not numbers, the first here")
+    ]
+
+
+def table_findings(table: pd.DataFrame, kind: str = "") -> list[Finding]:
+    """Gaps, NaN, too few rows and constant measurements of a table whose times are sorted; `kind` of the log."""
+    time = table[TIME].to_numpy(dtype=np.float64)
+    found = gap_findings(time)
+    if time.size < FEW_SAMPLES:
+        found.append(Finding(TIME, None, f"only {time.size} samples; no filter and no fit can work on them"))
+    for name in table.columns:
+        values = table[name].to_numpy(dtype=np.float64)
+        found += nan_findings(time, name, values)
+        finite = values[np.isfinite(values)]
+        still = kind == "static" and name.startswith("ang")  # an encoder counts whole steps: a held angle is constant
+        if (
+            name.startswith(_MEASURED)
+            and "_command_" not in name
+            and not still
+            and finite.size > 1
+            and np.ptp(finite) == 0.0
+        ):
+            found.append(Finding(name, None, f"constant, {finite[0]:g} in every row: is the sensor connected?"))
+    return found
+
+
+def refuse_implausible(
+    table: pd.DataFrame, units: Mapping[str, str], largest: Mapping[str, float | None], where: str
+) -> None:
+    """Raise LogError for values that betray a wrong unit.
+
+    Args:
+        table: SI units.
+        units: SI unit of each column.
+        largest: largest plausible magnitude per column where the mapping states one.
+        where: file named in the message.
+    """
+    time = table[TIME].to_numpy(dtype=np.float64)
+    step = float(np.median(np.diff(time)))
+    if not STEP_RANGE[0] <= step <= STEP_RANGE[1]:
+        raise LogError(
+            f"{where}: column {TIME!r}: steps of {step:.3g} s; {STEP_RANGE[0]:g} to {STEP_RANGE[1]:g} s is plausible. "
+            "Is the unit of the times right?"
+        )
+    for name in table.columns:
+        limit = largest.get(name) or _LARGEST_OF_COLUMN.get(name) or _LARGEST_OF_UNIT.get(units.get(name, ""))
+        values = np.abs(table[name].to_numpy(dtype=np.float64))
+        if limit is None or not np.any(values > limit):
+            continue
+        at = int(np.flatnonzero(values > limit)[0])
+        raise LogError(
+            f"{where}: column {name!r}: {table[name].iloc[at]:.6g} {units[name]} at {time[at]:g} s; up to {limit:.4g} "
+            "is plausible. Is the unit in the mapping right? If the value is real, state `largest` there"
+        )
+
+
+def refuse_inconsistent_rates(table: pd.DataFrame, where: str) -> None:
+    """Raise LogError when a rate is plainly not the derivative of its angle: other unit, or other sign.
+
+    Compared are the angle and the integral of the rate, without their straight lines (bias of a gyro). Signals that
+    have little to do with each other (noise, a car that rolls) are left alone.
+    """
+    time = table[TIME].to_numpy(dtype=np.float64)
+    for rate, angle in RATE_OF.items():
+        if rate not in table.columns or angle not in table.columns:
+            continue
+        ratio = _rate_ratio(time, table[angle].to_numpy(dtype=np.float64), table[rate].to_numpy(dtype=np.float64))
+        if ratio is None or 0.6 <= ratio <= 1.6:
+            continue
+        raise LogError(
+            f"{where}: column {rate!r}: {ratio:.3g} times the derivative of {angle!r}; one of the two has a wrong "
+            "unit or sign (`check_rates: false` in the mapping turns this check off)"
+        )
+
+
+def _rate_ratio(time: FloatArray, angle: FloatArray, rate: FloatArray) -> float | None:
+    """Factor between a rate and the derivative of its angle; None where they do not tell."""
+    good = np.isfinite(angle) & np.isfinite(rate)
+    if np.count_nonzero(good) < FEW_SAMPLES:
+        return None
+    time, angle = time[good], detrend(np.unwrap(angle[good]))
+    integral = detrend(cumulative_trapezoid(rate[good], time, initial=0.0))
+    power, other = float(angle @ angle), float(integral @ integral)
+    tiny = 1e-8 * time.size
+    if power < tiny or other < tiny or abs(float(angle @ integral)) < 0.9 * np.sqrt(power * other):
+        return None
+    return float(angle @ integral) / power
+
+
+def listed(findings: Iterable[Finding]) -> list[str]:
+    """Findings as lines."""
+    return [str(finding) for finding in findings]

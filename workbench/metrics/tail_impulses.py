@@ -1,0 +1,198 @@
+"""What the tail does to the car: its moment about the car's heading axis, split by cause.
+
+Take the tail alone, with momentum P and angular momentum L about the world origin Wo. The air acts on it with the force
+F and the moment M about Wo, its weight m g at its centre of mass c, and the car with a reaction. Newton and Euler give
+the reaction; its opposite is what the tail does to the car, and about a point p it is
+
+    N = [M - p x F] + (c - p) x m g - [dL/dt - p x dP/dt]
+         air           weight          inertia
+
+at every instant, however p moves. With L = L_p + p x P the last bracket is dL_p/dt + v_p x P, free of large terms that
+cancel. Here p is the point of the ground below Bo and the axis e is the heading, horizontal along x of B. N . e rolls
+the car to the right. A left turn rolls it outwards, to the right, so what helps is -N . e there and +N . e in a right
+turn.
+
+Impulses are integrals of that moment: over the window of the turn, and from its start to the largest roll (or to the
+75 degrees at which the car counts as flipped).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
+
+FloatArray = NDArray[np.float64]
+
+FLIP_TILT = math.radians(75.0)
+"""Beyond this tilt the car has rolled over, rad."""
+
+
+@dataclass(frozen=True)
+class Impulses:
+    """Angular impulses about the heading axis, N m s, positive = against rolling outwards."""
+
+    aerodynamic: float
+    weight: float
+    inertial: float
+
+    @property
+    def total(self) -> float:
+        """Sum of the three, N m s."""
+        return self.aerodynamic + self.weight + self.inertial
+
+
+@dataclass(frozen=True)
+class TailImpulses:
+    """Moments and impulses of the tail on the car; positive = against rolling outwards.
+
+    Attributes:
+        time: log times, s, shape (n,).
+        aerodynamic_moment: N m, shape (n,).
+        weight_moment: N m, shape (n,).
+        inertial_moment: N m, shape (n,).
+        window: start and end of the turn, s.
+        peak_roll_time: when the car leans outwards most, or reaches 75 degrees, s.
+        over_window: impulses over the window, N m s.
+        until_peak_roll: impulses from the start of the turn to `peak_roll_time`, N m s.
+    """
+
+    time: FloatArray
+    aerodynamic_moment: FloatArray
+    weight_moment: FloatArray
+    inertial_moment: FloatArray
+    window: tuple[float, float]
+    peak_roll_time: float
+    over_window: Impulses
+    until_peak_roll: Impulses
+
+
+def tail_impulses(run_log: RunLog) -> TailImpulses | None:
+    """Moments and impulses of the tail in a simulated run; None for a car without a tail.
+
+    Raises:
+        LogError: no ground truth in the log, `tail_mass_kg` not in its metadata, NaN, unsorted time or a gap.
+    """
+    if not run_log.has_tail:
+        return None
+    if not run_log.has_truth:
+        raise LogError(f"{run_log.source or 'run log'}: has no ground truth, so the tail's impulses cannot be found")
+    signals = turn_signals(run_log)
+    time, point, help_axis = signals.time, _ground_point(run_log), _help_axis(run_log, signals)
+    aerodynamic = _dot(_aerodynamic_moment(run_log, point), help_axis)
+    weight = _dot(_weight_moment(run_log, point), help_axis)
+    momentum = run_log.vector("tail_momentum", "truth_n_s")
+    about_point = run_log.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(point, momentum)
+    inertial = _inertial_moment(time, about_point, momentum, point, help_axis)
+    check_signals(
+        time,
+        {"tail moment (aerodynamic)": aerodynamic, "tail moment (weight)": weight, "tail moment (inertial)": inertial},
+    )
+    growth = {
+        "aerodynamic": cumulative_trapezoid(aerodynamic, time, initial=0.0),
+        "weight": cumulative_trapezoid(weight, time, initial=0.0),
+        "inertial": _inertial_growth(about_point, momentum, point, help_axis),
+    }
+    peak = _peak_roll_time(signals)
+
+    def between(start: float, end: float) -> Impulses:
+        return Impulses(**{k: float(np.interp(end, time, g) - np.interp(start, time, g)) for k, g in growth.items()})
+
+    return TailImpulses(
+        time=time,
+        aerodynamic_moment=aerodynamic,
+        weight_moment=weight,
+        inertial_moment=inertial,
+        window=signals.window,
+        peak_roll_time=peak,
+        over_window=between(*signals.window),
+        until_peak_roll=between(signals.window[0], peak),
+    )
+
+
+def tail_yaw_impulses(run_log: RunLog) -> Impulses:
+    """Angular impulses of the tail over the window of the turn about the vertical through the vehicle's centre of mass.
+
+    N m s, positive = into the turn. A weight has no moment about the vertical. The reaction of the tail's inertia is
+    what turns the car out of the turn while the tail is behind the centre of mass and swings outwards.
+
+    Raises:
+        LogError: as for `tail_impulses`, or the car has no tail.
+    """
+    signals = turn_signals(run_log)
+    time, point = signals.time, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0]
+    axis = np.tile([0.0, 0.0, signals.sign], (time.size, 1))
+    momentum = run_log.vector("tail_momentum", "truth_n_s")
+    about_point = run_log.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(point, momentum)
+    growth = {
+        "aerodynamic": cumulative_trapezoid(_dot(_aerodynamic_moment(run_log, point), axis), time, initial=0.0),
+        "inertial": _inertial_growth(about_point, momentum, point, axis),
+    }
+    check_signals(time, {f"tail yaw impulse ({cause})": values for cause, values in growth.items()})
+    start, end = signals.window
+    parts = {cause: float(np.interp(end, time, g) - np.interp(start, time, g)) for cause, g in growth.items()}
+    return Impulses(weight=0.0, **parts)
+
+
+def _ground_point(run_log: RunLog) -> FloatArray:
+    """The point of the ground below Bo in W, shape (n, 3), m."""
+    return run_log.vector("position", "truth_m") * [1.0, 1.0, 0.0]
+
+
+def _help_axis(run_log: RunLog, signals: TurnSignals) -> FloatArray:
+    """Unit vector about which a moment works against rolling outwards, W axes, shape (n, 3)."""
+    yaw = run_log.signal("yaw_truth_rad")
+    heading = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])
+    return -signals.sign * heading
+
+
+def _aerodynamic_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
+    force = run_log.vector("tail_force", "truth_n")
+    return run_log.vector("tail_force_moment", "truth_n_m") - np.cross(point, force)
+
+
+def _weight_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
+    if "tail_mass_kg" not in run_log.extra:
+        raise LogError(f"{run_log.source or 'run log'}: its metadata have no tail_mass_kg")
+    try:
+        gravity = float(run_log.scenario["environment"]["gravity"])
+    except KeyError:
+        raise LogError(f"{run_log.source or 'run log'}: its scenario has no environment.gravity") from None
+    weight = np.array([0.0, 0.0, -float(run_log.extra["tail_mass_kg"]) * gravity])
+    return np.cross(run_log.vector("tail_com", "truth_m") - point, weight)
+
+
+def _inertial_moment(
+    time: FloatArray, about_point: FloatArray, momentum: FloatArray, point: FloatArray, axis: FloatArray
+) -> FloatArray:
+    """-(dL_p/dt + v_p x P) . axis by central differences, N m, shape (n,)."""
+    change = np.gradient(about_point, time, axis=0) + np.cross(np.gradient(point, time, axis=0), momentum)
+    return -_dot(change, axis)
+
+
+def _inertial_growth(about_point: FloatArray, momentum: FloatArray, point: FloatArray, axis: FloatArray) -> FloatArray:
+    """Integral of the inertial moment from the first sample on, N m s, shape (n,).
+
+    Summed from the changes themselves, with P and the axis taken in the middle of each step, so that a jump of the
+    momentum (a contact) counts in full however short it was.
+    """
+    middle_momentum, middle_axis = (0.5 * (values[1:] + values[:-1]) for values in (momentum, axis))
+    change = np.diff(about_point, axis=0) + np.cross(np.diff(point, axis=0), middle_momentum)
+    return np.concatenate([[0.0], np.cumsum(-_dot(change, middle_axis))])
+
+
+def _peak_roll_time(signals: TurnSignals) -> float:
+    after = np.flatnonzero(signals.from_start)
+    flipped = after[signals.tilt[after] > FLIP_TILT]
+    return float(signals.time[flipped[0] if flipped.size else after[np.argmax(signals.roll[after])]])
+
+
+def _dot(vectors: FloatArray, axes: FloatArray) -> FloatArray:
+    """Row by row scalar product of (n, 3) and (n, 3), shape (n,)."""
+    return np.einsum("ij,ij->i", vectors, axes)

@@ -1,0 +1,347 @@
+"""What a run comes to: the eight metrics of the thesis, raw and filtered, and whether the car stayed on its wheels.
+
+Everything is computed from the log alone. The eight metrics come twice, from the signals that the thesis took for its
+simulated car (`RunMetrics.raw`) and for the real one (`RunMetrics.filtered`), `published.SIGNALS`; all else from the
+ground truth if the log has it, otherwise from the sensors (`RunMetrics.source`). Signs are turned so that the turn is
+positive (`aerodima.workbench.metrics.turn_signals`), so left and right turns are measured alike. Definitions: design
+section 10, thesis section 3.3 and eqs 7.1-7.7.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid, trapezoid
+
+from aerodima.workbench.config.log_columns import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
+from aerodima.workbench.metrics.published_figures import (
+    FILTERED,
+    SAMPLE_TIMES,
+    Comparison,
+    Platform,
+    PublishedFigures,
+    TurnMetrics,
+    compare_figures,
+    published_figures,
+)
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, Impulses, TailImpulses, tail_impulses
+from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
+
+__all__ = [
+    "Comparison",
+    "Impulses",
+    "Outcome",
+    "PublishedFigures",
+    "RunMetrics",
+    "TailImpulses",
+    "TurnMetrics",
+    "compare_to_published",
+    "highest_speed_survived",
+    "jolt_line",
+    "metrics_of",
+    "outcome_from",
+    "outcome_of",
+    "published_figures",
+    "tail_impulses",
+    "turn_metrics",
+]
+
+FloatArray = NDArray[np.float64]
+
+END_TILT = math.radians(20.0)
+"""Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
+JOLT_FACTOR = 1.5
+"""A raw peak of the lateral acceleration that is this many times the filtered one is a jolt and no cornering."""
+LOADED_FORCE = 0.1
+"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
+
+OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
+"""What the thesis says of a turn beside its eight metrics."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        result: `flipped` if the tilt passed 75 degrees at any time, or the run ended beyond 20 degrees with fewer than
+            four wheels loaded (without wheel loads in the log: beyond 20 degrees); else `survived`.
+        clean: survived, and neither cage nor tail touched the ground, nor the board from the start of the turn on; None
+            when the log cannot tell.
+        max_tilt_rad: largest tilt of the body's z axis, rad.
+        end_tilt_rad: tilt at the end, rad.
+        end_wheels_loaded: wheels on the ground at the end; None without wheel loads.
+        touched: which of them did.
+        board_before_turn_s: how long the anti-ramp board was on the ground before the turn, where it is meant to be
+            while the car gathers speed, s; None when the log cannot tell.
+    """
+
+    result: Literal["flipped", "survived"]
+    clean: bool | None
+    max_tilt_rad: float
+    end_tilt_rad: float
+    end_wheels_loaded: int | None
+    touched: tuple[str, ...]
+    board_before_turn_s: float | None = None
+
+
+@dataclass(frozen=True)
+class RunMetrics:
+    """Everything that is reported about a run. "From the turn on" = from the steering command to the end of the log.
+
+    Attributes:
+        source: `truth` or `sensors`: the signals used, but for `filtered`.
+        direction: side of the turn.
+        raw: the eight metrics as Tables 7.1 and 7.2 have them: motion at the IMU's place at up to 1000 Hz, unfiltered.
+        filtered: the eight as Tables 7.3 and 7.4 have them: from what the car's IMU and GPS report, at 100 Hz, after
+            the zero-phase filters used for the car (IMU 5 Hz, GPS 1 Hz, second order).
+        outcome: whether it stayed upright.
+        peak_roll_rad: largest roll outwards from the turn on, rad.
+        two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without wheel loads.
+        heading_change_rad: heading at the end less heading at the start of the turn, into the turn, rad.
+        tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when not logged.
+        tail_energy_j: positive work of the tail motors from the turn on, J; None when not logged.
+        min_wheel_load_n: smallest vertical force on any wheel from the turn on, N; None without wheel loads.
+        speed_in_turn_m_per_s: mean speed over the window, weighted by the yaw rate: mean Kohut over mean yaw rate if
+            Kohut is taken from sample to sample (ERRATA E36), m/s.
+        lift_yaw_rate_rad_per_s: largest yaw rate in the window until the first inner wheel leaves the ground (thesis
+            6.3.4), over all of it if none does, rad/s; None without wheel loads.
+    """
+
+    source: Literal["truth", "sensors"]
+    direction: Literal["left", "right"]
+    raw: TurnMetrics
+    filtered: TurnMetrics
+    outcome: Outcome
+    peak_roll_rad: float
+    two_wheel_time_s: float | None
+    heading_change_rad: float
+    tail_torque_peak_n_m: float | None
+    tail_energy_j: float | None
+    min_wheel_load_n: float | None
+    speed_in_turn_m_per_s: float
+    lift_yaw_rate_rad_per_s: float | None
+
+    def like(self, platform: Platform) -> TurnMetrics:
+        """The eight metrics from the signals that the published rows of a platform were made of."""
+        return self.filtered if platform == "physical" else self.raw
+
+    @property
+    def jolted(self) -> bool:
+        """Whether the largest raw lateral acceleration of a car that survived is a jolt: most of it is filtered out."""
+        raw, filtered = (m.max_linear_acceleration_m_per_s2 for m in (self.raw, self.filtered))
+        return self.outcome.result == "survived" and raw > JOLT_FACTOR * filtered
+
+    def as_row(self) -> dict[str, float | str | bool | None]:
+        """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
+        own = ("peak_roll_rad", "two_wheel_time_s", "heading_change_rad", "tail_torque_peak_n_m", "tail_energy_j")
+        return {
+            "outcome": self.outcome.result,
+            "clean": self.outcome.clean,
+            "direction": self.direction,
+            "signals": self.source,
+            **asdict(self.raw),
+            "max_tilt_rad": self.outcome.max_tilt_rad,
+            **{name: getattr(self, name) for name in own},
+            **{name: getattr(self, name) for name in OF_THE_TURN},
+            "min_wheel_load_n": self.min_wheel_load_n,
+            "touched": " ".join(self.outcome.touched),
+            "board_before_turn_s": self.outcome.board_before_turn_s,
+            **{FILTERED + name: value for name, value in asdict(self.filtered).items()},
+        }
+
+
+def metrics_of(run_log: RunLog) -> RunMetrics:
+    """All metrics of a run.
+
+    Raises:
+        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
+    """
+    signals = turn_signals(run_log)
+    reported = signals if signals.source == "sensors" else turn_signals(run_log, "sensors")
+    after, time = signals.from_start, signals.time
+    loads = signals.wheel_loads
+    peak_torque, energy = _tail_effort(run_log, after)
+    return RunMetrics(
+        source=signals.source,
+        direction="left" if signals.sign > 0 else "right",
+        raw=turn_metrics(signals.sampled(1.0 / SAMPLE_TIMES["simulated"])),
+        filtered=turn_metrics(reported.sampled(1.0 / SAMPLE_TIMES["physical"]), filtered=True),
+        outcome=_outcome(signals),
+        peak_roll_rad=float(np.max(signals.roll[after])),
+        two_wheel_time_s=None if loads is None else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
+        heading_change_rad=float(signals.yaw[-1] - signals.yaw[after][0]),
+        tail_torque_peak_n_m=peak_torque,
+        tail_energy_j=energy,
+        min_wheel_load_n=None if loads is None else float(np.min(loads[after])),
+        speed_in_turn_m_per_s=_speed_in_turn(signals),
+        lift_yaw_rate_rad_per_s=None if loads is None else _lift_yaw_rate(signals, loads),
+    )
+
+
+def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
+    """The eight metrics over the window of the turn.
+
+    Maxima are of magnitudes, averages are signed means over time; Kohut = speed at the start of the window x yaw rate
+    in degrees per second; the roll integral is the largest value over the whole run of the integrated outward roll
+    rate.
+
+    Args:
+        signals: of a run, sign turned.
+        filtered: apply the car's zero-phase filters to the whole run first.
+    """
+
+    def prepared(name: str, column: FloatArray) -> FloatArray:
+        design = GPS_FILTER if name == "speed" else IMU_FILTER
+        return low_pass(signals.time, column, design, name) if filtered else column
+
+    window = signals.in_window
+    time = signals.time[window]
+    speed = float(prepared("speed", signals.speed)[signals.from_start][0])
+    yaw_rate = prepared("yaw_rate", signals.yaw_rate)[window]
+    acceleration = prepared("lateral_acceleration", signals.lateral_acceleration)[window]
+    roll_rate = prepared("roll_rate", signals.roll_rate)
+    max_yaw_rate, average_yaw_rate = float(np.max(np.abs(yaw_rate))), _mean(time, yaw_rate)
+    return TurnMetrics(
+        speed_m_per_s=speed,
+        max_yaw_rate_rad_per_s=max_yaw_rate,
+        average_yaw_rate_rad_per_s=average_yaw_rate,
+        max_linear_acceleration_m_per_s2=float(np.max(np.abs(acceleration))),
+        average_linear_acceleration_m_per_s2=_mean(time, acceleration),
+        max_kohut_deg_m_per_s2=speed * math.degrees(max_yaw_rate),
+        average_kohut_deg_m_per_s2=speed * math.degrees(average_yaw_rate),
+        roll_integral_rad=float(np.max(cumulative_trapezoid(roll_rate, signals.time, initial=0.0))),
+    )
+
+
+def jolt_line(metrics: RunMetrics) -> str:
+    """What is said of a run whose lateral acceleration has a jolt; empty for another one."""
+    if not metrics.jolted:
+        return ""
+    raw, filtered = (m.max_linear_acceleration_m_per_s2 for m in (metrics.raw, metrics.filtered))
+    cause = "a jolt of the tail motor" if metrics.tail_torque_peak_n_m else "a jolt"
+    return (
+        f"the lateral acceleration of {raw:.1f} m/s2 is {cause} at the IMU, not cornering; {filtered:.1f} m/s2 in the "
+        "IMU's 100 Hz after the 5 Hz filter"
+    )
+
+
+def outcome_of(run_log: RunLog) -> Outcome:
+    """Outcome of a run; LogError as for `metrics_of`."""
+    return _outcome(turn_signals(run_log))
+
+
+def outcome_from(
+    time: FloatArray,
+    tilt: FloatArray,
+    wheel_loads: FloatArray | None = None,
+    ground_contact: FloatArray | None = None,
+    turn_start: float = -math.inf,
+) -> Outcome:
+    """Outcome from the histories themselves.
+
+    Args:
+        time: s, shape (n,).
+        tilt: angle of the body's z axis from the world's, rad, shape (n,).
+        wheel_loads: vertical force on each wheel, N, shape (n, 4).
+        ground_contact: force on cage, board and tail, N, shape (n, 3).
+        turn_start: s; before it the board may touch the ground.
+    """
+    check_time(time)
+    end_tilt = float(tilt[-1])
+    end_loaded = None if wheel_loads is None else int(_wheels_loaded(wheel_loads[-1:])[0])
+    leaning = end_tilt > END_TILT and (end_loaded is None or end_loaded < 4)
+    flipped = bool(np.max(tilt) > FLIP_TILT) or leaning
+    touched: tuple[str, ...] = ()
+    board_before = None
+    if ground_contact is not None:
+        hit = ground_contact > LOADED_FORCE
+        board, before = GROUND_CONTACTS.index("board"), time < turn_start
+        board_before = _time_while(time, hit[:, board] & before)
+        hit[before, board] = False
+        touched = tuple(part for part, ever in zip(GROUND_CONTACTS, hit.any(axis=0), strict=True) if ever)
+    clean = False if flipped else (None if ground_contact is None else not touched)
+    return Outcome(
+        result="flipped" if flipped else "survived",
+        clean=clean,
+        max_tilt_rad=float(np.max(tilt)),
+        end_tilt_rad=end_tilt,
+        end_wheels_loaded=end_loaded,
+        touched=touched,
+        board_before_turn_s=board_before,
+    )
+
+
+def compare_to_published(
+    metrics: RunMetrics,
+    configuration: Literal["tailless", "tailed"],
+    platform: Platform = "simulated",
+) -> tuple[Comparison, ...]:
+    """The eight metrics, from the signals of that platform, beside its published row of that configuration."""
+    return compare_figures(metrics.like(platform), configuration, platform)
+
+
+def highest_speed_survived(runs: Iterable[RunMetrics]) -> float | None:
+    """Largest speed at the start of the turn among the runs that survived, m/s; None if none did."""
+    return max((run.raw.speed_m_per_s for run in runs if run.outcome.result == "survived"), default=None)
+
+
+def _outcome(signals: TurnSignals) -> Outcome:
+    start = float(signals.time[signals.from_start][0])
+    return outcome_from(signals.time, signals.tilt, signals.wheel_loads, signals.ground_contact, start)
+
+
+def _speed_in_turn(signals: TurnSignals) -> float:
+    time, speed = signals.time[signals.in_window], signals.speed[signals.in_window]
+    yaw_rate = np.abs(signals.yaw_rate[signals.in_window])
+    turned = _mean(time, yaw_rate)
+    return _mean(time, speed * yaw_rate) / turned if turned > 0.0 else _mean(time, speed)
+
+
+def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
+    inner = [place for place, wheel in enumerate(WHEELS) if wheel.endswith("left" if signals.sign > 0 else "right")]
+    window = signals.in_window
+    lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < len(inner))
+    until = lifted[0] + 1 if lifted.size else None
+    return float(np.max(signals.yaw_rate[window][:until]))
+
+
+def _tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
+    """Largest torque (N m) and positive work (J) of the tail motors in these rows; None without their columns.
+
+    A log of the real car may come from loggers that did not record the motors; a simulated one has them always.
+    """
+    torques = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
+    if run_log.kind != "car_run" and not set(torques) <= set(run_log.table.columns):
+        return None, None
+    signals = {name: run_log.signal(name) for name in torques}
+    rates = [f"tail_{joint}_rate_rad_per_s" for joint in ("pitch", "roll")]
+    if "tail_power_truth_w" in run_log.table.columns:
+        signals["tail motor power"] = run_log.signal("tail_power_truth_w")
+    elif run_log.kind == "car_run" or set(rates) <= set(run_log.table.columns):
+        pairs = zip(signals.values(), rates, strict=True)
+        signals["tail motor power"] = np.sum([torque * run_log.signal(rate) for torque, rate in pairs], axis=0)
+    check_signals(run_log.time, signals)
+    peak = max(float(np.max(np.abs(signals[name][after]))) for name in torques)
+    power = signals.get("tail motor power")
+    return peak, None if power is None else float(trapezoid(np.maximum(power[after], 0.0), run_log.time[after]))
+
+
+def _mean(time: FloatArray, values: FloatArray) -> float:
+    """Mean over time, which for evenly spaced samples differs from their plain mean by half a step at each end."""
+    return float(trapezoid(values, time) / (time[-1] - time[0]))
+
+
+def _wheels_loaded(loads: FloatArray) -> NDArray[np.int64]:
+    """How many wheels press on the ground, per row of loads (n, 4)."""
+    return np.count_nonzero(loads > LOADED_FORCE, axis=1)
+
+
+def _time_while(time: FloatArray, condition: NDArray[np.bool_]) -> float:
+    """Total time of the steps that begin with the condition true, s."""
+    return float(np.sum(np.diff(time)[condition[:-1]]))

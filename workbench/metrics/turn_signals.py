@@ -1,0 +1,218 @@
+"""The signals of one run that metrics are made of, with the sign turned so that the turn is positive.
+
+Ground truth is used where the log has it, otherwise the sensors, or the sensors alone; `TurnSignals.source` says which.
+Turning the sign makes a left turn and its mirror image in a right turn equal: yaw rate and lateral acceleration are
+positive into the turn, roll and roll rate are positive outwards (to the right in a left turn: a positive rotation about
+x of B).
+"""
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aerodima.workbench.config.log_columns import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import check_signals, check_time
+
+FloatArray = NDArray[np.float64]
+
+_TIME_MARGIN = 1e-6
+"""Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
+_RATE_MARGIN = 0.05
+"""A log is not thinned out for this much of its rate."""
+
+
+@dataclass(frozen=True)
+class TurnSignals:
+    """Signals of a run over its log times, shape (n,) unless stated.
+
+    Attributes:
+        time: s.
+        window: start and end of the turn (from the steering command until the wheels are straight again), s.
+        sign: +1 left turn, -1 right turn.
+        source: `truth` or `sensors`.
+        speed: ground speed, m/s.
+        yaw_rate: body rate about z, into the turn, rad/s.
+        lateral_acceleration: along y of B, gravity removed, into the turn, m/s2.
+        roll_rate: body rate about x, outwards, rad/s; without truth its mean before the turn (the bias of the
+            gyro) is removed.
+        roll: roll angle, outwards, unwrapped, rad.
+        yaw: heading, into the turn, unwrapped, rad.
+        tilt: angle of the body's z axis from the world's, 0 to pi, rad.
+        wheel_loads: vertical ground force, order of `WHEELS`, shape (n, 4), N; None without truth.
+        ground_contact: ground force on cage, board and tail, shape (n, 3), N; None without truth.
+    """
+
+    time: FloatArray
+    window: tuple[float, float]
+    sign: float
+    source: Literal["truth", "sensors"]
+    speed: FloatArray
+    yaw_rate: FloatArray
+    lateral_acceleration: FloatArray
+    roll_rate: FloatArray
+    roll: FloatArray
+    yaw: FloatArray
+    tilt: FloatArray
+    wheel_loads: FloatArray | None
+    ground_contact: FloatArray | None
+
+    def sampled(self, rate: float) -> "TurnSignals":
+        """What a logger of `rate` (Hz) would have kept: the newest row at each k / rate; all of a slower log."""
+        count = self.time.size
+        if (count - 1) / (self.time[-1] - self.time[0]) <= rate * (1.0 + _RATE_MARGIN):
+            return self
+        first, last = (math.ceil(self.time[0] * rate - _TIME_MARGIN), math.floor(self.time[-1] * rate + _TIME_MARGIN))
+        rows = np.searchsorted(self.time, np.arange(first, last + 1) / rate + _TIME_MARGIN, side="right") - 1
+        kept: dict[str, Any] = {
+            field.name: values[rows]
+            for field in fields(self)
+            if isinstance(values := getattr(self, field.name), np.ndarray)
+        }
+        return replace(self, **kept)
+
+    @property
+    def in_window(self) -> NDArray[np.bool_]:
+        """Which samples lie in the window, both ends included."""
+        return (self.time >= self.window[0] - _TIME_MARGIN) & (self.time <= self.window[1] + _TIME_MARGIN)
+
+    @property
+    def from_start(self) -> NDArray[np.bool_]:
+        """Which samples lie at or after the start of the turn."""
+        return self.time >= self.window[0] - _TIME_MARGIN
+
+
+def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = None) -> TurnSignals:
+    """Signals of a run's turn, from the given source; by default from the truth where the log has it.
+
+    Raises:
+        LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
+    """
+    time = run_log.time
+    check_time(time)
+    sign = turn_sign(run_log)
+    window = turn_window(run_log)
+    source = source or ("truth" if run_log.has_truth else "sensors")
+    named = _from_truth(run_log) if source == "truth" else _from_sensors(run_log, window)
+    check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
+    if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
+        raise LogError(
+            f"{run_log.source or 'run log'}: holds {time[0]:g} to {time[-1]:g} s, the turn is {window[0]:g} to "
+            f"{window[1]:g} s"
+        )
+    turned = {name: sign * values for name, values in named.items() if name not in ("speed", "tilt")}
+    return TurnSignals(
+        time=time,
+        window=window,
+        sign=sign,
+        source=source,
+        speed=named["speed"],
+        tilt=named["tilt"],
+        wheel_loads=_columns(run_log, [f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS]),
+        ground_contact=_columns(run_log, [f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS]),
+        **turned,
+    )
+
+
+def turn_sign(run_log: RunLog) -> float:
+    """+1 for a left turn, -1 for a right one; +1 for runs that are straight or a slalom."""
+    if _manoeuvre(run_log, "kind") in ("straight", "slalom"):
+        return 1.0
+    return -1.0 if _manoeuvre(run_log, "direction") == "right" else 1.0
+
+
+def turn_window(run_log: RunLog) -> tuple[float, float]:
+    """Start and end of the turn, s: from the steering command to straight wheels after it.
+
+    The end is start + hold + the time in which the servo brings the wheels back. A turn starts when the scenario says,
+    the turn of the AUTO sequence at the first steering command in the log. For a straight run or a slalom the window is
+    the run from `turn_start` on, or the whole run if it is shorter than that.
+    """
+    kind = _manoeuvre(run_log, "kind")
+    if kind in ("straight", "slalom"):
+        first, start, last = (
+            float(run_log.time[0]),
+            _number(run_log, "manoeuvre", "turn_start"),
+            float(run_log.time[-1]),
+        )
+        return (start if first < start < last else first), last
+    steer_angle = _number(run_log, "manoeuvre", "steer_angle")
+    start = _number(run_log, "manoeuvre", "turn_start")
+    if kind == "auto_turn":
+        steering = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle)
+        if steering.size == 0:
+            raise LogError(f"{run_log.source or 'run log'}: no steering command in the run, so no turn to measure")
+        start = float(run_log.time[steering[0]])
+    rate = _number(run_log, "servo", "rate")
+    if rate <= 0.0:
+        raise LogError(f"{run_log.source or 'run log'}: its scenario has servo.rate {rate:g}, but it must be above 0")
+    return start, start + _number(run_log, "manoeuvre", "turn_hold") + steer_angle / rate
+
+
+def _manoeuvre(run_log: RunLog, key: str) -> Any:
+    return _scenario_value(run_log, "manoeuvre", key)
+
+
+def _number(run_log: RunLog, section: str, key: str) -> float:
+    value = _scenario_value(run_log, section, key)
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise LogError(
+            f"{run_log.source or 'run log'}: its scenario has {section}.{key} {value!r}, but it must be a finite number"
+        )
+    return number
+
+
+def _scenario_value(run_log: RunLog, section: str, key: str) -> Any:
+    try:
+        return run_log.scenario[section][key]
+    except (KeyError, TypeError):
+        raise LogError(f"{run_log.source or 'run log'}: its scenario has no {section}.{key}") from None
+
+
+def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:
+    return {
+        "speed": np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s")),
+        "yaw_rate": run_log.signal("gyro_z_truth_rad_per_s"),
+        "lateral_acceleration": run_log.signal("acceleration_y_truth_m_per_s2"),
+        "roll_rate": run_log.signal("gyro_x_truth_rad_per_s"),
+        "roll": np.unwrap(run_log.signal("roll_truth_rad")),
+        "yaw": np.unwrap(run_log.signal("yaw_truth_rad")),
+        "tilt": run_log.signal("tilt_truth_rad"),
+    }
+
+
+def _from_sensors(run_log: RunLog, window: tuple[float, float]) -> dict[str, FloatArray]:
+    roll, pitch = run_log.signal("imu_roll_rad"), run_log.signal("imu_pitch_rad")
+    return {
+        "speed": run_log.signal("speed_m_per_s"),
+        "yaw_rate": run_log.signal("imu_gyro_z_rad_per_s"),
+        "lateral_acceleration": run_log.signal("imu_acceleration_y_m_per_s2"),
+        "roll_rate": _without_bias(run_log, "imu_gyro_x_rad_per_s", window[0]),
+        "roll": np.unwrap(roll),
+        "yaw": np.unwrap(run_log.signal("imu_yaw_rad")),
+        "tilt": np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)),
+    }
+
+
+def _without_bias(run_log: RunLog, column: str, turn_start: float) -> FloatArray:
+    """A rate less its mean over the second half of the driving before the turn, when the car goes straight."""
+    time, rate = run_log.time, run_log.signal(column)
+    check_signals(time, {column: rate})
+    straight = (time >= 0.5 * (time[0] + turn_start)) & (time < turn_start)
+    return rate - float(np.mean(rate[straight])) if np.any(straight) else rate
+
+
+def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
+    if not all(name in run_log.table.columns for name in names):
+        return None
+    signals = {name: run_log.signal(name) for name in names}
+    check_signals(run_log.time, signals)
+    return np.column_stack(list(signals.values()))

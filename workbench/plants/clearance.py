@@ -1,0 +1,292 @@
+"""Where the tail can go without touching the car: clearance over pitch and roll by signed distances of drawn shapes.
+
+The contact model of a run knows only the few points of car and tail that meet the ground; here every shape that the
+model draws takes part: rod and sail against cage, deck, board, wheels and ground. The gearbox that carries the joints
+is left out, as the rod ends on it and its bracket is not published. Only rod and sail are asked, not the hub.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.car_parameters import TailParameters
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.errors import UserError
+
+SCHEMA = "aerodima/range-of-motion/1"
+PARTS = ("cage", "deck", "wheels", "ground")
+"""What the tail may touch. Deck: chassis, rear deck, electronics and anti-ramp board."""
+
+_TAIL_LINKS = ("tail_rod", "tail_sail")
+_ROUNDING = 1e-8
+"""Under the root of a squared sine: smooth for derivatives, 0.1 mm of a radius of 1 m."""
+_FAR = 0.3
+"""m; clearances beyond this are not looked for and count as this."""
+_GROUND_SIZE = 20.0
+_KEPT_PARAMETERS = {
+    "tail": (
+        *("length", "sail_length", "sail_width", "sail_shell_offset", "sail_board_share"),
+        *("mount_x", "mount_height", "roll_limit", "pitch_limit"),
+    ),
+    "car": ("track", "wheelbase", "tyre_radius", "tyre_width"),
+}
+
+
+@dataclass(frozen=True)
+class RangeOfMotion:
+    """Clearance map of a car that stands on level ground.
+
+    Attributes:
+        pitch: rad, increasing, shape (p,).
+        roll: rad, increasing, shape (r,).
+        clearances: to each of `PARTS`, m, at most 0.3, negative where the shapes overlap, shape (p, r, 4).
+        car: the parameters that it depends on, `section.key` -> value.
+    """
+
+    pitch: NDArray[np.float64]
+    roll: NDArray[np.float64]
+    clearances: NDArray[np.float64]
+    car: dict[str, float]
+
+    def clearance(self, pitch: ArrayLike, roll: ArrayLike, parts: tuple[str, ...] = PARTS) -> NDArray[Any]:
+        """Least clearance to some parts, m: bilinear between the nodes, that of the edge beyond the map.
+
+        Args:
+            pitch, roll: rad, shapes that broadcast. Complex steps pass through.
+            parts: of `PARTS`; without the ground it holds at any attitude of the car.
+        """
+        values = self.clearances[:, :, [PARTS.index(part) for part in parts]].min(axis=2)
+        i, u = _cell(self.pitch, np.asarray(pitch))
+        j, v = _cell(self.roll, np.asarray(roll))
+        return (
+            (1 - u) * (1 - v) * values[i, j]
+            + u * (1 - v) * values[i + 1, j]
+            + (1 - u) * v * values[i, j + 1]
+            + u * v * values[i + 1, j + 1]
+        )
+
+    def allowed_roll(self, pitch: float, margin: float = 0.0) -> tuple[float, float]:
+        """Largest range of roll (rad) around the roll with most clearance that keeps `margin` m free at a pitch.
+
+        Raises:
+            UserError: no roll is free at this pitch.
+        """
+        fine = np.linspace(self.roll[0], self.roll[-1], 10 * len(self.roll))
+        free = self.clearance(pitch, fine) >= margin
+        if not np.any(free):
+            raise UserError(f"tail pitch {pitch:g} rad: no roll keeps {margin:g} m free of the car")
+        best = int(np.argmax(np.where(free, self.clearance(pitch, fine), -np.inf)))
+        low = high = best
+        while low > 0 and free[low - 1]:
+            low -= 1
+        while high < len(fine) - 1 and free[high + 1]:
+            high += 1
+        return float(fine[low]), float(fine[high])
+
+
+def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: int = 37) -> RangeOfMotion:
+    """Asks Drake's proximity engine at every node of a grid over the whole range of both joints.
+
+    Args:
+        scenario: the car; its tail mode does not matter.
+        pitch_count, roll_count: nodes, at least 3 each.
+
+    Raises:
+        UserError: grid too small.
+        ModelError: the car does not load.
+    """
+    for name, count in (("pitch", pitch_count), ("roll", roll_count)):
+        if not 3 <= count <= 1001:
+            raise UserError(f"--{name}-nodes {count}: allowed: 3 to 1001")
+    with_tail = scenario.resolved()
+    with_tail["tail"]["mode"] = "swing"
+    query = _TailQuery(scenario_from_dict(with_tail))
+    tail = scenario.tail
+    pitch = np.linspace(-tail.pitch_limit, tail.pitch_limit, pitch_count)
+    roll = np.linspace(-tail.roll_limit, tail.roll_limit, roll_count)
+    clearances = np.array([[query.clearances(p, r) for r in roll] for p in pitch])
+    car = {
+        f"{section}.{key}": float(with_tail[section][key]) for section, keys in _KEPT_PARAMETERS.items() for key in keys
+    }
+    return RangeOfMotion(pitch, roll, clearances, car)
+
+
+def ground_clearance(scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0) -> NDArray[Any]:
+    """Height of the lowest point of rod and sail above the ground while the car leans, m.
+
+    The car leans about the contact line of its outer wheels: to the right (positive) about the right ones. A locked
+    sail is the flat plate between its corners; one that turns is the cylinder that it sweeps, board included.
+
+    Args:
+        scenario: geometry.
+        pitch, roll: of the tail, rad.
+        car_roll: rad, positive to the right.
+    """
+    tail, half_track = scenario.tail, scenario.car.outer_half_track
+    pitch, roll, lean = np.asarray(pitch), np.asarray(roll), np.asarray(car_roll)
+    low = tail.length - tail.sail_length
+    side = np.where(np.real(lean) >= 0.0, half_track, -half_track)
+    # Heights over the ground of unit steps along x, y and z of the tail (design section 4).
+    along_x = -np.sin(pitch) * np.cos(lean)
+    along_y = np.cos(roll) * np.sin(lean) + np.cos(pitch) * np.sin(roll) * np.cos(lean)
+    along_z = -np.sin(roll) * np.sin(lean) + np.cos(pitch) * np.cos(roll) * np.cos(lean)
+    root = side * np.sin(lean) + tail.mount_height * np.cos(lean)
+    across: tuple[NDArray[Any], ...]
+    if tail.sail == "locked":
+        across = (-tail.sail_width / 2 * along_x, tail.sail_width / 2 * along_x)
+    else:
+        across = (-tail.sail_reach * np.sqrt(along_x**2 + along_y**2 + _ROUNDING),)
+    heights = [root + z * along_z + x for z in (low, tail.length) for x in across]
+    return np.min(np.broadcast_arrays(root, *heights), axis=0)
+
+
+class _TailQuery:
+    """The car with all its drawn shapes as obstacles."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        from pydrake.systems.framework import DiagramBuilder
+
+        from aerodima.workbench.plants.car import add_car_plant
+
+        builder = DiagramBuilder()
+        built = add_car_plant(builder, scenario)
+        self._plant = built.plant
+        self._parts = _make_obstacles(built, None if scenario.tail.sail == "locked" else scenario.tail)
+        diagram = builder.Build()
+        context = diagram.CreateDefaultContext()
+        self._context = self._plant.GetMyMutableContextFromRoot(context)
+        self._query_port = built.scene_graph.get_query_output_port()
+        self._graph_context = built.scene_graph.GetMyContextFromRoot(context)
+        self._joints: list[Any] = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
+
+    def clearances(self, pitch: float, roll: float) -> list[float]:
+        """To each of `PARTS`, m."""
+        for joint, angle in zip(self._joints, (pitch, roll), strict=True):
+            joint.set_angle(self._context, angle)
+        query: Any = self._query_port.Eval(self._graph_context)
+        least = dict.fromkeys(PARTS, _FAR)
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(_FAR):
+            part = self._parts.get(pair.id_A) or self._parts.get(pair.id_B)
+            if part is not None:
+                least[part] = min(least[part], pair.distance)
+        return [least[part] for part in PARTS]
+
+
+def _make_obstacles(built: Any, turning: TailParameters | None) -> dict[Any, str]:
+    """Gives every drawn shape of car and tail a proximity role, and the ground a body; obstacle -> part.
+
+    In the place of a turning sail's shapes stands the cylinder that they sweep. Filters leave only the pairs of rod or
+    sail with an obstacle.
+    """
+    from pydrake.geometry import (
+        Box,
+        CollisionFilterDeclaration,
+        Cylinder,
+        GeometryInstance,
+        GeometrySet,
+        ProximityProperties,
+        Role,
+    )
+    from pydrake.math import RigidTransform
+
+    plant, graph = built.plant, built.scene_graph
+    inspector, source = graph.model_inspector(), plant.get_source_id()
+    before = GeometrySet(inspector.GetAllGeometryIds(Role.kProximity))
+    parts, arm, rest = {}, [], []
+    for instance in built.instances:
+        for index in plant.GetBodyIndices(instance):
+            body = plant.get_body(index)
+            if body.name() == "tail_sail" and turning is not None:
+                middle = RigidTransform(np.array([0.0, 0.0, turning.length - turning.sail_length / 2]))
+                swept = GeometryInstance(middle, Cylinder(turning.sail_reach, turning.sail_length), "swept_sail")
+                swept.set_proximity_properties(ProximityProperties())
+                arm.append(graph.RegisterGeometry(source, plant.GetBodyFrameIdOrThrow(index), swept))
+                continue
+            for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(index), Role.kIllustration):
+                graph.AssignRole(source, geometry, ProximityProperties())
+                part = _part(body.name(), inspector.GetName(geometry))
+                if body.name() in _TAIL_LINKS:
+                    arm.append(geometry)
+                elif part is None:
+                    rest.append(geometry)
+                else:
+                    parts[geometry] = part
+    slab = GeometryInstance(
+        RigidTransform(np.array([0.0, 0.0, -0.5])), Box(_GROUND_SIZE, _GROUND_SIZE, 1.0), "range_of_motion_ground"
+    )
+    slab.set_proximity_properties(ProximityProperties())
+    ground = graph.RegisterAnchoredGeometry(source, slab)
+    parts[ground] = "ground"
+    everything = GeometrySet([*parts, *arm, *rest])
+    filters = CollisionFilterDeclaration()
+    filters.ExcludeWithin(before).ExcludeBetween(before, everything)
+    filters.ExcludeWithin(GeometrySet([*parts, *rest])).ExcludeWithin(GeometrySet(arm))
+    filters.ExcludeBetween(GeometrySet(arm), GeometrySet(rest))
+    graph.collision_filter_manager().Apply(filters)
+    return parts
+
+
+def _part(body: str, geometry: str) -> str | None:
+    """Which of `PARTS` a drawn shape belongs to; None for what the tail need not avoid."""
+    if body.endswith("_wheel"):
+        return "wheels"
+    if body not in ("chassis", "board"):
+        return None
+    return "cage" if "bar" in geometry or "cage" in geometry else "deck"
+
+
+def _cell(nodes: NDArray[np.float64], value: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Lower node of the cell of each value, and the share of the cell; values beyond the nodes count as on the edge."""
+    place = np.clip(np.searchsorted(nodes, value.real, side="right") - 1, 0, len(nodes) - 2)
+    share = (value - nodes[place]) / (nodes[place + 1] - nodes[place])
+    return place, np.where(share.real < 0.0, 0.0, np.where(share.real > 1.0, 1.0, share))
+
+
+def write_range_of_motion(motion: RangeOfMotion, path: Path, *, force: bool = False) -> Path:
+    """Writes the map as CSV, one row per node, with the car's parameters in the first line (a comment)."""
+    p, r = np.meshgrid(motion.pitch, motion.roll, indexing="ij")
+    columns = {"pitch_rad": p.ravel(), "roll_rad": r.ravel()}
+    columns |= {f"{part}_clearance_m": motion.clearances[:, :, i].ravel() for i, part in enumerate(PARTS)}
+    text = f"# {json.dumps({'schema': SCHEMA, 'car': motion.car})}\n" + pd.DataFrame(columns).to_csv(index=False)
+    return write_atomically(path, lambda temporary: _write(temporary, text), force, UserError)
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def read_range_of_motion(path: Path | str) -> RangeOfMotion:
+    """Reads a map.
+
+    Raises:
+        UserError: missing file, another schema, columns missing, NaN, no full grid; names file and what is allowed.
+    """
+    path = Path(path)
+    try:
+        first, _, rest = path.read_text(encoding="utf-8").partition("\n")
+        head = json.loads(first.removeprefix("#"))
+        if head.get("schema") != SCHEMA:
+            raise UserError(f"{path}: schema: {head.get('schema')!r} cannot be read; allowed: {SCHEMA!r}")
+        table = pd.read_csv(io.StringIO(rest))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such range of motion") from None
+    except (OSError, ValueError, AttributeError) as error:
+        raise UserError(f"{path}: is no range of motion ({' '.join(str(error).split())})") from None
+    wanted = ["pitch_rad", "roll_rad", *(f"{part}_clearance_m" for part in PARTS)]
+    if list(table.columns) != wanted:
+        raise UserError(f"{path}: columns {', '.join(table.columns)}; allowed: {', '.join(wanted)}")
+    values = table.to_numpy()
+    pitch, roll = np.unique(values[:, 0]), np.unique(values[:, 1])
+    nodes = np.column_stack([axis.ravel() for axis in np.meshgrid(pitch, roll, indexing="ij")])
+    if values.dtype != float or not np.all(np.isfinite(values)) or not np.array_equal(nodes, values[:, :2]):
+        raise UserError(f"{path}: allowed: finite numbers, one row per node of a full grid, roll fastest")
+    return RangeOfMotion(pitch, roll, values[:, 2:].reshape(len(pitch), len(roll), len(PARTS)), head["car"])

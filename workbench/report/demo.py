@@ -1,0 +1,254 @@
+"""The demo: the published turn over speed and tail mode, its logs, table, replays and report in one folder."""
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.figures.figure_style import MODE_STYLES
+from aerodima.workbench.logs.journal import journal_path
+from aerodima.workbench.logs.schema import read_run_log, software_versions
+from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise, write_summary
+
+DEMO_SCHEMA = "aerodima/demo/1"
+REPORT, SUMMARY, MARK = "index.html", "summary.csv", "demo.json"
+"""`MARK` says that a folder is a demo's, and whether it is finished."""
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DemoPlan:
+    """Which turns are run and which of them are shown in full.
+
+    Args:
+        speeds: commanded, m/s.
+        tail_modes: of `none`, `held`, `swing`, `designed`; scenarios `turn_<mode>`.
+        shown: (tail mode, speed) of the runs with replay, strip and plots over time; the first gives the provenance.
+        seed: of every run.
+        settings: overrides of every scenario, such as `manoeuvre.duration=3.0`.
+    """
+
+    speeds: tuple[float, ...] = tuple(whole / KM_PER_H for whole in range(12, 19))
+    tail_modes: tuple[str, ...] = ("none", "held", "swing", "designed")
+    shown: tuple[tuple[str, float], ...] = tuple(
+        (mode, whole / KM_PER_H)
+        for mode, whole in (("none", 12), ("none", 13), ("held", 16), ("swing", 16), ("designed", 16))
+    )
+    seed: int = 1
+    settings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class DemoRun:
+    """One run of a demo: its name, scenario and files.
+
+    Attributes:
+        name: tail mode and speed in m/s.
+        scenario: resolved.
+        log: Parquet file.
+        replay: HTML file; None for a run that is not shown in full.
+        strip: PNG file; None likewise.
+    """
+
+    name: str
+    scenario: dict[str, Any]
+    log: Path
+    replay: Path | None
+    strip: Path | None
+
+    @property
+    def files(self) -> list[Path]:
+        """Everything that is made of the run."""
+        return [path for path in (self.log, self.replay, self.strip) if path is not None]
+
+
+def make_demo(
+    out: Path, plan: DemoPlan | None = None, *, workers: int = 2, force: bool = False, say: Say | None = None
+) -> Path:
+    """Runs the demo and writes its report; the path of the report.
+
+    A demo that was interrupted goes on where it stopped when it is asked for again: finished logs of the same scenario
+    and versions are kept.
+
+    Args:
+        out: folder; made when it is not there.
+        plan: what to run; the 28 runs at the thesis' speeds by default.
+        workers: processes.
+        force: make a finished demo again, or write among other files.
+        say: told lines of progress.
+
+    Raises:
+        UserError: workers out of range; the folder holds a finished demo, another one's logs or foreign files, or
+            cannot be written. Nothing is overwritten without `force`.
+    """
+    plan = plan or DemoPlan()
+    say = say or (lambda line: None)
+    check_workers(workers)
+    runs = demo_runs(out, plan)
+    _claim(out, runs, force)
+    say(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
+    try:
+        summaries = run_batch(do_run, runs, workers, _Progress(len(runs), say), say=say, record=out / WORKER_RECORD)
+        say("writing table and report ...")
+        _write_report(out, runs, summaries)
+    except BaseException:
+        say(_how_to_go_on(out, plan, runs))
+        raise
+    _write_mark(out, finished=True)
+    return out / REPORT
+
+
+def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
+    """The runs of a plan, with their files below `out`."""
+    runs = []
+    for mode in plan.tail_modes:
+        for speed in plan.speeds:
+            settings = [f"manoeuvre.speed={speed!r}", f"seed={plan.seed}", *plan.settings]
+            name = f"{mode}_{speed:.2f}"
+            shown = (mode, speed) in plan.shown
+            runs.append(
+                DemoRun(
+                    name=name,
+                    scenario=load_scenario(f"turn_{mode}", settings).resolved(),
+                    log=out / "logs" / f"turn_{name}.parquet",
+                    replay=out / f"replay_{name}.html" if shown else None,
+                    strip=out / f"strip_{name}.png" if shown else None,
+                )
+            )
+    return sorted(runs, key=lambda run: run.replay is None)  # the longest pieces of work first
+
+
+def do_run(run: DemoRun) -> RunSummary:
+    """Makes log, replay and strip of a run as far as they are missing, and measures the run."""
+    if run.log.exists():
+        log = read_run_log(run.log)
+    else:
+        from aerodima.workbench.config.scenario import scenario_from_dict
+        from aerodima.workbench.simulate.car_run import run_scenario
+
+        journal_path(run.log).unlink(missing_ok=True)  # of a demo that was killed
+        log = run_scenario(scenario_from_dict(run.scenario), run.log)
+    if run.replay is not None and not run.replay.exists():
+        from aerodima.workbench.replay.replay_page import write_replay_html
+
+        write_replay_html(log, run.replay)
+    if run.strip is not None and not run.strip.exists():
+        from aerodima.workbench.replay.strip import write_strip
+
+        write_strip(log, run.strip)
+    return summarise(log, run.name)
+
+
+def _claim(out: Path, runs: Sequence[DemoRun], force: bool) -> None:
+    """Makes the folder this demo's, or says why it must not be."""
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a folder is needed")
+    if not force and out.is_dir():
+        _refuse_what_is_there(out, runs)
+    make_folder(out / "logs", UserError)
+    _write_mark(out, finished=False)
+    if force:
+        for path in [out / REPORT, out / SUMMARY, *(path for run in runs for path in run.files)]:
+            path.unlink(missing_ok=True)
+
+
+def _refuse_what_is_there(out: Path, runs: Sequence[DemoRun]) -> None:
+    present = sorted(path.name for path in out.iterdir())
+    if not present:
+        return
+    try:
+        mark = json.loads((out / MARK).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        mark = None
+    if not isinstance(mark, dict) or mark.get("schema") != DEMO_SCHEMA:
+        named = ", ".join(present[:3]) + (", ..." if len(present) > 3 else "")
+        raise UserError(f"{out}: holds other files ({named}); choose another folder, or --force to write among them")
+    if mark.get("finished"):
+        raise UserError(f"{out}: holds a finished demo already; choose another folder, or --force to make it again")
+    for run in runs:
+        if run.log.exists():
+            _refuse_other_run(run)
+
+
+def _refuse_other_run(run: DemoRun) -> None:
+    """A finished log is reused only if it is of the same scenario, seed and versions."""
+    try:
+        log = read_run_log(run.log)
+    except LogError as error:
+        raise UserError(f"{error}; --force makes it again") from None
+    if (log.scenario, log.versions) != (run.scenario, software_versions()):
+        raise UserError(f"{run.log}: is of another scenario, seed or version; choose another folder, or --force")
+
+
+def _write_mark(out: Path, finished: bool) -> None:
+    text = json.dumps({"schema": DEMO_SCHEMA, "finished": finished}) + "\n"
+    write_atomically(out / MARK, lambda temporary: _write_text(temporary, text), True, UserError)
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
+    from aerodima.workbench.report import ReportFiles, turn_report
+
+    modes = list(MODE_STYLES)
+    ordered = sorted(summaries, key=lambda s: (modes.index(s.tail_mode), s.commanded_speed))
+    write_summary(ordered, out / SUMMARY, force=True)
+    standard = [run.name for run in runs if run.replay is not None] or [runs[0].name]
+    drawn = [run for run in runs if run.name in standard or run.scenario["tail"]["mode"] == "swing"]
+
+    def beside(path: Path) -> str:
+        return path.relative_to(out).as_posix()
+
+    files = ReportFiles(
+        summary=SUMMARY,
+        logs={run.name: beside(run.log) for run in runs},
+        replays={run.name: beside(run.replay) for run in runs if run.replay is not None},
+        strips={run.name: beside(run.strip) for run in runs if run.strip is not None},
+    )
+    text = turn_report(ordered, {run.name: read_run_log(run.log) for run in drawn}, standard, files)
+    write_atomically(out / REPORT, lambda temporary: _write_text(temporary, text), True, UserError)
+
+
+def _how_to_go_on(out: Path, plan: DemoPlan, runs: Sequence[DemoRun]) -> str:
+    done = sum(run.log.exists() for run in runs)
+    seed = "" if plan.seed == DemoPlan.seed else f" --seed {plan.seed}"
+    return f"stopped: {done} of {len(runs)} logs are there; `aerodima demo --out {out}{seed}` goes on with the rest"
+
+
+class _Progress:
+    """Says how many runs are done, and when the rest will be."""
+
+    def __init__(self, total: int, say: Say) -> None:
+        self._total, self._say = total, say
+        self._start = time.monotonic()
+
+    def __call__(self, done: int, summary: RunSummary) -> None:
+        elapsed = time.monotonic() - self._start
+        left = elapsed / done * (self._total - done)
+        outcome = summary.metrics.outcome.result
+        self._say(f"[{done:>{len(str(self._total))}}/{self._total}] {summary.name}: {outcome}, {left:.0f} s to go")
+
+
+def terminal() -> Say:
+    """Writes lines to stderr; on a terminal each takes the place of the one before, except messages of a stop."""
+    shown = 0
+
+    def say(line: str) -> None:
+        nonlocal shown
+        if not sys.stderr.isatty():
+            print(line, file=sys.stderr, flush=True)
+            return
+        end = "" if line.startswith("[") or line.endswith("...") else "\n"
+        print("\r" + line.ljust(shown), end=end, file=sys.stderr, flush=True)
+        shown = 0 if end else len(line)
+
+    return say

@@ -1,0 +1,148 @@
+"""Makes the logs of a campaign in one folder: in parallel, going on where an earlier call stopped."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
+from aerodima.workbench.config.rig_campaign import RigTask
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.journal import journal_path
+from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.stations.rig_logs import known_truth
+
+MARK, TABLE = "campaign.json", "campaign.csv"
+"""What the folder holds beside the logs: the scenarios, so that a second call can tell whether it is the same
+campaign; and the table of the logs with their truth."""
+MARK_SCHEMA = "aerodima/rig-campaign-logs/1"
+WORKER_KILLED = "its worker process was killed, beside other logs and alone (out of memory?)"
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """Outcome of a campaign.
+
+    Attributes:
+        logs: finished, in the order of the tasks.
+        failed: name of the task -> reason.
+        reused: how many logs were there already.
+    """
+
+    logs: list[Path]
+    failed: dict[str, str]
+    reused: int
+
+
+def run_campaign(
+    tasks: Sequence[RigTask],
+    out: Path,
+    *,
+    workers: int = 2,
+    force: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> CampaignResult:
+    """Makes what is missing of the logs `out/<name>.parquet`, and the table `campaign.csv` with the truth of each.
+
+    A log appears under its name only when it is whole, so a second call after Ctrl-C or a crash makes the rest. A log
+    that cannot be made (the current's limit, a killed worker) is told and does not stop the others.
+
+    Args:
+        tasks: see `campaign_tasks`.
+        out: folder; made when it is not there.
+        workers: processes.
+        force: make the logs of these tasks again, also over another campaign's.
+        progress: told how many logs of how many are done.
+
+    Raises:
+        UserError: workers out of range, or the folder belongs to other things or another campaign.
+    """
+    check_workers(workers)
+    _claim(out, tasks, force)
+    paths = {task.name: out / f"{task.name}.parquet" for task in tasks}
+    if force:
+        for path in paths.values():
+            path.unlink(missing_ok=True)
+    missing = [task for task in tasks if not paths[task.name].exists()]
+    failed: dict[str, str] = {}
+
+    def done(count: int, outcome: tuple[str, str]) -> None:
+        name, error = outcome
+        if error:
+            failed[name] = error
+        if progress is not None:
+            progress(len(tasks) - len(missing) + count, len(tasks))
+
+    if progress is not None:
+        progress(len(tasks) - len(missing), len(tasks))
+    run_batch(partial(_make, out), missing, workers, done, _lost, record=out / WORKER_RECORD)
+    logs = [paths[task.name] for task in tasks if task.name not in failed]
+    _write_table(out, [task for task in tasks if task.name not in failed])
+    return CampaignResult(logs, failed, len(tasks) - len(missing))
+
+
+def _make(out: Path, task: RigTask) -> tuple[str, str]:
+    """Name of the task and "", or the reason why there is no log."""
+    path = out / f"{task.name}.parquet"
+    if path.exists():  # whole: the worker was killed between writing it and saying so
+        return task.name, ""
+    journal_path(path).unlink(missing_ok=True)  # of a campaign that was killed
+    try:
+        run_rig(task.scenario, path)
+    except UserError as error:
+        journal_path(path).unlink(missing_ok=True)
+        return task.name, str(error)
+    return task.name, ""
+
+
+def _lost(task: RigTask) -> tuple[str, str]:
+    return task.name, WORKER_KILLED
+
+
+def _claim(out: Path, tasks: Sequence[RigTask], force: bool) -> None:
+    """Makes the folder this campaign's, or says why it must not be."""
+    make_folder(out, UserError)
+    mark = {"schema": MARK_SCHEMA, "scenarios": {task.name: task.scenario.resolved() for task in tasks}}
+    text = json.dumps(mark, sort_keys=True) + "\n"
+    path = out / MARK
+    if path.exists() and not force and path.read_text(encoding="utf-8", errors="replace") != text:
+        raise UserError(
+            f"{out}: holds another campaign, or another seed or settings; choose another folder, or --force"
+        )
+    if not path.exists() and not force and (names := sorted(other.name for other in out.iterdir())):
+        raise UserError(f"{out}: holds other files ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})")
+    if force or not path.exists():
+        _write_text(path, text)
+
+
+def _write_table(out: Path, tasks: Sequence[RigTask]) -> None:
+    """One row per log: its experiment, seed and truth."""
+    rows: list[dict[str, Any]] = []
+    for task in tasks:
+        scenario = task.scenario
+        experiment = scenario.experiment
+        rows.append(
+            {
+                "log": f"{task.name}.parquet",
+                "kind": experiment.kind,
+                "tail": scenario.tail_name,
+                "axis": experiment.axis if scenario.has_cheetah_tail else "none",
+                "angle_rad": experiment.angle,
+                "wind_speed_m_per_s": experiment.wind_speed,
+                "seed": scenario.seed,
+                **{f"true_{name}": value for name, value in known_truth(scenario).items()},
+            }
+        )
+    _write_text(out / TABLE, pd.DataFrame(rows).to_csv(index=False))
+
+
+def _write_text(path: Path, text: str) -> None:
+    def write(temporary: Path) -> None:
+        temporary.write_text(text, encoding="utf-8")
+
+    write_atomically(path, write, True, UserError)

@@ -1,0 +1,143 @@
+"""The air around the simulated car: the wind of a scenario, the sections of its sail and their coefficients.
+
+The air acts on the sail only; the chassis feels none.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import MatrixGain, Multiplexer
+
+from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw, facing_law
+from aerodima.workbench.aero.published_coefficients import ROBOT_LIMIT
+from aerodima.workbench.aero.sail import FreeSail
+from aerodima.workbench.aero.sections import Air, SectionLayout
+from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.aero.wind import WindModel, WindSource
+from aerodima.workbench.config.car_parameters import TailParameters
+from aerodima.workbench.config.coefficient_names import CONSTANT
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.plants.tail import sail_inertial
+
+
+def wind_model(scenario: Scenario) -> WindModel | None:
+    """The wind that the scenario's tail meets; None in still air, and for a car without tail, which feels no wind."""
+    wind = scenario.wind
+    if wind.is_still or scenario.tail.mode == "none":
+        return None
+    gust = wind.gust_amplitude
+    return WindModel(
+        mean=(wind.mean_x, wind.mean_y, wind.mean_z),
+        gust=(gust * math.cos(wind.gust_direction), gust * math.sin(wind.gust_direction), 0.0),
+        gust_frequency=1.0 / wind.gust_period,
+        turbulence=(wind.turbulence,) * 3,
+        time_constant=wind.turbulence_time_constant,
+        seed=scenario.seed,
+    )
+
+
+def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | None:
+    """Adds the wind of a scenario to a diagram; nothing, and None, where there is none."""
+    model = wind_model(scenario)
+    return None if model is None else builder.AddNamedSystem("wind", WindSource(model))
+
+
+def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
+    """Law of the sail as `tail.sail` lets it stand, and the relative speed (m/s) up to which it was shown to hold.
+
+    Raises:
+        ModelError: there is no such file or it is not a coefficient set; or its law does not know the sail's normal, so
+            that the air would not turn the sail.
+    """
+    law: SectionLaw
+    if tail.coefficients == CONSTANT:
+        law, limit = NormalForceLaw(tail.normal_force_coefficient), ROBOT_LIMIT
+    else:
+        try:
+            chosen = load_coefficients(tail.coefficients)
+        except ModelError as error:
+            raise ModelError(f"tail.coefficients: {error}") from None
+        law, limit = chosen.law(), chosen.quasi_steady_limit
+    if tail.sail == "locked":
+        return law, limit
+    if not isinstance(law, NormalForceLaw | TwoSidedLaw):
+        raise ModelError(
+            f"tail.coefficients: {tail.coefficients} has a polar law; allowed with tail.sail {tail.sail!r}: "
+            "normal_force, two_sided"
+        )
+    return facing_law(law) if tail.sail == "facing" else law, limit
+
+
+def sail_layout(tail: TailParameters) -> SectionLayout:
+    """Sections of a sail that is locked or faces the wind, in the frame of the body `tail_sail`: z along the tail.
+
+    The sail is drawn hollow towards +y (models/tail/tail.sdf), and its normal leaves the round side.
+    """
+    return SectionLayout.robot_tail(
+        start=tail.length - tail.sail_length,
+        length=tail.sail_length,
+        width=tail.sail_width,
+        number=tail.sections,
+        normal_B=(0.0, -1.0, 0.0),
+    )
+
+
+def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
+    """The sail on its bearing, with the mass and inertia of `plants.tail.tail_sdf`."""
+    assert isinstance(law, NormalForceLaw | TwoSidedLaw)  # `sail_law` refuses others
+    inertial = sail_inertial(tail)
+    return FreeSail(
+        length=tail.sail_length,
+        width=tail.sail_width,
+        centre_of_pressure=tail.sail_shell_offset * tail.sail_width,
+        board_width=tail.sail_board_share * tail.sail_width,
+        mass=inertial.mass,
+        inertia=inertial.moments[2],
+        start=tail.length - tail.sail_length,
+        bearing_damping=tail.sail_bearing_damping,
+        law=law,
+        side_coefficient=tail.sail_side_coefficient,
+        number=tail.sections,
+    )
+
+
+@dataclass(frozen=True)
+class SailForce:
+    """The air on the car's sail, wired to the plant.
+
+    Attributes:
+        system: of the sail's opening, with `sections` and `validity` as outputs.
+        wrench: on the whole sail with its board, as `TailForce.wrench`.
+    """
+
+    system: System
+    wrench: OutputPort
+
+
+def add_sail_force(
+    builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: System | None
+) -> SailForce:
+    """Adds the force of the air on the car's sail and wires it to the plant, and to the wind where there is one."""
+    law, limit = sail_law(scenario.tail)
+    air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
+    port = None if wind is None else wind.GetOutputPort("wind_velocity")
+    if scenario.tail.sail != "free":
+        layout = sail_layout(scenario.tail)
+        system = add_tail_force(builder, plant, "tail_sail", layout, law, air=air, wind=port, quasi_steady_limit=limit)
+        return SailForce(system, system.GetOutputPort("wrench"))
+    shell, board = free_sail(scenario.tail, law).add_to_builder(
+        builder, plant, "tail_sail", air=air, wind=port, quasi_steady_limit=limit
+    )
+    both = builder.AddNamedSystem("sail_wrenches", Multiplexer([9, 9]))
+    for index, part in enumerate((shell, board)):
+        builder.Connect(part.GetOutputPort("wrench"), both.get_input_port(index))
+    # Forces and moments add; the origin of the body, about which both moments are, does not.
+    sum_of_both = np.hstack([np.eye(9), np.diag([1.0] * 6 + [0.0] * 3)])
+    total = builder.AddNamedSystem("sail_wrench", MatrixGain(sum_of_both))
+    builder.Connect(both.get_output_port(), total.get_input_port())
+    return SailForce(shell, total.get_output_port())

@@ -1,0 +1,177 @@
+"""Ground truth of the simulated car: motion, contact and tail quantities that no sensor gives, for logs and metrics."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialAcceleration
+from pydrake.multibody.plant import ContactResults, PointPairContactInfo
+from pydrake.multibody.tree import JointIndex
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from aerodima.workbench.config.log_columns import (
+    GROUND_CONTACTS,
+    WHEELS,
+    body_truth_columns,
+    contact_truth_columns,
+    tail_truth_columns,
+    wind_truth_columns,
+)
+from aerodima.workbench.config.ports import PortFields
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.plants.car import CarPlant
+from aerodima.workbench.sensors.imu import motion_at_imu
+
+BODY_TRUTH = PortFields("BodyTruth", tuple(column.name for column in body_truth_columns()))
+CONTACT_TRUTH = PortFields("ContactTruth", tuple(column.name for column in contact_truth_columns()))
+TAIL_TRUTH = PortFields("TailTruth", tuple(column.name for column in tail_truth_columns()))
+WIND_TRUTH = PortFields("WindTruth", tuple(column.name for column in wind_truth_columns()))
+
+
+LEAST_LOAD = 1e-9
+"""N; of a wheel in the air, whose contact point is the origin."""
+
+
+class CarTruth(LeafSystem):
+    """What the plant knows and the car does not. Evaluated only when somebody reads it, such as the run log.
+
+    Kinematics come from the plant's state through a context of its own; accelerations and contact forces are those of
+    the plant's last step (Drake's sampled output ports). Fields, units and axes:
+    `aerodima.workbench.config.log_columns`. Bodies and joints are kept by index: see design section 13.
+
+    Input ports:
+        plant_state: [q; v] of the plant.
+        body_spatial_accelerations: list[SpatialAcceleration], W axes, from the plant.
+        contact_results: ContactResults, from the plant.
+        drive_torque (1): N m on the shaft.
+        tail_torque (2), tail_wrench (9): only with a tail; motor torques N m and `TailForce`'s wrench.
+    Output ports:
+        body_truth, contact_truth, and with a tail tail_truth.
+    """
+
+    def __init__(self, car_plant: CarPlant, scenario: Scenario):
+        super().__init__()
+        plant = self._plant = car_plant.plant
+        self._tail = car_plant.tail
+        self._instances = car_plant.instances
+        self._kinematics = plant.CreateDefaultContext()
+        self._chassis = plant.GetBodyByName("chassis").index()
+        self._p_BoImu_B = np.array([scenario.imu.x, 0.0, scenario.imu.z])
+        self._shaft = plant.GetJointByName("drive_shaft_spin").index()
+        self._contact_slots = contact_slots(car_plant)
+        self._state_port = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._acceleration_port = self.DeclareAbstractInputPort(
+            "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
+        )
+        self._contact_port = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
+        self._drive_port = self.DeclareVectorInputPort("drive_torque", 1)
+        self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, self._calc_body)
+        self.DeclareVectorOutputPort("contact_truth", CONTACT_TRUTH.size, self._calc_contact)
+        if self._tail is not None:
+            self._length = scenario.tail.length
+            self._rod = plant.GetBodyByName("tail_rod").index()
+            self._tail_joints = [plant.GetJointByName(name).index() for name in ("tail_pitch", "tail_roll")]
+            self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
+            self._wrench_port = self.DeclareVectorInputPort("tail_wrench", 9)
+            self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, self._calc_tail)
+
+    def _kinematics_at(self, context: Context) -> Context:
+        state: Any = self._state_port.Eval(context)
+        self._plant.SetPositionsAndVelocities(self._kinematics, state)
+        return self._kinematics
+
+    def _rate(self, joint: JointIndex, kinematics: Context) -> float:
+        revolute: Any = self._plant.get_joint(joint)
+        return revolute.get_angular_rate(kinematics)
+
+    def _calc_body(self, context: Context, output: BasicVector) -> None:
+        kinematics = self._kinematics_at(context)
+        chassis = self._plant.get_body(self._chassis)
+        X_WB = self._plant.EvalBodyPoseInWorld(kinematics, chassis)
+        V_WB = self._plant.EvalBodySpatialVelocityInWorld(kinematics, chassis)
+        accelerations: Any = self._acceleration_port.Eval(context)
+        A_WB = accelerations[int(self._chassis)]
+        R_WB = X_WB.rotation().matrix()
+        angles, gyro, acceleration = motion_at_imu(X_WB, V_WB, A_WB, self._p_BoImu_B)
+        com = self._plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
+        tilt = math.acos(min(max(R_WB[2, 2], -1.0), 1.0))
+        output.SetFromVector(
+            np.concatenate([X_WB.translation(), angles, [tilt], R_WB.T @ V_WB.translational(), gyro, acceleration, com])
+        )
+
+    def _calc_contact(self, context: Context, output: BasicVector) -> None:
+        results: Any = self._contact_port.Eval(context)
+        forces = {name: np.zeros(3) for name in WHEELS}
+        points = {name: np.zeros(3) for name in WHEELS}
+        ground = dict.fromkeys(GROUND_CONTACTS, 0.0)
+        for slot, force, info in ground_forces(results, self._contact_slots):
+            if slot in forces:
+                forces[slot] = forces[slot] + force
+                points[slot] = points[slot] + force[2] * info.contact_point()
+            else:
+                ground[slot] += float(np.linalg.norm(force))
+        points = {name: place / max(forces[name][2], LEAST_LOAD) for name, place in points.items()}
+        kinematics = self._kinematics_at(context)
+        torque: Any = self._drive_port.Eval(context)
+        power = float(torque[0]) * self._rate(self._shaft, kinematics)
+        output.SetFromVector(np.concatenate([*forces.values(), *points.values(), list(ground.values()), [power]]))
+
+    def _calc_tail(self, context: Context, output: BasicVector) -> None:
+        kinematics, plant = self._kinematics_at(context), self._plant
+        X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
+        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, self._instances[1:], np.zeros(3))
+        wrench: Any = self._wrench_port.Eval(context)
+        force, moment, p_WTo = wrench[:3], wrench[3:6], wrench[6:]
+        torque: Any = self._torque_port.Eval(context)
+        rates = [self._rate(joint, kinematics) for joint in self._tail_joints]
+        output.SetFromVector(
+            np.concatenate(
+                [
+                    X_WT.translation() + self._length * X_WT.rotation().matrix()[:, 2],
+                    plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances[1:]),
+                    momentum.translational(),
+                    momentum.rotational(),
+                    force,
+                    moment + cross(p_WTo, force),
+                    [torque[0] * rates[0] + torque[1] * rates[1]],
+                ]
+            )
+        )
+
+
+def ground_forces(
+    results: ContactResults, slots: dict[int, str]
+) -> Iterator[tuple[str, np.ndarray, PointPairContactInfo]]:
+    """Slot (`contact_slots`), force (3) of the ground on it in W, N, and Drake's account of each contact."""
+    for index in range(results.num_point_pair_contacts()):
+        info = results.point_pair_contact_info(index)
+        pair = info.point_pair()
+        slot = slots.get(pair.id_B.get_value())
+        force: Any = info.contact_force()
+        if slot is None:
+            yield slots[pair.id_A.get_value()], -1.0 * force, info
+        else:
+            yield slot, force, info
+
+
+def contact_slots(car_plant: CarPlant) -> dict[int, str]:
+    """Value of the GeometryId of every collision shape -> the wheel, or `cage`, `board`, `tail`, that it belongs to."""
+    plant = car_plant.plant
+    inspector = car_plant.scene_graph.model_inspector()
+    slots: dict[int, str] = {}
+    for instance in car_plant.instances:
+        for index in plant.GetBodyIndices(instance):
+            body = plant.get_body(index)
+            for geometry in plant.GetCollisionGeometriesForBody(body):
+                shape = inspector.GetName(geometry).split("::")[-1]
+                part = body.name().removesuffix("_wheel") if shape.startswith("tyre") else shape.split("_")[0]
+                slots[geometry.get_value()] = part
+    return slots
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b for two vectors (3,); `np.cross` costs ten times as much for one pair."""
+    (a_x, a_y, a_z), (b_x, b_y, b_z) = a.tolist(), b.tolist()
+    return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])
