@@ -22,7 +22,13 @@ from aerodima.workbench.realtime import permitted
 from tests.benchmarks.rows import BenchRow
 
 _PROGRAM = str(Path(sys.executable).with_name("aerodima"))
-_SETTINGS = ("manoeuvre.straight_time=55", "manoeuvre.log_end=60", "simulation.step=0.004", "simulation.log_rate=250")
+_SETTINGS = (
+    "manoeuvre.speed=2.0",
+    "manoeuvre.straight_time=55",
+    "manoeuvre.log_end=60",
+    "simulation.step=0.004",
+    "simulation.log_rate=250",
+)
 _FLAGS = [word for setting in _SETTINGS for word in ("--set", setting)]
 _CYCLES = 6000
 _SAME = 1e-3

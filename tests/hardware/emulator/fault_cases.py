@@ -109,9 +109,9 @@ CASES: tuple[Case, ...] = (
     *_motor(
         "position beyond range",
         "out_of_range",
-        "allowed is",
+        "does not follow",
         within=1.3,
-        acts="drive, once a drift of 3 rad/s has left the range (1.1 s)",
+        acts="drive: reported torque, before a drift of 3 rad/s has left the range (1.1 s)",
     ),
     Case(
         "bus-off",
