@@ -50,15 +50,27 @@ def bench_plain_drive_for_a_minute() -> Iterator[BenchRow]:
     yield from _rows("direct_can", "plain", ["--no-drake"])
 
 
-def bench_drive_beside_load() -> Iterator[BenchRow]:
-    """With real-time priority beside one ordinary program per processor that computes without a pause; all wirings."""
+def bench_bridge_drive_beside_load() -> Iterator[BenchRow]:
+    """With real-time priority beside one ordinary program per processor that computes without a pause."""
+    yield from _rows_beside_load("teensy_bridge", "drake_beside_load", [])
+
+
+def bench_watched_drive_beside_load() -> Iterator[BenchRow]:
+    """The same with the motors on the computer's adapter and the Teensy as watchdog on their bus."""
+    yield from _rows_beside_load("watched_can", "drake_beside_load", [])
+
+
+def bench_plain_drive_beside_load() -> Iterator[BenchRow]:
+    """The same in the plain loop."""
+    yield from _rows_beside_load("direct_can", "plain_beside_load", ["--no-drake"])
+
+
+def _rows_beside_load(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:
     if not all(permitted()):
-        print("bench_drive_beside_load: skipped: real-time priority or locked memory is not permitted here")
+        print(f"{wiring}, {loop}: skipped: real-time priority or locked memory is not permitted here")
         return
     with _load():
-        yield from _rows("teensy_bridge", "drake_beside_load", [])
-        yield from _rows("watched_can", "drake_beside_load", [])
-        yield from _rows("direct_can", "plain_beside_load", ["--no-drake"])
+        yield from _rows(wiring, loop, flags)
 
 
 @contextmanager
