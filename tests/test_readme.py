@@ -1,4 +1,4 @@
-"""The examples of the README run, and come out as it says."""
+"""The examples of the README and of the pages that it leads to run, and come out as they say."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
 
-README = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def section(title: str) -> str:
-    """A chapter of the README, up to the next one."""
-    return README.split(f"## {title}\n", 1)[1].split("\n## ", 1)[0]
+def section(title: str, page: str = "README.md") -> str:
+    """A chapter of a page, up to the next one."""
+    return (ROOT / page).read_text(encoding="utf-8").split(f"## {title}\n", 1)[1].split("\n## ", 1)[0]
 
 
 FIRST_STEPS = section("First steps")
@@ -52,7 +53,7 @@ def test_commands_of_the_first_steps_come_out_as_the_readme_says(
 
 
 def test_tails_come_out_as_the_readme_says() -> None:
-    chapter = section("What the tails gain")
+    chapter = section("What the tails gain", "docs/howto/optimise.md")
     (block,) = re.findall(r"```sh\n(.*?)```", chapter, re.DOTALL)
     said = []
     for line in block.splitlines():
@@ -78,25 +79,34 @@ def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     plt.close(figure)
 
 
+def test_a_held_tail_becomes_a_coefficient(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"```sh\n(.*?)```", section("From a log to a coefficient"), re.DOTALL)
+    for line in block.splitlines():
+        result = CliRunner().invoke(build_app(), shlex.split(line)[1:], catch_exceptions=False)
+        assert result.exit_code == 0, f"{line}: {result.output}"
+    assert (tmp_path / "fits" / "report.html").exists()
+
+
 @pytest.mark.slow
 def test_the_way_from_a_foreign_log_to_coefficients_finds_the_truth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    chapter = section("From a foreign log to coefficients")
-    for text in re.findall(r"```(?:python|yaml)\n(.*?)```", chapter, re.DOTALL):
-        (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text, encoding="utf-8")
-    (block,) = re.findall(r"```sh\n(.*?)```", chapter, re.DOTALL)
+    chapter = section("From a foreign log to coefficients", "docs/howto/identify.md")
     told = ""
-    for line in block.splitlines():
-        program, *words = shlex.split(line)
-        if program == "python":
-            exec(compile((tmp_path / words[0]).read_text(encoding="utf-8"), words[0], "exec"), {})
-            continue
-        assert program == "aerodima"
-        result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
-        assert result.exit_code == 0, f"{line}: {result.output}"
-        told += result.output
+    for language, title, text in re.findall(r'```(\w+)(?: title="(.*?)")?\n(.*?)```', chapter, re.DOTALL):
+        if language == "yaml":
+            (tmp_path / title).write_text(text, encoding="utf-8")
+        elif language == "python":
+            exec(compile(text, title, "exec"), {})
+        else:
+            for line in text.splitlines():
+                program, *words = shlex.split(line)
+                assert program == "aerodima"
+                result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+                assert result.exit_code == 0, f"{line}: {result.output}"
+                told += result.output
     assert "gap of 0.03 s" in told
     fits = yaml.safe_load((tmp_path / "fits" / "fits.yaml").read_text(encoding="utf-8"))
     (mass,) = (e for e in fits["fits"][0]["estimates"] if e["name"] == "added_mass")

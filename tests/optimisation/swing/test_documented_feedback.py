@@ -1,4 +1,4 @@
-"""The example of the README that plays a swing with feedback comes out as it says."""
+"""The example of the documentation that plays a swing with feedback comes out as it says."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
 
-README = (Path(__file__).resolve().parents[3] / "README.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "howto" / "optimise.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -19,7 +19,7 @@ def test_feedback_keeps_the_turn_clean_where_the_joints_alone_do_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    section = README[README.index("## Play a swing with feedback") :]
+    section = PAGE[PAGE.index("## Play a swing with feedback") :]
     block = re.search(r"```sh\n(.*?)```", section, re.DOTALL)
     assert block is not None
     said = []

@@ -1,4 +1,4 @@
-"""The studies that the README shows are read, planned and run as it says."""
+"""The studies that the documentation shows are read, planned and run as it says."""
 
 import re
 import shlex
@@ -11,18 +11,18 @@ from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.optimisation.sweep.study_store import read_table
 from aerodima.workbench.cli.program import build_app
 
-README = (Path(__file__).resolve().parents[3] / "README.md").read_text(encoding="utf-8")
-SECTION = README[README.index("## Studies of many runs") : README.index("<!-- --8<-- [end:studies] -->")]
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md").read_text(encoding="utf-8")
+SECTION = PAGE[PAGE.index("## A study is a file") : PAGE.index("## What happens to the workers")]
 
 
 def write_study(folder: Path) -> Path:
-    (text,) = re.findall(r"```yaml\n(.*?)```", SECTION, re.DOTALL)
+    (text,) = re.findall(r"```yaml[^\n]*\n(.*?)```", SECTION, re.DOTALL)
     path = folder / "study.yaml"
     path.write_text(text)
     return path
 
 
-def test_study_of_the_readme_is_planned_also_with_the_lines_that_are_commented_out(tmp_path):
+def test_study_of_the_page_is_planned_also_with_the_lines_that_are_commented_out(tmp_path):
     path = write_study(tmp_path)
     assert len(plan_runs(load_study(path))) == 9
     path.write_text(re.sub(r"^# (sample|ensemble)", r"\1", path.read_text(), flags=re.MULTILINE))
@@ -31,7 +31,7 @@ def test_study_of_the_readme_is_planned_also_with_the_lines_that_are_commented_o
 
 
 @pytest.mark.slow
-def test_commands_of_the_readme_run(tmp_path, monkeypatch):
+def test_commands_of_the_page_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_study(tmp_path)
     (block,) = re.findall(r"```sh\n(.*?)```", SECTION, re.DOTALL)
