@@ -124,18 +124,19 @@ def test_late_and_missing_triggers_are_named_with_their_times() -> None:
     assert "In every run" in early
 
 
-def test_tipping_is_that_of_a_rigid_car() -> None:
-    # 9.81 x 0.14 / 0.2433 = 5.645 m/s2; for 5.01 m/s2 the centre of mass must be at 9.81 x 0.14 / 5.01 = 0.274 m.
+def test_tipping_is_that_of_a_rigid_car_on_the_edges_of_its_tyres() -> None:
+    # On points under the middle of its tyres 9.81 x 0.14 / 0.2433 = 5.64 m/s2, on edges 0.025 m outside 6.65 m/s2.
     tailless = next(r for r in published_figures() if r.source == "Table 7.1")
     run = made_up_summary(raw={"max_linear_acceleration_m_per_s2": 6.2})
-    car = {"track": 0.28, "com_height": 0.2433, "tyre_friction": 0.6}
+    car = {"track": 0.28, "com_height": 0.2433, "tyre_friction": 0.6, "tyre_width": 0.05, "tyre_shape": "ellipsoid"}
     said = " ".join(findings.tipping_sentences(car, 9.81, tailless, run))
     assert "tips from 5.64 m/s²" in said
-    assert "at 0.274 m (+0.031 m)" in said
+    assert "5.01 m/s², -11 % beside" in said
     assert "6.20 m/s² raw (+1.19)" in said
     assert "7.16 m/s²" in said  # 3.30 m/s x 2.17 rad/s
-    low = " ".join(findings.tipping_sentences(car | {"com_height": 0.3}, 9.81, tailless, run))
-    assert "lies above that" in low  # 9.81 x 0.14 / 0.3 = 4.58 m/s2
+    edges = " ".join(findings.tipping_sentences(car | {"tyre_shape": "cylinder"}, 9.81, tailless, run))
+    assert "stand 0.165 m beside" in edges
+    assert "tips from 6.65 m/s²" in edges
 
 
 def test_a_jolt_is_told_from_cornering() -> None:

@@ -99,29 +99,23 @@ def tipping_sentences(car: dict[str, Any], gravity: float, published: PublishedF
     """Why flip bracket and published lateral acceleration do not go together, from the statics of a rigid car.
 
     Args:
-        car: section `car` of the scenario: track, com_height (m), tyre_friction.
+        car: section `car` of the scenario; a log from before tyres had shapes stood on ellipsoids.
         gravity: m/s2.
         published: the row of the tailless car.
         run: the run that corresponds to it.
     """
-    half_track, height = 0.5 * float(car["track"]), float(car["com_height"])
-    threshold = gravity * half_track / height
+    edge = 0.5 * float(car["tyre_width"]) if car.get("tyre_shape") == "cylinder" else 0.0
+    half_width, height = 0.5 * float(car["track"]) + edge, float(car["com_height"])
+    threshold = gravity * half_width / height
     peak = published.metrics.max_linear_acceleration_m_per_s2
     raw = run.metrics.raw.max_linear_acceleration_m_per_s2
     filtered = run.metrics.filtered.max_linear_acceleration_m_per_s2
     first = (
-        f"A rigid car with half the track at {half_track:.3f} m and its centre of mass at {height:.4f} m tips from "
-        f"{threshold:.2f} m/s² of lateral acceleration on."
+        f"A rigid car whose tyres stand {half_width:.3f} m beside its middle, with its centre of mass at {height:.3f} "
+        f"m, tips from {threshold:.2f} m/s² of lateral acceleration on; springs and tyres let this one lean, so it "
+        f"tips at less. The published car all but flips at this speed, and its largest lateral acceleration is "
+        f"{peak:.2f} m/s², {percent(peak / threshold - 1.0)} beside the rigid car's."
     )
-    if peak < threshold:
-        needed = gravity * half_track / peak
-        first += (
-            f" The published car all but flips at this speed, and yet its largest lateral acceleration is {peak:.2f} "
-            f"m/s²: for that the centre of mass would have to be at {needed:.3f} m ({needed - height:+.3f} m), or the "
-            f"track {2 * height * peak / gravity:.3f} m instead of {2 * half_track:.3f} m."
-        )
-    else:
-        first += f" The published largest lateral acceleration, {peak:.2f} m/s², lies above that."
     second = (
         f"With the friction of {float(car['tyre_friction']):.2f} that it takes to flip this car, the run reaches "
         f"{raw:.2f} m/s² raw ({raw - peak:+.2f}) and {filtered:.2f} m/s² filtered ({filtered - peak:+.2f})."
