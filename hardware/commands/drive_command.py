@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import CAR
+from aerodima.workbench.cli.options import Force, Law, LogOut, OtherCar, Settings, SwingOption
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts
@@ -28,10 +29,10 @@ def drive(
     ],
     ports: Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, see docs/deployment.md.")],
     wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
-    swing: Annotated[str | None, typer.Option(help="Swing file (YAML) to play, or the name of one that ships.")] = None,
-    other_car: Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")] = False,
-    law: Annotated[str | None, typer.Option(help="Tail law of your own, such as my_law.py:MyLaw.")] = None,
-    log: Annotated[Path, typer.Option(help="Run log (Parquet) to write.")] = Path("drive.parquet"),
+    swing: SwingOption = None,
+    other_car: OtherCar = False,
+    law: Law = None,
+    log: LogOut = Path("drive.parquet"),
     traffic: Annotated[
         Path | None, typer.Option(help="Every frame on the CAN bus into this BLF file (direct_can).")
     ] = None,
@@ -56,10 +57,8 @@ def drive(
         ),
     ] = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")] = False,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=3; may be repeated.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")] = False,
+    settings: Settings = None,
+    force: Force = False,
 ) -> None:
     """Drive a scenario on the car: check, arm, run the sequence (AUTO) or obey the radio (MANUAL), disarm, write a log.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import CAR
+from aerodima.workbench.cli.options import ScenarioArgument, Settings
 
 _IN_TIME = 0.02
 """s; two ticks of the drive. What is later than that is felt by it."""
@@ -19,7 +20,7 @@ def register(app: typer.Typer) -> None:
 
 
 def emulate(
-    scenario: Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")],
+    scenario: ScenarioArgument,
     out: Annotated[Path, typer.Option(help="New folder for the ports and the logs.")],
     wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
     faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
@@ -36,9 +37,7 @@ def emulate(
     parent: Annotated[
         int | None, typer.Option(help="End with the process of this id, which has started this one.")
     ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
-    ] = None,
+    settings: Settings = None,
 ) -> None:
     """Run the simulated car in real time behind pseudo-terminals: motors, Teensy, IMU, GPS and the operator's radio.
 

@@ -10,6 +10,7 @@ import typer
 
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
 from aerodima.workbench.cli.help_sections import THESIS
+from aerodima.workbench.cli.options import WorkOptions, grouped
 
 
 def register(app: typer.Typer) -> None:
@@ -17,13 +18,13 @@ def register(app: typer.Typer) -> None:
     app.command(rich_help_panel=THESIS)(calibrate)
 
 
+@grouped
 def calibrate(
     out: Annotated[Path, typer.Option(help="Folder for runs, ensemble and report.")] = Path("out/calibration"),
     plan: Annotated[str, typer.Option(help="Plan: a name of models/calibration/plans, or a file.")] = "car",
     seed: Annotated[int | None, typer.Option(help="Seed; that of the plan when left out.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes on this computer.")] = 2,
-    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Drop the runs that are in the folder.")] = False,
+    *,
+    work: WorkOptions,
 ) -> None:
     """Calibrate the car: ensemble, best set, sensitivities, validation. Ctrl-C stops it; the same command goes on."""
     # Before NumPy is loaded: with another number of BLAS threads the last digits differ, other cars are drawn, and an
@@ -40,10 +41,10 @@ def calibrate(
     chosen = load_plan(plan)
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
-    store = RunStore(out, (*chosen.car, *chosen.tail), force=force)
+    store = RunStore(out, (*chosen.car, *chosen.tail), force=work.force)
     say = terminal()
     try:
-        with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        with open_engine(work.workers, work.scheduler, say=say, record=out / WORKER_RECORD) as engine:
             result = carry_out(chosen, store, engine, say)
             report = write_calibration(result, out, store, engine, say)
     except KeyboardInterrupt:

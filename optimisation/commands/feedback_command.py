@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import SWINGS
+from aerodima.workbench.cli.options import Force, Settings, SwingArgument
 
 
 def register(app: typer.Typer) -> None:
@@ -16,16 +17,14 @@ def register(app: typer.Typer) -> None:
 
 
 def feedback(
-    swing: Annotated[str, typer.Argument(help="Swing file (YAML), or the name of one that ships.")],
+    swing: SwingArgument,
     out: Annotated[Path, typer.Option(help="Swing file to write.")],
     scenario: Annotated[
         str | None, typer.Option(help="Turn to hold the car to; by default the file's own, else turn_swing.")
     ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=4.5; may be repeated.")
-    ] = None,
+    settings: Settings = None,
     other_car: Annotated[bool, typer.Option("--other-car", help="Use another car than it was made for.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    force: Force = False,
 ) -> None:
     """Run a swing on the full car, linearise the planar model along that run, and store finite-horizon LQR gains.
 

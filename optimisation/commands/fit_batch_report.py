@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from aerodima.workbench.cli.options import Anew, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,14 +23,25 @@ if TYPE_CHECKING:
     Tables = Callable[[list[FitResult], Path], Extra]
 
 
+Logs = Annotated[list[Path], typer.Argument(help="Logs (Parquet), or data files.")]
+Out = Annotated[Path, typer.Option(help="Folder for CSV, YAML, PNG and report.html.")]
+
+
+@dataclass(frozen=True)
+class BatchOptions:
+    """Which files are fitted, and where the results go."""
+
+    logs: Logs
+    out: Out
+    workers: Workers = 2
+    force: Anew = False
+
+
 def fit_batch(
     title: str,
     work: Callable[[str], FitResult],
-    logs: list[Path],
-    out: Path,
+    batch: BatchOptions,
     settings: dict[str, Any],
-    workers: int,
-    force: bool,
     tables: Tables | None = None,
 ) -> BatchResult:
     """Fits all logs, writes the report, shows a summary; exit status 2 when a log failed or something was left out.
@@ -39,14 +53,15 @@ def fit_batch(
     from aerodima.optimisation.fit.fit_batch import fit_logs
     from aerodima.optimisation.fit.fit_report import write_report
 
+    logs, out = batch.logs, batch.out
     with typer.progressbar(length=len(logs), label="fitting", file=sys.stderr) as bar:
         fitted = fit_logs(
             work,
             logs,
             out,
             settings=settings,
-            workers=workers,
-            force=force,
+            workers=batch.workers,
+            force=batch.force,
             progress=lambda done, _: bar.update(done - bar.pos),
         )
     if fitted.reused:

@@ -3,36 +3,50 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from aerodima.optimisation.commands import fit_batch_report as report
 from aerodima.workbench.cli.help_sections import COEFFICIENTS
+from aerodima.workbench.cli.options import Workers, grouped
 
-Logs = Annotated[list[Path], typer.Argument(help="Logs (Parquet), or data files.")]
-Out = Annotated[Path, typer.Option(help="Folder for CSV, YAML, PNG and report.html.")]
-Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
-Force = Annotated[bool, typer.Option("--force", help="Drop earlier results in the folder.")]
-Seeds = Annotated[int, typer.Option(help="Random starts beside the published seed.", min=0, max=1000)]
+Out = report.Out
 LossOption = Annotated[str, typer.Option(help="squares, or huber: samples that lie far off are held back.")]
-BoundOption = Annotated[
-    list[str] | None, typer.Option("--bound", help="name=lowest,highest of a parameter; may be repeated.")
-]
 
-Rig = Annotated[
-    str, typer.Option(help="Rig scenario the logs were made on: name or YAML file; default: the log's own.")
-]
-Set = Annotated[
-    list[str] | None, typer.Option("--set", help="section.key=value of the rig, over --rig; may be repeated.")
-]
 
-Free = Annotated[
-    str, typer.Option(help="Constants and instrument errors that are unknowns: encoder_zero,current_delay, ...")
-]
+@dataclass(frozen=True)
+class RigFitOptions(report.BatchOptions):
+    """On which rig the logs were made, and what of it is an unknown."""
+
+    rig: Annotated[
+        str, typer.Option(help="Rig scenario the logs were made on: name or YAML file; default: the log's own.")
+    ] = ""
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="section.key=value of the rig, over --rig; may be repeated.")
+    ] = None
+    free: Annotated[
+        str, typer.Option(help="Constants and instrument errors that are unknowns: encoder_zero,current_delay, ...")
+    ] = ""
+
+
+@dataclass(frozen=True)
+class SwingFitOptions(RigFitOptions):
+    """Of the fits to swings."""
+
+    loss: LossOption = "squares"
+    bound: Annotated[
+        list[str] | None, typer.Option("--bound", help="name=lowest,highest of a parameter; may be repeated.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class SpringOptions(report.BatchOptions):
+    """A spring is fitted sooner than a second process starts."""
+
+    workers: Workers = 1
 
 
 def register(app: typer.Typer) -> None:
@@ -54,20 +68,15 @@ def _group() -> None:
     """Fit coefficients to logs and tables: value, 95 % interval, what the data do not determine."""
 
 
+@grouped
 def static(
-    logs: Logs,
-    out: Out,
+    batch: RigFitOptions,
     bounds: Annotated[str, typer.Option(help="wide, or printed (Tables 4.10 and 10.1-10.5).")] = "wide",
     freeze: Annotated[list[str] | None, typer.Option(help="cd, cl, psi3 or current keeps its published seed.")] = None,
     rest: Annotated[tuple[float, float] | None, typer.Option(help="Start and end of the rest (wind off), s.")] = None,
-    seeds: Seeds = 0,
+    seeds: Annotated[int, typer.Option(help="Random starts beside the published seed.", min=0, max=1000)] = 0,
     drift: Annotated[str, typer.Option(help="Of the force sensor: linear, quadratic or exponential.")] = "linear",
     loss: Annotated[str, typer.Option(help="For the samples: squares, huber, or bisquare (bursts).")] = "squares",
-    rig: Rig = "",
-    set_: Set = None,
-    free: Free = "",
-    workers: Workers = 2,
-    force: Force = False,
 ) -> None:
     """C_D, C_L, psi3 and holding current of static holds.
 
@@ -85,26 +94,19 @@ def static(
     chosen: Any = report.choice("--bounds", bounds, ("wide", "printed"))
     drifts: Any = report.choice("--drift", drift, DRIFTS)
     hold_loss: Any = report.choice("--loss", loss, HOLD_LOSSES)
-    options, more = _options("squares", None, rig, set_, free, drift=drifts, hold_loss=hold_loss)
+    options, more = _options(batch, drift=drifts, hold_loss=hold_loss)
     settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
     settings |= {key: value for key, value in more.items() if key not in ("loss", "bound")}
     work = partial(
         fit_static_log, bounds=chosen, frozen=tuple(freeze or ()), random_seeds=seeds, rest=rest, options=options
     )
-    report.fit_batch("Static fits", work, logs, out, settings, workers, force, report.static_tables)
+    report.fit_batch("Static fits", work, batch, settings, report.static_tables)
 
 
+@grouped
 def friction(
-    logs: Logs,
-    out: Out,
+    batch: SwingFitOptions,
     stribeck: Annotated[bool, typer.Option("--stribeck", help="Also a breakaway torque that dies out.")] = False,
-    loss: LossOption = "squares",
-    bound: BoundOption = None,
-    rig: Rig = "",
-    set_: Set = None,
-    free: Free = "",
-    workers: Workers = 2,
-    force: Force = False,
 ) -> None:
     """Coulomb and viscous friction of bar swings, or of robot swings.
 
@@ -113,28 +115,21 @@ def friction(
     from aerodima.optimisation.identify.log_fits import fit_friction_log
     from aerodima.optimisation.identify.swing_fit import friction_names
 
-    options, chosen = _options(loss, bound, rig, set_, free)
+    options, chosen = _options(batch, batch.loss, batch.bound)
     options.require_known(friction_names(stribeck))
     work = partial(fit_friction_log, stribeck=stribeck, options=options)
     settings = {"fit": "friction", "stribeck": stribeck, **chosen}
-    report.fit_batch("Friction", work, logs, out, settings, workers, force, report.averages)
+    report.fit_batch("Friction", work, batch, settings, report.averages)
 
 
+@grouped
 def added_mass(
-    logs: Logs,
-    out: Out,
+    batch: SwingFitOptions,
     seed: Annotated[
         list[str] | None,
         typer.Option(help="zero, potential-flow, table-4.12 (nearest wind), table-4.12-10, table-4.12-20, or kg."),
     ] = None,
     bounds: Annotated[str, typer.Option(help="wide, or printed (Table 4.12).")] = "wide",
-    loss: LossOption = "squares",
-    bound: BoundOption = None,
-    rig: Rig = "",
-    set_: Set = None,
-    free: Free = "",
-    workers: Workers = 2,
-    force: Force = False,
 ) -> None:
     """Added mass of swings, and the comparison of thesis section 4.9: QSS against QSS-AM.
 
@@ -150,25 +145,18 @@ def added_mass(
     for name in seeds:
         require_seed(name)
     limits: Any = report.choice("--bounds", bounds, BOUNDS)
-    options, chosen = _options(loss, bound, rig, set_, free)
+    options, chosen = _options(batch, batch.loss, batch.bound)
     options.require_known(["added_mass"])
     work = partial(fit_added_mass_log, seeds=seeds, bounds=limits, options=options)
     settings = {"fit": "added-mass", "seeds": list(seeds), "bounds": bounds, **chosen}
     title = "Added mass: QSS against QSS-AM"
-    report.fit_batch(title, work, logs, out, settings, workers, force, report.compared)
+    report.fit_batch(title, work, batch, settings, report.compared)
 
 
+@grouped
 def robot_tail(
-    logs: Logs,
-    out: Out,
+    batch: SwingFitOptions,
     shape: Annotated[str, typer.Option(help="C_N as constant, line or bins over the relative speed.")] = "bins",
-    loss: LossOption = "squares",
-    bound: BoundOption = None,
-    rig: Rig = "",
-    set_: Set = None,
-    free: Free = "",
-    workers: Workers = 2,
-    force: Force = False,
 ) -> None:
     """C_N of the robot tail from its swings.
 
@@ -177,26 +165,26 @@ def robot_tail(
     from aerodima.optimisation.identify.log_fits import fit_robot_tail_log
 
     shaped: Any = report.choice("--shape", shape, ("constant", "line", "bins"))
-    options, chosen = _options(loss, bound, rig, set_, free)
+    options, chosen = _options(batch, batch.loss, batch.bound)
     work = partial(fit_robot_tail_log, shape=shaped, options=options)
     settings = {"fit": "robot-tail", "shape": shape, **chosen}
-    report.fit_batch("Robot tail", work, logs, out, settings, workers, force, report.robot_tables)
+    report.fit_batch("Robot tail", work, batch, settings, report.robot_tables)
 
 
-def springs(logs: Logs, out: Out, loss: LossOption = "squares", workers: Workers = 1, force: Force = False) -> None:
+@grouped
+def springs(batch: SpringOptions, loss: LossOption = "squares") -> None:
     """Spring rates from CSV files with displacement_m and force_n.
 
     Example: aerodima fit springs front_tyre.csv rear_tyre.csv --out fits
     """
     from aerodima.optimisation.identify.log_fits import fit_spring_file
 
-    options, _ = _options(loss)
-    work = partial(fit_spring_file, loss=options.loss)
-    report.fit_batch("Spring rates", work, logs, out, {"fit": "springs", "loss": loss}, workers, force)
+    work = partial(fit_spring_file, loss=_loss(loss))
+    report.fit_batch("Spring rates", work, batch, {"fit": "springs", "loss": loss})
 
 
 def throttle(
-    logs: Logs,
+    logs: report.Logs,
     out: Out,
     window: Annotated[float, typer.Option(help="Length of the steady end of a part, s.", min=0.1)] = 1.0,
     drift: Annotated[float, typer.Option(help="Largest change of speed over it, of the mean.", min=0.0)] = 0.03,
@@ -214,7 +202,7 @@ def throttle(
     from aerodima.optimisation.identify.throttle import SteadyRule, fit_throttle, read_drive, steady_points
     from aerodima.workbench.errors import UserError
 
-    options, _ = _options(loss)
+    chosen = _loss(loss)
     rule = SteadyRule(window=window, drift=drift)
     points, failed = [], {}
     for path in logs:
@@ -227,7 +215,7 @@ def throttle(
             failed[str(path)] = "no steady part: no throttle was held until the speed settled"
         points += found
     report.warn(failed)
-    result = fit_throttle(points, loss=options.loss)
+    result = fit_throttle(points, loss=chosen)
     units = {"speed": "speed_m_per_s", "scatter": "scatter_m_per_s", "start": "start_s", "end": "end_s"}
     table = pd.DataFrame(points).rename(columns=units)
     write_report(out, "Throttle to speed", [result], failed=failed, tables={"steady_points": table})
@@ -235,21 +223,21 @@ def throttle(
     report.finish(out, failed, len(logs))
 
 
+def _loss(name: str) -> Any:
+    from aerodima.optimisation.fit.robust_loss import LOSSES
+
+    return report.choice("--loss", name, LOSSES)
+
+
 def _options(
-    loss: str,
-    bound: list[str] | None = None,
-    rig: str = "",
-    set_: list[str] | None = None,
-    free: str = "",
-    **more: Any,
+    batch: RigFitOptions, loss: str = "squares", bound: list[str] | None = None, **more: Any
 ) -> tuple[Any, dict[str, Any]]:
     """The `FitOptions` of a command, and what of them tells results apart; what is as ever is not in it."""
-    from aerodima.optimisation.fit.robust_loss import LOSSES
     from aerodima.optimisation.identify.fit_options import FitOptions
 
-    chosen: Any = report.choice("--loss", loss, LOSSES)
-    names = tuple(dict.fromkeys(name.strip() for name in free.split(",") if name.strip()))
-    options = FitOptions(chosen, report.bounds_of(bound), rig, tuple(set_ or ()), names, **more)
+    names = tuple(dict.fromkeys(name.strip() for name in batch.free.split(",") if name.strip()))
+    rig = batch.rig, tuple(batch.settings or ())
+    options = FitOptions(_loss(loss), report.bounds_of(bound), *rig, names, **more)
     told = {key: value for key, value in asdict(options).items() if value != getattr(FitOptions(), key)}
     return options, {"loss": loss, "bound": [list(entry) for entry in options.bounds], **told}
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import SWINGS
+from aerodima.workbench.cli.options import Ensemble, Scheduler, Workers
 
 
 def register(app: typer.Typer) -> None:
@@ -20,7 +21,7 @@ def leaderboard(
     swing: Annotated[
         list[str] | None, typer.Option(help="Swing file or name, may be repeated; by default all that ship.")
     ] = None,
-    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
+    ensemble: Ensemble = "car",
     members: Annotated[
         int | None, typer.Option(help="Only that many members, drawn by weight; 0: the own car alone.", min=0)
     ] = None,
@@ -31,8 +32,8 @@ def leaderboard(
     quick: Annotated[bool, typer.Option("--quick", help="One speed, coarse searches, no robustness.")] = False,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-4, max=0.005)] = 0.002,
     replays: Annotated[bool, typer.Option(help="Write a replay of each controller.")] = True,
-    workers: Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")] = 2,
-    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler to use instead.")] = None,
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
     force: Annotated[bool, typer.Option("--force", help="Drop runs of other parameters or versions.")] = False,
 ) -> None:
     """Compare no tail, held, 8 rad/s, the best fixed speed and optimised swings by what the car survives.

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from aerodima.workbench.cli.help_sections import SWINGS
+from aerodima.workbench.cli.options import Ensemble, Force, ScenarioArgument, Settings
 
 
 def register(app: typer.Typer) -> None:
@@ -23,7 +24,7 @@ def _group() -> None:
 
 
 def swing(
-    scenario: Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")],
+    scenario: ScenarioArgument,
     out: Annotated[Path, typer.Option(help="Swing file to write.")] = Path("swing.yaml"),
     dof: Annotated[int, typer.Option(help="1: roll; 2: roll and pitch.")] = 1,
     objective: Annotated[str, typer.Option(help="friction, speed, roll or effort.")] = "friction",
@@ -40,7 +41,7 @@ def swing(
     bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
     solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
     members: Annotated[int, typer.Option(help="Cars drawn from the ensemble to serve as well.", min=0)] = 0,
-    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
+    ensemble: Ensemble = "car",
     polish: Annotated[
         int, typer.Option(help="Candidates to drive in a polish on the full car; 0: none.", min=0, max=100_000)
     ] = 0,
@@ -50,8 +51,8 @@ def swing(
     warm_start: Annotated[
         str | None, typer.Option(help="Swing to begin with: a file, or the name of one that ships.")
     ] = None,
-    settings: Annotated[list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the swing file.")] = False,
+    settings: Settings = None,
+    force: Force = False,
 ) -> None:
     """The swing with which the car survives most friction or speed, rolls least, or asks least of its motors.
 

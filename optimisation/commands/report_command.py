@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import THESIS
+from aerodima.workbench.cli.options import Ensemble, WorkOptions, grouped
 
 
 def register(app: typer.Typer) -> None:
@@ -15,17 +16,17 @@ def register(app: typer.Typer) -> None:
     app.command(rich_help_panel=THESIS)(report)
 
 
+@grouped
 def report(
     out: Annotated[Path, typer.Option(help="Folder for page, table, runs and replays.")] = Path("out/report"),
-    ensemble: Annotated[str, typer.Option(help="A name of models/calibration, or a file.")] = "car",
+    ensemble: Ensemble = "car",
     members: Annotated[int, typer.Option(help="How many members are run, drawn by weight.")] = 12,
     replays: Annotated[bool, typer.Option(help="Also make replays of the interesting runs of the best member.")] = True,
     survival: Annotated[
         bool, typer.Option("--survival", help="Also run every tail mode at seven speeds: survival.csv.")
     ] = False,
-    workers: Annotated[int, typer.Option(help="Processes on this computer.")] = 2,
-    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler instead.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Drop the runs that are in the folder.")] = False,
+    *,
+    work: WorkOptions,
 ) -> None:
     """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
     from aerodima.optimisation.studies.reproduction.reproduction_report import write_report
@@ -36,6 +37,6 @@ def report(
 
     chosen = load_ensemble(ensemble)
     say = terminal()
-    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
-        page = write_report(chosen, members, out, engine, say, replays=replays, force=force, survival=survival)
+    with open_engine(work.workers, work.scheduler, say=say, record=out / WORKER_RECORD) as engine:
+        page = write_report(chosen, members, out, engine, say, replays=replays, force=work.force, survival=survival)
         typer.echo(page)

@@ -9,17 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import SWINGS
+from aerodima.workbench.cli.options import Anew, ScenarioArgument, Scheduler, Settings, Workers
 
 if TYPE_CHECKING:
     from aerodima.optimisation.sweep.rollover_threshold import Search, Threshold
-
-ScenarioArgument = Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
-]
-Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.")]
-Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite existing output, drop earlier results.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -90,7 +83,7 @@ def survival(
     ),
     workers: Workers = 2,
     scheduler: Scheduler = None,
-    force: Force = False,
+    force: Anew = False,
 ) -> None:
     """Survival over speed x friction, as a table and a plot; goes on where it was stopped.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import SWINGS
+from aerodima.workbench.cli.options import Ensemble, Force, Members, Settings, SwingArgument, Workers
 
 
 def register(app: typer.Typer) -> None:
@@ -16,21 +17,19 @@ def register(app: typer.Typer) -> None:
 
 
 def verify(
-    swing: Annotated[str, typer.Argument(help="Swing file (YAML), or the name of one that ships.")],
+    swing: SwingArgument,
     out: Annotated[Path, typer.Option(help="Folder for verification.csv, verification.yaml and report.html.")],
     scenario: Annotated[
         str | None, typer.Option(help="Turn to make; by default the one that the file names, else turn_swing.")
     ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=4.5; may be repeated.")
-    ] = None,
-    ensemble: Annotated[str, typer.Option(help="Ensemble of possible cars: name or file.")] = "car",
-    members: Annotated[int | None, typer.Option(help="Only that many members, drawn by weight.", min=1)] = None,
+    settings: Settings = None,
+    ensemble: Ensemble = "car",
+    members: Members = None,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
     tracking: Annotated[str, typer.Option(help="automatic, feedback, torque, joint_pd or open_loop.")] = "automatic",
-    workers: Annotated[int, typer.Option(help="Worker processes.")] = 2,
+    workers: Workers = 2,
     other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier report.")] = False,
+    force: Force = False,
 ) -> None:
     """Simulate a swing forward at the fine step, on its own car and over the ensemble, and judge it.
 

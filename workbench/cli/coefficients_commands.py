@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import COEFFICIENTS
+from aerodima.workbench.cli.options import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -41,7 +42,7 @@ def plot(
     out: Annotated[
         Path | None, typer.Option(help="Picture to write (png, svg or pdf); <name>.png here when left out.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing picture.")] = False,
+    force: Force = False,
 ) -> None:
     """Plot a set: curves with percentile bands, measured and seed nodes, and the surface.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import RUNS
+from aerodima.workbench.cli.options import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -18,7 +19,7 @@ def register(app: typer.Typer) -> None:
 def compare(
     runs: Annotated[list[Path], typer.Argument(help="Two to five run logs (Parquet).")],
     html: Annotated[Path | None, typer.Option(help="Write the page: table, signals, replays in step.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing output.")] = False,
+    force: Force = False,
 ) -> None:
     """Compare runs: what was set differently, the metrics side by side, and with --html signals and replays.
 

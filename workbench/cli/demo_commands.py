@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import RUNS
+from aerodima.workbench.cli.options import Anew, Workers
 
 
 def register(app: typer.Typer) -> None:
@@ -17,9 +18,9 @@ def register(app: typer.Typer) -> None:
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for report, table, replays and logs.")] = Path("out/demo"),
-    workers: Annotated[int, typer.Option(help="Worker processes.")] = 2,
+    workers: Workers = 2,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
-    force: Annotated[bool, typer.Option("--force", help="Make a finished demo again.")] = False,
+    force: Anew = False,
 ) -> None:
     """Run the published turn at 7 speeds with no tail, tail held and tail swung, and write a report.
 

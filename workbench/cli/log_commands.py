@@ -10,6 +10,7 @@ import typer
 
 from aerodima.workbench.cli import log_files_commands as importing
 from aerodima.workbench.cli.help_sections import RUNS
+from aerodima.workbench.cli.options import Force
 
 
 def register(app: typer.Typer) -> None:
@@ -29,7 +30,7 @@ def _group() -> None:
 def metrics(
     runs: Annotated[list[Path], typer.Argument(help="Run logs (Parquet).")],
     csv: Annotated[Path | None, typer.Option(help="Also write the whole table, filtered figures included.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing output.")] = False,
+    force: Force = False,
 ) -> None:
     """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and filtered."""
     from aerodima.workbench.atomic_write import refuse_existing, write_atomically
@@ -91,7 +92,7 @@ def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def recover(
     journal: Annotated[Path, typer.Argument(help="Journal of a run that was cut off (*.journal).")],
     out: Annotated[Path | None, typer.Option(help="Parquet file to write; beside the journal by default.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")] = False,
+    force: Force = False,
 ) -> None:
     """Make a log of what a cut-off run left behind."""
     from aerodima.workbench.logs.journal import recover as recover_journal

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-OutOption = Annotated[Path, typer.Option("--out", help="Run log (Parquet) to write.")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
+from aerodima.workbench.cli.options import Force, LogOut
 
 
 def add_to_group(group: typer.Typer) -> None:
@@ -23,11 +22,11 @@ def import_(
         list[Path],
         typer.Argument(help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."),
     ],
-    out: OutOption,
+    out: LogOut,
     mapping: Annotated[
         Path | None, typer.Option(help="Mapping file (YAML): foreign names and units. Not needed for our own exports.")
     ] = None,
-    force: ForceOption = False,
+    force: Force = False,
 ) -> None:
     """Make a run log of a foreign log; gaps, NaN and whatever else is odd are printed, and kept in its metadata.
 
@@ -55,7 +54,7 @@ def export(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
     to: Annotated[str, typer.Option("--to", help="csv or mcap.")],
     out: Annotated[Path | None, typer.Option(help="File to write; beside the log by default.")] = None,
-    force: ForceOption = False,
+    force: Force = False,
 ) -> None:
     """Write a run log for other programs. `aerodima log import` reads it back bit for bit."""
     from aerodima.workbench.errors import LogError
@@ -72,9 +71,9 @@ def export(
 def condition(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
     recipe: Annotated[Path, typer.Option(help="Recipe (YAML): the steps and their order.")],
-    out: OutOption,
+    out: LogOut,
     plot: Annotated[Path | None, typer.Option(help="Also write before and after as a PNG.")] = None,
-    force: ForceOption = False,
+    force: Force = False,
 ) -> None:
     """Filter, cut, resample and correct a run log as a recipe states; the log that is read stays as it is.
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import CHECKS
+from aerodima.workbench.cli.options import Force, ScenarioArgument, Settings
 
 
 def register(app: typer.Typer) -> None:
@@ -16,19 +17,15 @@ def register(app: typer.Typer) -> None:
 
 
 def range_of_motion(
-    scenario: Annotated[
-        str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")
-    ] = "turn_swing",
+    scenario: ScenarioArgument = "turn_swing",
     out: Annotated[Path, typer.Option(help="The map as CSV; its picture goes beside it as PNG.")] = Path(
         "range_of_motion.csv"
     ),
     pitch_nodes: Annotated[int, typer.Option(help="Nodes over the range of the pitch joint.")] = 37,
     roll_nodes: Annotated[int, typer.Option(help="Nodes over the range of the roll joint.")] = 37,
     margin: Annotated[float, typer.Option(help="Clearance to keep, m.", min=0.0, max=0.3)] = 0.01,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Override such as tail.length=0.8; may be repeated.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing output.")] = False,
+    settings: Settings = None,
+    force: Force = False,
 ) -> None:
     """Map the clearance of rod and sail to cage, deck, wheels and ground over pitch and roll of the tail.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import RUNS
+from aerodima.workbench.cli.options import Force, Html
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
@@ -21,11 +22,11 @@ def register(app: typer.Typer) -> None:
 
 def replay(
     run: Annotated[Path, typer.Argument(help="Log of a run (Parquet); the path of a real car is reckoned.")],
-    html: Annotated[Path | None, typer.Option(help="Write the replay as one self-contained HTML file.")] = None,
+    html: Html = None,
     strip: Annotated[Path | None, typer.Option(help="Write five pictures of the run as one PNG file.")] = None,
     port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
     rate: Annotated[float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")] = 1.0,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing output.")] = False,
+    force: Force = False,
 ) -> None:
     """Replay a run: in Meshcat until Ctrl-C, or with --html and --strip as files.
 

@@ -2,34 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from aerodima.workbench.cli.help_sections import COEFFICIENTS
+from aerodima.workbench.cli.options import Anew, Force, Live, Workers, grouped
 
 Tail = Annotated[int | None, typer.Option(help="Cheetah tail: 1, 2 or 3.")]
 Axis = Annotated[str | None, typer.Option(help="major or minor: the width that faces the wind.")]
 Wind = Annotated[float | None, typer.Option(help="Wind speed, m/s.")]
-Angle = Annotated[
-    float | None, typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down.")
-]
-Seed = Annotated[int | None, typer.Option(help="Seed of bias, drift and noise.")]
-WindOff = Annotated[float | None, typer.Option("--rest", help="Rest without wind at the start of the log, s.")]
-Duration = Annotated[float | None, typer.Option(help="Length of the log, s.")]
-ScenarioOption = Annotated[
-    str | None, typer.Option("--scenario", help="Rig scenario file (YAML) in place of the one that ships.")
-]
-Settings = Annotated[
+RigSettings = Annotated[
     list[str] | None, typer.Option("--set", help="Override such as maxon.torque_constant=0.35; may be repeated.")
 ]
-Out = Annotated[Path, typer.Option(help="The log (Parquet).")]
-LiveOption = Annotated[bool, typer.Option("--live", help="Show a swing in Meshcat, in real time, while it goes on.")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")]
 
 KINDS = {"static": "static", "flick": "swing", "bar": "bar_swing", "robot": "robot_swing"}
 """Name of the command, and of its scenario -> kind of the experiment."""
+
+
+@dataclass(frozen=True)
+class ExperimentOptions:
+    """What every experiment can be told."""
+
+    out: Annotated[Path, typer.Option(help="The log (Parquet).")]
+    angle: Annotated[
+        float | None, typer.Option(help="Angle held, or start of the swing, in degrees; 0 hangs straight down.")
+    ] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of bias, drift and noise.")] = None
+    duration: Annotated[float | None, typer.Option(help="Length of the log, s.")] = None
+    scenario: Annotated[
+        str | None, typer.Option("--scenario", help="Rig scenario file (YAML) in place of the one that ships.")
+    ] = None
+    settings: RigSettings = None
+    force: Force = False
 
 
 def register(app: typer.Typer) -> None:
@@ -53,78 +61,46 @@ def _run_group() -> None:
     """Run an experiment on a rig and write its log."""
 
 
+@grouped
 def static(
-    out: Out,
+    options: ExperimentOptions,
     tail: Tail = None,
     axis: Axis = None,
     wind: Wind = None,
-    angle: Angle = None,
-    seed: Seed = None,
-    duration: Duration = None,
-    rest: WindOff = None,
-    scenario: ScenarioOption = None,
-    settings: Settings = None,
-    force: ForceOption = False,
+    rest: Annotated[float | None, typer.Option(help="Rest without wind at the start of the log, s.")] = None,
 ) -> None:
     """Hold a cheetah tail still in the wind (thesis section 4.4).
 
     Example: aerodima rig run static --tail 1 --axis major --wind 10 --angle 15 --rest 2 --out hold.parquet
     """
-    flags = _flags(tail=tail, axis=axis, wind_speed=wind, angle=angle, duration=duration, wind_off=rest)
-    _run("static", scenario, flags, seed, settings, out, False, force)
+    _run("static", options, tail=tail, axis=axis, wind_speed=wind, wind_off=rest)
 
 
+@grouped
 def flick(
-    out: Out,
-    tail: Tail = None,
-    axis: Axis = None,
-    wind: Wind = None,
-    angle: Angle = None,
-    seed: Seed = None,
-    duration: Duration = None,
-    scenario: ScenarioOption = None,
-    settings: Settings = None,
-    live: LiveOption = False,
-    force: ForceOption = False,
+    options: ExperimentOptions, tail: Tail = None, axis: Axis = None, wind: Wind = None, live: Live = False
 ) -> None:
     """Swing a cheetah tail from 90 degrees to straight down (thesis sections 4.7 to 4.9)."""
-    flags = _flags(tail=tail, axis=axis, wind_speed=wind, angle=angle, duration=duration)
-    _run("flick", scenario, flags, seed, settings, out, live, force)
+    _run("flick", options, live, tail=tail, axis=axis, wind_speed=wind)
 
 
-def bar(
-    out: Out,
-    angle: Angle = None,
-    seed: Seed = None,
-    duration: Duration = None,
-    scenario: ScenarioOption = None,
-    settings: Settings = None,
-    live: LiveOption = False,
-    force: ForceOption = False,
-) -> None:
+@grouped
+def bar(options: ExperimentOptions, live: Live = False) -> None:
     """Let the bare bar go in still air: its swing shows the friction (thesis section 4.7)."""
-    _run("bar", scenario, _flags(angle=angle, duration=duration), seed, settings, out, live, force)
+    _run("bar", options, live)
 
 
+@grouped
 def robot(
-    out: Out,
+    options: ExperimentOptions,
     kp: Annotated[
         float | None, typer.Option(help="Position gain of the AK70-10, N m/rad; 4 and 10 in the thesis.")
     ] = None,
     wind: Wind = None,
-    angle: Angle = None,
-    seed: Seed = None,
-    duration: Duration = None,
-    scenario: ScenarioOption = None,
-    settings: Settings = None,
-    live: LiveOption = False,
-    force: ForceOption = False,
+    live: Live = False,
 ) -> None:
     """Swing the robot's tail from about 50 degrees to straight down (thesis section 6.3)."""
-    flags = _flags(wind_speed=wind, angle=angle, duration=duration)
-    if kp is not None:
-        flags.append(f"robot.kp={kp}")
-    _run("robot", scenario, flags, seed, settings, out, live, force)
+    _run("robot", options, live, [] if kp is None else [f"robot.kp={kp}"], wind_speed=wind)
 
 
 def campaign(
@@ -132,9 +108,9 @@ def campaign(
     out: Annotated[Path, typer.Option(help="Folder for the logs and campaign.csv.")],
     seed: Annotated[int, typer.Option(help="Seed of the truth and the sensor errors of all logs.", min=0)] = 1,
     repeats: Annotated[int | None, typer.Option(help="Logs per experiment in place of the campaign's.", min=1)] = None,
-    settings: Settings = None,
-    workers: Annotated[int, typer.Option(help="Worker processes.")] = 2,
-    force: Annotated[bool, typer.Option("--force", help="Make the logs again.")] = False,
+    settings: RigSettings = None,
+    workers: Workers = 2,
+    force: Anew = False,
 ) -> None:
     """Make all the logs of a campaign, such as the 540 published static holds.
 
@@ -167,25 +143,16 @@ def campaign(
         raise UserError(f"{len(result.failed)} of {len(tasks)} logs could not be made; the reasons are above")
 
 
-def _flags(**given: float | int | str | None) -> list[str]:
-    """Settings of the flags that were given; the angle turned from degrees."""
-    from math import radians
-
-    if isinstance(given.get("angle"), float):
-        given["angle"] = radians(float(given["angle"]))  # type: ignore[arg-type]
-    return [f"experiment.{key}={value!r}" for key, value in given.items() if value is not None]
-
-
 def _run(
     name: str,
-    scenario: str | None,
-    flags: list[str],
-    seed: int | None,
-    settings: list[str] | None,
-    out: Path,
-    live: bool,
-    force: bool,
+    options: ExperimentOptions,
+    live: bool = False,
+    more: Sequence[str] = (),
+    **given: float | int | str | None,
 ) -> None:
+    """given: keys of the experiment; None: as in the scenario."""
+    from math import radians
+
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.cli.turn_commands import show_progress
     from aerodima.workbench.config.rig_scenario import load_rig_scenario
@@ -193,23 +160,31 @@ def _run(
     from aerodima.workbench.replay import open_meshcat
     from aerodima.workbench.simulate.rig_run import run_rig
 
-    refuse_existing(out, force, LogError)
-    seeded = [] if seed is None else [f"seed={seed}"]
-    resolved = load_rig_scenario(scenario or name, [*flags, *seeded, *(settings or [])])
+    refuse_existing(options.out, options.force, LogError)
+    given["angle"] = None if options.angle is None else radians(options.angle)
+    given["duration"] = options.duration
+    flags = [f"experiment.{key}={value!r}" for key, value in given.items() if value is not None]
+    seeded = [] if options.seed is None else [f"seed={options.seed}"]
+    resolved = load_rig_scenario(options.scenario or name, [*flags, *more, *seeded, *(options.settings or [])])
     if resolved.experiment.kind != KINDS[name]:
         raise UserError(
-            f"{scenario or name}: experiment.kind: {resolved.experiment.kind!r}; "
+            f"{options.scenario or name}: experiment.kind: {resolved.experiment.kind!r}; "
             f"allowed for `rig run {name}`: {KINDS[name]!r}"
         )
     meshcat = open_meshcat(None) if live else None
     if meshcat is not None:
         typer.echo(f"watch: {meshcat.web_url()}", err=True)
     log = run_rig(
-        resolved, out, force=force, meshcat=meshcat, real_time_rate=1.0 if live else 0.0, progress=show_progress()
+        resolved,
+        options.out,
+        force=options.force,
+        meshcat=meshcat,
+        real_time_rate=float(live),
+        progress=show_progress(),
     )
     for line in summary_lines(log):
         typer.echo(line)
-    typer.echo(f"log: {out}")
+    typer.echo(f"log: {options.out}")
 
 
 def summary_lines(log) -> list[str]:  # type: ignore[no-untyped-def]  # aerodima.workbench.logs.schema.RunLog

@@ -8,12 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.workbench.cli.help_sections import CHECKS
-
-ScenarioArgument = Annotated[str, typer.Argument(help="Scenario file (YAML), or the name of one that ships.")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
+from aerodima.workbench.cli.options import Force, ScenarioArgument, Settings
 
 
 def register(app: typer.Typer) -> None:
@@ -27,7 +22,7 @@ def diagram(
     out: Annotated[Path, typer.Option(help="Picture (.svg, .png, .pdf) or text (.dot).")] = Path("diagram.svg"),
     depth: Annotated[int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)] = 2,
     settings: Settings = None,
-    force: ForceOption = False,
+    force: Force = False,
 ) -> None:
     """Draw the block diagram of a scenario; as text (.dot) where Graphviz is not installed."""
     import shutil
@@ -64,7 +59,7 @@ def export(
     scenario: ScenarioArgument,
     out: Annotated[Path | None, typer.Option(help="JSON file; standard output when left out.")] = None,
     settings: Settings = None,
-    force: ForceOption = False,
+    force: Force = False,
 ) -> None:
     """Write a resolved scenario, with every number and its swing in it, as one JSON bundle that needs no other file."""
     import json

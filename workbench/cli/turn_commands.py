@@ -4,13 +4,25 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodima.workbench.cli.completion import complete_scenario, complete_swing, completer
+from aerodima.workbench.cli.completion import completer
 from aerodima.workbench.cli.help_sections import RUNS
+from aerodima.workbench.cli.options import (
+    Force,
+    Html,
+    Law,
+    Live,
+    OtherCar,
+    ScenarioOption,
+    Settings,
+    SwingOption,
+    grouped,
+)
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -20,29 +32,25 @@ if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.simulate.car_run import Progress
 
-Speed = Annotated[float | None, typer.Option(help="Commanded speed, m/s.")]
-Tail = Annotated[
-    str | None,
-    typer.Option(
-        metavar="none|held|swing", help="What the tail does.", autocompletion=completer("none", "held", "swing")
-    ),
-]
-Law = Annotated[
-    str | None,
-    typer.Option(metavar="FILE:CLASS", help="Tail law of your own, such as my_law.py:MyLaw."),
-]
-ScenarioOption = Annotated[
-    str,
-    typer.Option(help="Scenario file (YAML), or the name of one that ships.", autocompletion=complete_scenario),
-]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", help="Override such as car.com_height=0.21; may be repeated.")
-]
-LogOption = Annotated[Path | None, typer.Option(help="Keep the run log as this Parquet file.")]
-ReplayOption = Annotated[Path | None, typer.Option(help="Write the replay as one self-contained HTML file.")]
-LiveOption = Annotated[bool, typer.Option("--live", help="Show the run in Meshcat, in real time, while it goes on.")]
-PortOption = Annotated[int | None, typer.Option(help="Port of Meshcat on 127.0.0.1.")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite existing output.")]
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run changes in its scenario, and what is kept and shown of it."""
+
+    speed: Annotated[float | None, typer.Option(help="Commanded speed, m/s.")] = None
+    tail: Annotated[
+        str | None,
+        typer.Option(
+            metavar="none|held|swing", help="What the tail does.", autocompletion=completer("none", "held", "swing")
+        ),
+    ] = None
+    law: Law = None
+    settings: Settings = None
+    log: Annotated[Path | None, typer.Option(help="Keep the run log as this Parquet file.")] = None
+    replay: Html = None
+    live: Live = False
+    port: Annotated[int | None, typer.Option(help="Port of Meshcat on 127.0.0.1.")] = None
+    force: Force = False
 
 
 def register(app: typer.Typer) -> None:
@@ -52,14 +60,11 @@ def register(app: typer.Typer) -> None:
     app.command(rich_help_panel=RUNS)(slalom)
 
 
+@grouped
 def turn(
-    speed: Speed = None,
-    tail: Tail = None,
+    options: RunOptions,
     tail_speed: Annotated[float | None, typer.Option(help="Commanded roll rate of the swing, rad/s.")] = None,
-    swing: Annotated[
-        str | None,
-        typer.Option(help="Swing file (YAML) to play, or the name of one that ships.", autocompletion=complete_swing),
-    ] = None,
+    swing: SwingOption = None,
     tracking: Annotated[
         str | None,
         typer.Option(
@@ -68,32 +73,24 @@ def turn(
             autocompletion=completer("automatic", "feedback", "torque", "joint_pd", "open_loop"),
         ),
     ] = None,
-    other_car: Annotated[bool, typer.Option("--other-car", help="Play a swing that was made for another car.")] = False,
-    law: Law = None,
+    other_car: OtherCar = False,
     direction: Annotated[
         str | None,
         typer.Option(metavar="left|right", help="Side of the turn.", autocompletion=completer("left", "right")),
     ] = None,
     scenario: ScenarioOption = "turn_swing",
-    settings: Settings = None,
-    log: LogOption = None,
-    replay: ReplayOption = None,
-    live: LiveOption = False,
-    port: PortOption = None,
-    force: ForceOption = False,
 ) -> None:
     """Drive the published turn: up to speed in 2 s, 30 degrees of steering for 0.5 s, straight on.
 
     Example: aerodima turn --speed 4.44 --tail swing --log run.parquet --replay run.html
     """
     flags = {
-        **_common(speed, tail),
         "--tail-speed": ("controller.swing_speed", tail_speed),
         "--swing": ("controller.swing_file", swing),
         "--tracking": ("controller.tracking", tracking),
         "--direction": ("manoeuvre.direction", direction),
     }
-    if law is not None and swing is not None:
+    if options.law is not None and swing is not None:
         from aerodima.workbench.errors import UserError
 
         raise UserError("--law: allowed without --swing; each says what the tail does")
@@ -101,102 +98,70 @@ def turn(
         from aerodima.workbench.errors import UserError
 
         raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
-    _run(scenario, flags, settings, log, replay, live, port, force, other_car, law)
+    _run(scenario, flags, options, other_car)
 
 
-def straight(
-    speed: Speed = None,
-    tail: Tail = None,
-    law: Law = None,
-    scenario: ScenarioOption = "straight",
-    settings: Settings = None,
-    log: LogOption = None,
-    replay: ReplayOption = None,
-    live: LiveOption = False,
-    port: PortOption = None,
-    force: ForceOption = False,
-) -> None:
+@grouped
+def straight(options: RunOptions, scenario: ScenarioOption = "straight") -> None:
     """Drive straight ahead at constant throttle (thesis section 6.2)."""
-    _run(scenario, _common(speed, tail), settings, log, replay, live, port, force, law=law)
+    _run(scenario, {}, options)
 
 
-def slalom(
-    speed: Speed = None,
-    tail: Tail = None,
-    law: Law = None,
-    scenario: ScenarioOption = "slalom",
-    settings: Settings = None,
-    log: LogOption = None,
-    replay: ReplayOption = None,
-    live: LiveOption = False,
-    port: PortOption = None,
-    force: ForceOption = False,
-) -> None:
+@grouped
+def slalom(options: RunOptions, scenario: ScenarioOption = "slalom") -> None:
     """Drive with sinusoidal steering of +-30 degrees (thesis section 6.1.3)."""
-    _run(scenario, _common(speed, tail), settings, log, replay, live, port, force, law=law)
+    _run(scenario, {}, options)
 
 
 Flags = dict[str, tuple[str, float | str | None]]
 """Flag -> key of the scenario that it sets, and its value."""
 
 
-def _common(speed: float | None, tail: str | None) -> Flags:
-    return {"--speed": ("manoeuvre.speed", speed), "--tail": ("tail.mode", tail)}
-
-
-def _run(
-    name: str,
-    flags: Flags,
-    settings: list[str] | None,
-    log: Path | None,
-    replay: Path | None,
-    live: bool,
-    port: int | None,
-    force: bool,
-    other_car: bool = False,
-    law: str | None = None,
-) -> None:
+def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) -> None:
     # What can be wrong is looked at before Drake is imported, which takes seconds.
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.errors import LogError, UserError
 
-    if port is not None and not live:
+    log, replay, settings = options.log, options.replay, options.settings or []
+    if options.port is not None and not options.live:
         raise UserError("--port: it names the port of the live view; allowed together with --live")
+    flags = {"--speed": ("manoeuvre.speed", options.speed), "--tail": ("tail.mode", options.tail), **flags}
     given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
     scenario = load_scenario(
         name,
-        [*(f"{key}={value}" for key, value in given.values()), *(settings or [])],
-        said=" ".join([*(f"{flag} {value}" for flag, (_, value) in given.items()), *_words_of(settings)]),
+        [*(f"{key}={value}" for key, value in given.values()), *settings],
+        said=" ".join(
+            [*(f"{flag} {value}" for flag, (_, value) in given.items()), *(f"--set {setting}" for setting in settings)]
+        ),
     )
     _refuse_cut_off_turn(scenario)
-    tail_law = None if law is None else _own_law(law, scenario)
+    tail_law = None if options.law is None else _own_law(options.law, scenario)
     if tail_law is None and not other_car:
         from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 
         refuse_other_car(scenario)
     if log is not None:
-        refuse_existing(log, force, LogError)
+        refuse_existing(log, options.force, LogError)
     if replay is not None:
         if log is not None and log.resolve() == replay.resolve():
             raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")
-        refuse_existing(replay, force, UserError)
+        refuse_existing(replay, options.force, UserError)
         make_folder(replay.parent, UserError)
     from aerodima.workbench.logs.journal import journal_path
     from aerodima.workbench.simulate.car_run import run_scenario
 
-    meshcat = _live_view(port) if live else None
+    meshcat = _live_view(options.port) if options.live else None
     with tempfile.TemporaryDirectory() as folder:
         path = log or Path(folder) / "run.parquet"
         new_folder = "" if path.parent.exists() else " (in a new folder)"
-        rate = 1.0 if live else 0.0
         try:
             run_log = run_scenario(
                 scenario,
                 path,
-                force=force,
+                force=options.force,
                 meshcat=meshcat,
-                real_time_rate=rate,
+                real_time_rate=float(options.live),
                 progress=show_progress(),
                 tail_law=tail_law,
             )
@@ -211,12 +176,8 @@ def _run(
     if replay is not None:
         from aerodima.workbench.replay.replay_page import write_replay_html
 
-        write_replay_html(run_log, replay, force=force)
+        write_replay_html(run_log, replay, force=options.force)
         typer.echo(f"replay: {replay}")
-
-
-def _words_of(settings: list[str] | None) -> list[str]:
-    return [f"--set {setting}" for setting in settings or []]
 
 
 def _own_law(place: str, scenario: Scenario) -> TailLaw:
