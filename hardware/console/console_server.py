@@ -97,7 +97,8 @@ def make_app(console: Console, access: Access, say: Say, end: Callable[[], None]
     @contextlib.asynccontextmanager
     async def turning(_: Starlette) -> AsyncIterator[None]:
         tasks = [asyncio.create_task(_watched(console, _turn(console))), asyncio.create_task(_end(console, end))]
-        yield
+        with contextlib.suppress(asyncio.CancelledError):  # a second Ctrl-C ends the server without asking for an end
+            yield
         for task in tasks:
             task.cancel()
 

@@ -3,9 +3,15 @@
 import contextlib
 import http.client
 import json
+import os
+import pty
+import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from urllib.parse import urlsplit
 
 import pytest
 from typer.testing import CliRunner
@@ -292,6 +298,33 @@ def test_a_console_that_has_failed_ends_with_its_reason(tmp_path):
         served = thread.submit(run_server, listener, console, Access(listener.getsockname()[1]), print)
         with pytest.raises(HardwareError, match="has failed: ZeroDivision"):
             served.result(10)
+
+
+@pytest.mark.parametrize("between", [0.0, 0.1, 0.4], ids=["at once", "while it ends", "near the end"])
+def test_a_second_ctrl_c_ends_it_without_a_traceback(tmp_path, between):
+    radio, module = pty.openpty()
+    command = [sys.executable, "-P", "-m", "aerodima", "console", "--radio", os.ttyname(module), "--port", "0"]
+    with subprocess.Popen(
+        [*command, "--record", str(tmp_path / "record.jsonl")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # deaf below a background job
+    ) as console:
+        url = console.stdout.readline().removeprefix("open once: ").strip()
+        server, path = urlsplit(url).netloc, url.partition("/?")[2]
+        page = http.client.HTTPConnection(server, timeout=10)
+        page.request("GET", f"/?{path}")
+        cookie = page.getresponse().getheader("Set-Cookie").partition(";")[0]
+        with connect(f"ws://{server}/socket", origin=f"http://{server}", additional_headers={"Cookie": cookie}):
+            console.send_signal(signal.SIGINT)
+            time.sleep(between)
+            console.send_signal(signal.SIGINT)
+            _, errors = console.communicate(timeout=20)
+    os.close(radio)
+    os.close(module)
+    assert errors in ("", "interrupted\n")
+    assert console.returncode in (0, 130, -signal.SIGINT)  # the last: Python had ended but for its own exit
 
 
 def test_nonsense_from_a_page_is_one_line_and_ends_nothing(served):
