@@ -10,14 +10,14 @@ import time
 
 from aerodima.hardware.car.car_devices import Watchdog
 from aerodima.hardware.car.watchdog_settings import WatchdogTiming
-from aerodima.hardware.devices.motor_group import FramePort
+from aerodima.hardware.devices.motor_group import FramePort, PassingPort
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
 from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.workbench.errors import HardwareError
 
 
-class BusWatch:
+class BusWatch(PassingPort):
     """A `FramePort` that takes the Teensy's answers out of what comes from the bus, and a `Watchdog` that counts them.
 
     Args:
@@ -29,27 +29,14 @@ class BusWatch:
     """
 
     def __init__(self, port: FramePort, timing: WatchdogTiming) -> None:
-        self._port, self._timeout = port, timing.answer_timeout
+        super().__init__(port)
+        self._timeout = timing.answer_timeout
         self._state, self._counter = BeatState.OFF, 0
         self._asked: float | None = None
         self._status: TeensyStatus | None = None
         self.answers = 0
 
     # -- as a port
-
-    @property
-    def fault(self) -> int:
-        """Of the port."""
-        return self._port.fault
-
-    @property
-    def fault_text(self) -> str:
-        """Of the port."""
-        return self._port.fault_text
-
-    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
-        """Passes a frame on."""
-        return self._port.send(frame, urgent)
 
     def poll(self) -> list[tuple[float, CanFrame]]:
         """The port's frames without the answers of the Teensy."""
@@ -58,10 +45,6 @@ class BusWatch:
             if frame.arbitration_id == ANSWER_ID:
                 self._take(frame)
         return [(when, frame) for when, frame in frames if frame.arbitration_id != ANSWER_ID]
-
-    def flush(self, timeout: float = 0.2) -> bool:
-        """Of the port."""
-        return self._port.flush(timeout)
 
     # -- as a watchdog
 

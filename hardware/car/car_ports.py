@@ -111,10 +111,23 @@ class CarPorts(_Part):
         """Of both motors; `HardwareError` for an unknown name."""
         return firmware_profile(self.firmware_profile)
 
+    def adapter(self, wiring: str) -> CanPort:
+        """The CAN adapter that a wiring needs; `HardwareError` where there is none."""
+        if self.can is None:
+            raise HardwareError(f"ports: can: missing; wiring {wiring} needs a CAN adapter")
+        return self.can
+
     @property
     def motor_ids(self) -> tuple[int, int]:
         """Pitch, roll."""
         return self.tail_pitch.motor_id, self.tail_roll.motor_id
+
+
+def bare_ports(profile: str, motor_ids: tuple[int, int]) -> dict[str, Any]:
+    """Plain data of ports with two motors of a firmware profile, and nothing else that is plugged in anywhere."""
+    pitch, roll = motor_ids
+    motors = {"tail_pitch": {"motor_id": pitch}, "tail_roll": {"motor_id": roll}}
+    return {"schema": SCHEMA, "firmware_profile": profile, "teensy": {"path": "-"}, "imu": {"path": "+"}, **motors}
 
 
 def read_ports(path: Path) -> CarPorts:

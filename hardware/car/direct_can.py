@@ -25,7 +25,6 @@ from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.can_settings import CanSettings
 from aerodima.hardware.transport.device_lock import DeviceLock, Say, tell_on_stderr
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
 
 StartWatchdog = Callable[[CanSettings, DeviceLock], Watchdog]
 
@@ -53,9 +52,7 @@ def direct_can(
     Raises:
         HardwareError: the ports name no CAN adapter, or the motors' settings do not fit.
     """
-    if ports.can is None:
-        raise HardwareError(f"ports: can: missing; wiring {name} needs a CAN adapter")
-    can, limits = ports.can.settings, safety or load_drive_safety()
+    can, limits = ports.adapter(name).settings, safety or load_drive_safety()
 
     def open_devices() -> Devices:
         locks = lock_car(ports, say, can)

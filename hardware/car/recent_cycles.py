@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.devices.motor_group import FramePort
+from aerodima.hardware.devices.motor_group import FramePort, PassingPort
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.protocol.can_frame import CanFrame
 
@@ -16,36 +16,18 @@ _RATE_WINDOW = 0.02
 """s; of the sail's rate, as the simulated encoder has it."""
 
 
-class ListeningPort:
+class ListeningPort(PassingPort):
     """A port that keeps the newest frames, for the check of the firmware profile."""
 
     def __init__(self, port: FramePort) -> None:
-        self._port = port
+        super().__init__(port)
         self.heard: deque[tuple[float, CanFrame]] = deque(maxlen=_HEARD)
-
-    @property
-    def fault(self) -> int:
-        """Of the port."""
-        return self._port.fault
-
-    @property
-    def fault_text(self) -> str:
-        """Of the port."""
-        return self._port.fault_text
-
-    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
-        """Passes a frame on."""
-        return self._port.send(frame, urgent)
 
     def poll(self) -> list[tuple[float, CanFrame]]:
         """The port's frames, which are kept too."""
         frames = self._port.poll()
         self.heard.extend(frames)
         return frames
-
-    def flush(self, timeout: float = 0.2) -> bool:
-        """Of the port."""
-        return self._port.flush(timeout)
 
 
 class SailRate:

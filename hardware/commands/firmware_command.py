@@ -33,7 +33,7 @@ def firmware(
 
     Example: aerodima firmware aerodima_teensy --ports car.json
     """
-    from aerodima.hardware.car.car_ports import SCHEMA, ports_from_dict, read_ports
+    from aerodima.hardware.car.car_ports import bare_ports, ports_from_dict, read_ports
     from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
     from aerodima.hardware.car.open_ports import firmware_limits
     from aerodima.hardware.firmware.core_build import firmware_hash
@@ -42,9 +42,7 @@ def firmware(
     from aerodima.hardware.protocol.teensy import StringForm
     from aerodima.workbench.config.scenario import load_scenario
 
-    motors = {"tail_pitch": {"motor_id": motor_ids[0]}, "tail_roll": {"motor_id": motor_ids[1]}}
-    bare = {"schema": SCHEMA, "firmware_profile": profile, "teensy": {"path": "-"}, "imu": {"path": "+"}, **motors}
-    car = ports_from_dict(bare, "firmware") if ports is None else read_ports(ports)
+    car = ports_from_dict(bare_ports(profile, motor_ids), "firmware") if ports is None else read_ports(ports)
     settings = FirmwareSettings(
         wiring,
         car.profile,

@@ -39,6 +39,31 @@ class FramePort(FrameSink, Protocol):
         ...
 
 
+class PassingPort:
+    """A `FramePort` that passes everything on to another; `poll` is for its children."""
+
+    def __init__(self, port: FramePort) -> None:
+        self._port = port
+
+    @property
+    def fault(self) -> int:
+        """Of the port."""
+        return self._port.fault
+
+    @property
+    def fault_text(self) -> str:
+        """Of the port."""
+        return self._port.fault_text
+
+    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
+        """Passes a frame on."""
+        return self._port.send(frame, urgent)
+
+    def flush(self, timeout: float = 0.2) -> bool:
+        """Of the port."""
+        return self._port.flush(timeout)
+
+
 class MotorGroup:
     """Motors of one bus.
 

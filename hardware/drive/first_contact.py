@@ -6,6 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -116,24 +117,15 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
     Raises:
         HardwareError: a port that cannot be opened, a motor that does not answer, or one that is moved meanwhile.
     """
-    device = ports.teensy.path if wiring == "teensy_bridge" else _can_of(ports)
-    lock = lock_devices([device], "the setting of the zero")
-    try:
-        if wiring == "teensy_bridge":
-            serial = SerialLink.open(ports.teensy.settings)
-            try:
+    can = None if wiring == "teensy_bridge" else ports.adapter(wiring).settings
+    device = ports.teensy.path if can is None else can_address(can)
+    with closing(lock_devices([device], "the setting of the zero")):
+        if can is None:
+            with closing(SerialLink.open(ports.teensy.settings)) as serial:
                 teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
                 return _angles(ports, teensy, teensy.commit)
-            finally:
-                serial.close()
-        assert ports.can is not None
-        bus = CanBus.open(ports.can.settings, listen={0, *ports.motor_ids})
-        try:
+        with closing(CanBus.open(can, listen={0, *ports.motor_ids})) as bus:
             return _angles(ports, bus, lambda: None)
-        finally:
-            bus.close()
-    finally:
-        lock.close()
 
 
 def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
@@ -178,12 +170,6 @@ def _refuse_wrong(test: MotorTest, step: float, fault: str, warmest: float) -> N
         )
     if test.temperature is not None and test.temperature > warmest - _COOLER:
         raise HardwareError(f"{name}: {test.temperature:g} degC; allowed is {warmest - _COOLER:g}")
-
-
-def _can_of(ports: CarPorts) -> str:
-    if ports.can is None:
-        raise HardwareError("ports: can: missing; this wiring needs a CAN adapter")
-    return can_address(ports.can.settings)
 
 
 def _angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> dict[Joint, float]:

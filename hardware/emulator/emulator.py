@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.hardware.car.car_ports import SCHEMA as PORTS_SCHEMA
-from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.car_ports import bare_ports, ports_from_dict
 from aerodima.hardware.car.drive_safety import load_drive_safety
 from aerodima.hardware.car.emulator_files import (
     EVENTS_FILE,
@@ -30,7 +29,7 @@ from aerodima.hardware.car.emulator_files import (
     TRAFFIC_FILE,
     TRUTH_FILE,
 )
-from aerodima.hardware.car.firmware_settings import FirmwareSettings, MotorLimits, load_teensy_timing
+from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
 from aerodima.hardware.car.latency import EMULATOR_PRIORITY, prefer_latency
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.open_ports import firmware_limits
@@ -97,13 +96,14 @@ class Emulator:
     """
 
     def __init__(self, settings: EmulatorSettings) -> None:
+        ports = ports_from_dict(bare_ports(settings.profile.name, settings.motor_ids))
         firmware = FirmwareSettings(
             settings.wiring,
             settings.profile,
             load_teensy_timing(),
             settings.motor_ids,
             form=settings.form,
-            limits=_limits_of(settings),
+            limits=firmware_limits(settings.scenario, ports),
         )
         self._settings, self._folder = settings, settings.folder
         self._numbers = load_emulator_numbers()
@@ -275,12 +275,9 @@ class Emulator:
     def _write_ready(self) -> None:
         settings = self._settings
         ports: dict[str, Any] = {
-            "schema": PORTS_SCHEMA,
-            "firmware_profile": settings.profile.name,
+            **bare_ports(settings.profile.name, settings.motor_ids),
             "string_form": settings.form.value,
             **{name: {"path": str(port.link)} for name, port in self._ports.items() if name != "can"},
-            "tail_pitch": {"motor_id": settings.motor_ids[0]},
-            "tail_roll": {"motor_id": settings.motor_ids[1]},
         }
         if "console" in self._ports:
             ports["console"]["receiver"] = CAR
@@ -321,20 +318,6 @@ def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: emulator.stop())
     return emulator.run(ready)
-
-
-def _limits_of(settings: EmulatorSettings) -> tuple[MotorLimits, MotorLimits] | None:
-    """As `aerodima firmware` exports them; None for a car without a tail."""
-    ports = CarPorts.model_validate(
-        {
-            "schema": PORTS_SCHEMA,
-            "firmware_profile": settings.profile.name,
-            "teensy": {"path": "-"},
-            "imu": {"path": "-"},
-            **{joint: {"motor_id": number} for joint, number in zip(JOINTS, settings.motor_ids, strict=True)},
-        }
-    )
-    return firmware_limits(settings.scenario, ports)
 
 
 def _open_view() -> Any:

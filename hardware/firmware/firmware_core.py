@@ -29,64 +29,55 @@ _LONGEST = 512
 _UNKNOWN_AGE = 65535
 
 
+def _fields(kind: Any, names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, kind) for name in names.split())
+
+
 class _Frame(Structure):
     _fields_ = (("id", c_uint32), ("extended", c_int32), ("length", c_int32), ("data", c_uint8 * 8))
 
 
 class _Profile(Structure):
     _fields_ = (
-        *((name, c_double) for name in ("position", "speed", "torque", "kp", "kd")),
-        *((name, c_int32) for name in ("temperature_offset", "short_replies", "long_replies")),
+        *_fields(c_double, "position speed torque kp kd"),
+        *_fields(c_int32, "temperature_offset short_replies long_replies"),
     )
 
 
 class _Limits(Structure):
-    _fields_ = tuple(
-        (name, c_double) for name in ("low", "high", "speed", "torque", "kp", "kd", "rated_torque", "budget")
-    )
+    _fields_ = _fields(c_double, "low high speed torque kp kd rated_torque budget")
 
 
 class _Config(Structure):
     _fields_ = (
         ("profile", _Profile),
         ("limits", _Limits * 2),
-        *((name, c_double) for name in ("attitude_limit", "throttle_start", "throttle_rate")),
-        ("owns_can", c_int32),
-        ("watches_bus", c_int32),
-        ("checked", c_int32),
-        *(
-            (name, c_uint32)
-            for name in (
-                *("watchdog_ms", "exit_burst", "exit_cycles", "exit_cycle_ms", "reminder_ms", "reply_wait_ms"),
-                *("attitude_ms", "attitude_age_ms"),
-            )
-        ),
+        *_fields(c_double, "attitude_limit throttle_start throttle_rate"),
+        *_fields(c_int32, "owns_can watches_bus checked"),
+        *_fields(c_uint32, "watchdog_ms exit_burst exit_cycles exit_cycle_ms reminder_ms reply_wait_ms"),
+        *_fields(c_uint32, "attitude_ms attitude_age_ms"),
         ("sail_bits", c_int32),
         ("motor_ids", c_int32 * 2),
-        ("throttle_least", c_int32),
-        ("throttle_most", c_int32),
+        *_fields(c_int32, "throttle_least throttle_most"),
     )
 
 
 class _Order(Structure):
-    _fields_ = (("values", c_double * 5), ("motor_id", c_int32), ("request", c_int32))
+    _fields_ = (("values", c_double * 5), *_fields(c_int32, "motor_id request"))
 
 
 class _Command(Structure):
     _fields_ = (
         ("orders", _Order * 2),
-        ("roll", c_double),
-        ("pitch", c_double),
-        ("servo", c_int32),
-        ("throttle", c_int32),
-        ("age", c_int32),
+        *_fields(c_double, "roll pitch"),
+        *_fields(c_int32, "servo throttle age"),
     )
 
 
 class _Report(Structure):
     _fields_ = (
-        *((name, c_double) for name in ("position", "velocity", "torque")),
-        *((name, c_int32) for name in ("motor_id", "replies", "temperature", "fault")),
+        *_fields(c_double, "position velocity torque"),
+        *_fields(c_int32, "motor_id replies temperature fault"),
     )
 
 
@@ -96,9 +87,7 @@ class _Reply(Structure):
 
 class _State(Structure):
     _fields_ = (
-        ("servo", c_int32),
-        ("throttle", c_int32),
-        ("status", c_int32),
+        *_fields(c_int32, "servo throttle status"),
         ("rejected", c_uint32),
         ("load", c_double * 2),
     )

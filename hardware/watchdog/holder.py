@@ -34,9 +34,7 @@ SETTLING = 50
 def hold(scenario: dict, ports_data: dict, report: Path, wiring: str) -> None:
     """Enters and holds until something fails; raises `HardwareError` then."""
     ports = ports_from_dict(ports_data)
-    if ports.can is None:
-        raise HardwareError(f"ports: can: missing; wiring {wiring} needs a CAN adapter")
-    settings = ports.can.settings
+    settings = ports.adapter(wiring).settings
     lock = lock_devices([can_address(settings)], "a watchdog test")
     bus = CanBus.open(settings, listen={0, ANSWER_ID, *ports.motor_ids})
     process = WatchdogProcess(settings, ports.motor_ids, report, lock)

@@ -145,9 +145,7 @@ def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
         raise HardwareError(f"wiring {wiring!r} is unknown; allowed: {', '.join(WIRINGS)}")
     if wiring == "teensy_bridge":
         return is_emulated_port(ports.teensy.path)
-    can = ports.can
-    if can is None:
-        raise HardwareError(f"ports: can: missing; wiring {wiring} needs a CAN adapter")
+    can = ports.adapter(wiring)
     return can.interface == "virtual" or (can.interface == "slcan" and is_emulated_port(can.channel))
 
 

@@ -9,36 +9,18 @@ using namespace aerodima;
 namespace {
 
 Profile to_profile(const ad_profile& p) {
-  Profile profile;
-  profile.position = p.position;
-  profile.speed = p.speed;
-  profile.torque = p.torque;
-  profile.kp = p.kp;
-  profile.kd = p.kd;
-  profile.temperature_offset = p.temperature_offset;
-  profile.short_replies = p.short_replies != 0;
-  profile.long_replies = p.long_replies != 0;
-  return profile;
+  return {p.position, p.speed, p.torque, p.kp, p.kd, p.temperature_offset, p.short_replies != 0, p.long_replies != 0};
 }
 
 MotorLimits to_limits(const ad_limits& l) {
-  MotorLimits limits;
-  limits.low = l.low;
-  limits.high = l.high;
-  limits.speed = l.speed;
-  limits.torque = l.torque;
-  limits.kp = l.kp;
-  limits.kd = l.kd;
-  limits.rated_torque = l.rated_torque;
-  limits.budget = l.budget;
-  return limits;
+  return {l.low, l.high, l.speed, l.torque, l.kp, l.kd, l.rated_torque, l.budget};
 }
 
+// Position, velocity, kp, kd, torque.
+MitCommand to_command(const double* v) { return {v[0], v[1], v[2], v[3], v[4]}; }
+
 CanFrame to_frame(const ad_frame& f) {
-  CanFrame frame;
-  frame.id = f.id;
-  frame.extended = f.extended != 0;
-  frame.length = static_cast<uint8_t>(f.length);
+  CanFrame frame{f.id, f.extended != 0, static_cast<uint8_t>(f.length), {}};
   std::memcpy(frame.data, f.data, sizeof frame.data);
   return frame;
 }
@@ -140,14 +122,8 @@ size_t ad_make_reply(const ad_reply* r, int checked, char* text, size_t size) {
 }
 
 int ad_make_command(int motor_id, const double* v, const ad_profile* profile, ad_frame* out) {
-  MitCommand command;
-  command.position = v[0];
-  command.velocity = v[1];
-  command.kp = v[2];
-  command.kd = v[3];
-  command.torque = v[4];
   CanFrame frame;
-  if (!make_command(motor_id, command, to_profile(*profile), &frame)) return 0;
+  if (!make_command(motor_id, to_command(v), to_profile(*profile), &frame)) return 0;
   copy(frame, out);
   return 1;
 }
@@ -162,19 +138,10 @@ int ad_decode_reply(const ad_frame* frame, const ad_profile* profile, ad_report*
 int ad_limit(const ad_limits* limits, const double* replies, size_t count, const double* v, double* out) {
   MotorGuard guard(to_limits(*limits));
   for (size_t i = 0; i < count; ++i) {
-    MitReply reply;
-    reply.position = replies[4 * i];
-    reply.velocity = replies[4 * i + 1];
-    reply.torque = replies[4 * i + 2];
-    guard.take(reply, static_cast<uint32_t>(replies[4 * i + 3]));
+    const double* r = replies + 4 * i;
+    guard.take({0, r[0], r[1], r[2]}, static_cast<uint32_t>(r[3]));
   }
-  MitCommand command;
-  command.position = v[0];
-  command.velocity = v[1];
-  command.kp = v[2];
-  command.kd = v[3];
-  command.torque = v[4];
-  const MitCommand limited = guard.limit(command);
+  const MitCommand limited = guard.limit(to_command(v));
   const double values[] = {limited.position, limited.velocity, limited.kp, limited.kd, limited.torque};
   std::memcpy(out, values, sizeof values);
   return 1;
