@@ -6,6 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -324,15 +325,7 @@ class WiredCar:
                 devices.watchdog.disarm() if off else devices.watchdog.trip()
         status = self.reading.status.copy()
         status[STATUS.index("armed")] = 0.0
-        self.reading = CarReading(
-            self.reading.tail_state,
-            self.reading.tail_torque,
-            self.reading.imu,
-            self.reading.speed,
-            status,
-            self.reading.operator,
-            self.reading.fault_text or self.stop_reason,
-        )
+        self.reading = replace(self.reading, status=status, fault_text=self.reading.fault_text or self.stop_reason)
         if devices.radio is not None:
             with contextlib.suppress(Exception):
                 self._reporter.turn(devices.radio, self.reading, time.monotonic(), at_once=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -116,20 +117,10 @@ def _serve(
     from aerodima.hardware.console.page_access import Access
     from aerodima.hardware.transport.device_lock import lock_devices
     from aerodima.hardware.transport.serial_link import SerialLink
-    from aerodima.workbench.errors import HardwareError
 
     limits = Limits(scenario.servo.limit, scenario.tail.pitch_limit, scenario.tail.roll_limit)
-    lock = lock_devices([device.path], "a console")
-    try:
-        link = SerialLink.open(device.settings)
-    except HardwareError:
-        lock.close()
-        raise
-    try:
+    with closing(lock_devices([device.path], "a console")), closing(SerialLink.open(device.settings)) as link:
         served = Console(OperatorRadio(link, device.receiver, device.escaped, number), recording, limits, car)
         access = Access(listener.getsockname()[1])
         typer.echo(f"open once: {access.url}")
         run_server(listener, served, access, typer.echo)
-    finally:
-        link.close()
-        lock.close()

@@ -18,6 +18,7 @@ One thread calls `receive` for every frame of this motor and `step` once per cyc
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from aerodima.hardware.devices.motor_following import Following
 from aerodima.hardware.devices.motor_limits import check_command, limit_command, scale_gains, to_motor
@@ -188,7 +189,9 @@ class Motor:
         return MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)
 
     def _towards(self, command: MitCommand, now: float) -> MitCommand:
-        return MitCommand(self._target(command, now), command.velocity, command.kp, command.kd, command.torque)
+        """The command with the place where the ramp towards it is, while there is one."""
+        ramp = self._ramped(command, now)
+        return command if ramp is None else replace(command, position=ramp)
 
     def _limited(self, command: MitCommand, now: float) -> MitCommand:
         share = min(1.0, max(0.0, now - self._gain_time) / self.settings.safety.gain_ramp)
@@ -197,11 +200,6 @@ class Motor:
 
     def _frame(self, limited: MitCommand) -> CanFrame:
         return make_command(self.settings.motor_id, to_motor(limited, self.settings), self.settings.profile)
-
-    def _target(self, command: MitCommand, now: float) -> float:
-        """Position of the command, or where the ramp towards it is."""
-        ramp = self._ramped(command, now)
-        return command.position if ramp is None else ramp
 
     def _ramped(self, command: MitCommand, now: float) -> float | None:
         """Next place of the ramp; None once the command is reached or has no use for a position."""

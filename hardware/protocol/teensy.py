@@ -211,21 +211,13 @@ _MOST_ANGLE = 3.2
 """Of roll and pitch, rad."""
 _RANGES = {"position": 100.0, "velocity": 200.0, "kp": 500.0, "kd": 5.0, "torque": 200.0}
 """Widest values that any firmware profile can carry; the profile's own range is checked where it is known."""
+_DIGITS = {"position": 5, "velocity": 4, "kp": 4, "kd": 5, "torque": 4}
+"""Decimals in a string."""
 
 
 def _write_order(order: MotorOrder) -> str:
-    command = order.command
-    return ";".join(
-        (
-            str(order.motor_id),
-            str(int(MotorRequest(order.request))),
-            _number("position", command.position, 5),
-            _number("velocity", command.velocity, 4),
-            _number("kp", command.kp, 4),
-            _number("kd", command.kd, 5),
-            _number("torque", command.torque, 4),
-        )
-    )
+    request = str(int(MotorRequest(order.request)))
+    return ";".join([str(order.motor_id), request, *_numbers(order.command, *_RANGES)])
 
 
 def _write_attitude(attitude: Attitude | None) -> str:
@@ -248,8 +240,7 @@ def _read_attitude(fields: list[str]) -> Attitude | None:
 
 
 def _write_report(report: MotorReport) -> str:
-    state = (("position", report.position, 5), ("velocity", report.velocity, 4), ("torque", report.torque, 4))
-    return ";".join([str(report.motor_id), *(_number(name, value, digits) for name, value, digits in state)])
+    return ";".join([str(report.motor_id), *_numbers(report, "position", "velocity", "torque")])
 
 
 def _close(text: str, form: StringForm) -> bytes:
@@ -328,6 +319,10 @@ def _read_integer(name: str, field: str, low: int, high: int) -> int:
     if not digits.isdigit() or len(field) > _MOST_DIGITS or not low <= int(field) <= high:
         raise FrameError(f"Teensy {name} {field!r}: allowed is a whole number from {low} to {high}")
     return int(field)
+
+
+def _numbers(source: MitCommand | MotorReport, *names: str) -> list[str]:
+    return [_number(name, getattr(source, name), _DIGITS[name]) for name in names]
 
 
 def _number(name: str, value: float, digits: int) -> str:

@@ -17,7 +17,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import CarPorts
@@ -82,50 +82,50 @@ def _kill_holder(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
 
 def _kill_both(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
     """Nobody is left but the Teensy, which tells of itself over its own port."""
-    with tempfile.TemporaryDirectory() as folder, _Teensy(ports) as teensy:
+    with tempfile.TemporaryDirectory() as folder, _neutral_strings(ports) as stopped:
         with _holding(scenario, ports, "watched_can", Path(folder) / "watchdog.json") as (holder, watchdog):
             os.kill(watchdog, signal.SIGKILL)
             holder.kill()
             killed = time.monotonic()
             holder.wait()
-        while teensy.stopped is None:
+        while not stopped:
             if time.monotonic() - killed > _ACT_TIME:
                 raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
             time.sleep(0.001)
-        return max(0.0, teensy.stopped - killed), "drive and watchdog process killed together (SIGKILL)"
+        return max(0.0, stopped[0] - killed), "drive and watchdog process killed together (SIGKILL)"
 
 
-class _Teensy:
-    """Neutral strings to the Teensy, and when it first said that the heartbeat on the bus has stopped (s)."""
+@contextmanager
+def _teensy(ports: CarPorts) -> Iterator[TeensyLink]:
+    """The Teensy behind its own port, which nobody else uses meanwhile."""
+    with (
+        closing(lock_devices([ports.teensy.path], "a watchdog test")),
+        closing(SerialLink.open(ports.teensy.settings)) as serial,
+    ):
+        yield TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
 
-    def __init__(self, ports: CarPorts) -> None:
-        self.stopped: float | None = None
-        self._ports, self._end = ports, threading.Event()
-        self._lock = lock_devices([ports.teensy.path], "a watchdog test")
+
+@contextmanager
+def _neutral_strings(ports: CarPorts) -> Iterator[list[float]]:
+    """Strings to the Teensy; the list gets the time (s) at which it first said that the heartbeat has stopped."""
+    stopped: list[float] = []
+    end = threading.Event()
+
+    def turn() -> None:
+        while not end.wait(PERIOD / 4):
+            teensy.poll()
+            if teensy.status is TeensyStatus.BEATS_STOPPED and not stopped:
+                stopped.append(time.monotonic())
+            teensy.commit()
+
+    with _teensy(ports) as teensy:
+        thread = threading.Thread(target=turn, name="neutral-strings", daemon=True)
+        thread.start()
         try:
-            self._serial = SerialLink.open(ports.teensy.settings)
-        except HardwareError:
-            self._lock.close()
-            raise
-        self._thread = threading.Thread(target=self._turn, name="neutral-strings", daemon=True)
-
-    def __enter__(self) -> _Teensy:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join()
-        self._serial.close()
-        self._lock.close()
-
-    def _turn(self) -> None:
-        link = TeensyLink(self._serial, self._ports.motor_ids, self._ports.profile, self._ports.string_form)
-        while not self._end.wait(PERIOD / 4):
-            link.poll()
-            if link.status is TeensyStatus.BEATS_STOPPED and self.stopped is None:
-                self.stopped = time.monotonic()
-            link.commit()
+            yield stopped
+        finally:
+            end.set()
+            thread.join()
 
 
 @contextmanager
@@ -172,11 +172,7 @@ def _wait_for(report: Path) -> dict[str, float]:
 def _stop_strings(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
     if ports.string_form is not StringForm.CHECKED:
         raise HardwareError("string_form: published; the Teensy reports its watchdog in the checked form only")
-    lock = lock_devices([ports.teensy.path], "a watchdog test")
-    serial = None
-    try:
-        serial = SerialLink.open(ports.teensy.settings)
-        teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+    with _teensy(ports) as teensy:
         group = MotorGroup(tail_motors(scenario, ports, load_mounting()), teensy)
         last = _hold_over_strings(group, teensy)
         while teensy.fault is not TeensyFault.WATCHDOG_ACTED:
@@ -185,10 +181,6 @@ def _stop_strings(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
             teensy.poll()
             time.sleep(0.001)
         return time.monotonic() - last, "strings stopped"
-    finally:
-        if serial is not None:
-            serial.close()
-        lock.close()
 
 
 def _hold_over_strings(group: MotorGroup, teensy: TeensyLink) -> float:
