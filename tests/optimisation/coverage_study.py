@@ -4,7 +4,9 @@ Every constant, bias of an instrument and coefficient is drawn anew for each log
 `uncertainty` says of it; the fit knows nothing of the draw. Beside it the least width that an interval can have: that
 of an estimator that knows noise and priors exactly (Cramer-Rao with priors), from derivatives of `other_lab` itself.
 
-    python -m tests.optimisation.coverage_study static 100
+    python -m tests.optimisation.coverage_study static 100 out/coverage_static
+
+Finished logs are kept in the folder, and a second call goes on with what is missing; take a new one for new code.
 """
 
 from __future__ import annotations
@@ -13,9 +15,12 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
+from aerodima.optimisation.fit.fit_batch import fit_logs
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.added_mass import fit_added_mass
 from aerodima.optimisation.identify.fit_options import FitOptions
@@ -121,27 +126,37 @@ def draw_added_mass(rng: np.random.Generator) -> Case:
 DRAWS = {"static": draw_static, "friction": draw_friction, "added_mass": draw_added_mass}
 
 
-def study(kind: str, count: int, seed: int = 1, bounds: int = 0) -> dict[str, list[tuple[float, float, bool, float]]]:
-    """Per parameter a tuple per log: score, standard deviation, whether the interval holds the truth, and the least
-    standard deviation (NaN after the first `bounds` logs).
-    """
-    found: dict[str, list[tuple[float, float, bool, float]]] = {}
+def draw(kind: str, number: int) -> tuple[Case, dict[str, float], lab.Lab]:
+    """A log's case, the constants that are not exact, and the laboratory as it is."""
+    rng = np.random.default_rng([1, number])
+    case = DRAWS[kind](rng)
     known = deviations()
     if kind == "friction":
         known = {name: value for name, value in known.items() if name not in ("coulomb", "viscous")}
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
-        make, fit, truth = DRAWS[kind](rng)
-        rig = shifted(lab.LAB, {name: deviation * rng.normal() for name, deviation in known.items()})
-        result = fit(make(rig, truth, number, False))
-        least = least_deviations(kind, make, truth, known) if number < bounds else {}
-        for name, value in truth.items():
-            e = result[name]
-            row = ((e.value - value) / e.standard_deviation, e.standard_deviation, e.holds(value))
-            found.setdefault(name, []).append((*row, least.get(name, math.nan)))
-        if (number + 1) % 10 == 0:
-            print(kind, number + 1, file=sys.stderr, flush=True)
-    return found
+    return case, known, shifted(lab.LAB, {name: deviation * rng.normal() for name, deviation in known.items()})
+
+
+def fit_drawn(kind: str, bounds: int, name: str) -> FitResult:
+    """The fit of a log by its number; in its facts the truth, and of the first `bounds` logs the least deviations."""
+    number = int(name)
+    (make, fit, truth), known, rig = draw(kind, number)
+    result = fit(make(rig, truth, number, False))
+    least = least_deviations(kind, make, truth, known) if number < bounds else {}
+    return replace(result, facts={**result.facts, "truth": truth, "least": least})
+
+
+def study(kind: str, count: int, out: Path, bounds: int) -> list[FitResult]:
+    """The fits of the first logs of a kind, those that `out` has already among them."""
+
+    def progress(done: int, of: int) -> None:
+        print(f"{kind}: {done} of {of}", file=sys.stderr, flush=True)
+
+    settings = {"study": kind, "bounds": bounds}
+    names = [str(number) for number in range(count)]
+    found = fit_logs(partial(fit_drawn, kind, bounds), names, out, settings=settings, progress=progress)
+    for name, reason in found.failed.items():
+        print(f"{kind} {name}: {reason}", file=sys.stderr)
+    return found.results
 
 
 def least_deviations(kind: str, make: Callable, truth: dict[str, float], known: dict[str, float]) -> dict[str, float]:
@@ -184,29 +199,48 @@ def _noise(kind: str, make: Callable, truth: dict[str, float]) -> np.ndarray:
     rounding = lab.COUNT**2 / 12.0 * np.eye(len(log.time))
     if kind == "friction":
         return rounding
-    # A sample of the current stands for the time to its neighbours: it enters as a push of that length.
-    pushed = []
-    for place in range(len(log.time)):
-        moved = make(replace(lab.LAB, pushed_sample=place), truth, 0, True)
-        pushed.append((moved.signal("angle_rad") - log.signal("angle_rad")) / lab.PUSH * lab.LAB.current_noise)
-    return rounding + np.array(pushed).T @ np.array(pushed)
+    pushed = _pushed(make, truth, log) * lab.LAB.current_noise
+    return rounding + pushed @ pushed.T
+
+
+def _pushed(make: Callable, truth: dict[str, float], log: RunLog) -> np.ndarray:
+    """Change of the angle (n) per ampere that flows beyond each sample of the current (n x n), linearised.
+
+    A push changes the rate; what that does to the angle later is a sum of what a change of the first angle and of the
+    first rate do. A sample stands for the time to its neighbours, half a step to either side.
+    """
+    step = float(log.time[1] - log.time[0])
+    ways = []
+    for name, size in (("start_angle", 1e-4), ("start_rate", 1e-3)):
+        ends = [make(lab.LAB, {**truth, name: sign * size}, 0, True).signal("angle_rad") for sign in (1.0, -1.0)]
+        ways.append((ends[0] - ends[1]) / (2.0 * size))
+    angle = np.array(ways)  # (2 x n)
+    rate = np.gradient(angle, step, axis=1, edge_order=2)
+    state = np.stack([angle, rate])  # (2 x 2 x n), from the first state to that of a sample
+    kick = np.linalg.solve(np.moveaxis(state, 2, 0), np.array([0.0, 1.0]))  # (n x 2), first state that is as a kick
+    kick *= -lab.LAB.torque_constant / lab.swinging_inertia(lab.LAB, truth["added_mass"]) * step
+    return np.tril(angle.T @ kick.T)
 
 
 def main() -> None:
     """Runs one study and prints a line per parameter, and one for all."""
-    kind, count = sys.argv[1], int(sys.argv[2])
-    bounds = int(sys.argv[3]) if len(sys.argv) > 3 else 5
+    kind, count, out = sys.argv[1], int(sys.argv[2]), Path(sys.argv[3])
+    bounds = int(sys.argv[4]) if len(sys.argv) > 4 else 5
+    results = study(kind, count, out, bounds)
     held = []
-    for name, rows in study(kind, count, bounds=bounds).items():
-        scores, deviation, inside, least = (np.array(values) for values in zip(*rows, strict=True))
-        ratio = deviation / least  # by the deviations: both intervals are 1.96 of theirs to either side
-        held += inside.tolist()
+    for name in results[0].facts["truth"]:
+        found = [(r[name], r.facts["truth"][name], r.facts["least"].get(name, math.nan)) for r in results]
+        scores = [(e.value - truth) / e.standard_deviation for e, truth, _ in found]
+        inside = [e.holds(truth) for e, truth, _ in found]
+        # By the deviations: both intervals are 1.96 of theirs to either side.
+        ratio = np.array([e.standard_deviation / least for e, _, least in found])
+        held += inside
         print(
-            f"{name:12s} {np.sum(inside):4d} of {len(inside)} = {100.0 * np.mean(inside):5.1f} %, scores "
+            f"{name:12s} {sum(inside):4d} of {len(inside)} = {100.0 * np.mean(inside):5.1f} %, scores "
             f"{np.std(scores):.2f}, median width over the least {np.nanmedian(ratio):.3f} "
             f"(of {np.sum(np.isfinite(ratio))})"
         )
-    print(f"{'all':12s} {np.sum(held):4d} of {len(held)} = {100.0 * np.mean(held):5.1f} %")
+    print(f"{'all':12s} {sum(held):4d} of {len(held)} = {100.0 * np.mean(held):5.1f} %")
 
 
 if __name__ == "__main__":

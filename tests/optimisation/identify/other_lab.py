@@ -22,8 +22,6 @@ from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, write_
 GRAVITY = 9.81
 ACCURACY = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])
 COUNT = 2.0 * math.pi / (512 * 4 * 26)
-PUSH = 0.2
-"""A; falls to nothing at the neighbouring samples."""
 READINGS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_n_m", "torque_y_n_m", "torque_z_n_m")
 
 
@@ -37,7 +35,6 @@ class Lab:
         force_bias, force_drift, force_noise: N and N m, per s of the latter, per sample.
         current_noise: A per sample.
         count: of the encoder, rad.
-        pushed_sample: at which `PUSH` more flows than is logged; -1 for none.
     """
 
     pivot: tuple[float, float, float] = (0.09576, -0.00011, 0.17138)
@@ -70,7 +67,6 @@ class Lab:
     force_noise: np.ndarray = field(default_factory=lambda: 0.01 * ACCURACY)
     current_noise: float = 0.01
     count: float = COUNT
-    pushed_sample: int = -1
 
 
 LAB = Lab()
@@ -235,18 +231,12 @@ def flick(
     rng = np.random.default_rng(seed)
     draw = rng if drive is None else np.random.default_rng(drive)
     sine = Sine(1.5, 2.0 * math.pi * (1.0 + draw.uniform()), draw.uniform(0.0, 2.0 * math.pi))
-    arms = lab.bar_end + lab.gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
-    inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
-    inertia += lab.tail_mass * (lab.tail_length**2 / 12.0 + (lab.bar_end + lab.gap + lab.tail_com) ** 2)
-    inertia += added_mass * float(arms @ arms)
-
-    def push(t: float) -> float:
-        return PUSH * max(0.0, 1.0 - abs(t * rate - lab.pushed_sample)) if lab.pushed_sample >= 0 else 0.0
+    inertia = swinging_inertia(lab, added_mass)
 
     def motion(t: float, state: np.ndarray) -> list[float]:
         q, w = state
         load = weight(lab, q)[1] + float(_loads(lab, q, w or 1e-300, 0.0, lab.wind_gain * wind, cd, cl)[2])
-        return [w, (load - lab.torque_constant * (sine.value(t) + push(t)) - _friction(lab, w)) / inertia]
+        return [w, (load - lab.torque_constant * sine.value(t) - _friction(lab, w)) / inertia]
 
     table = _swing(lab, motion, (angle, start_rate), duration, rate)
     late = table.time_s.to_numpy() - lab.current_delay
@@ -275,6 +265,14 @@ class Sine:
 def write(log: RunLog, folder: Path, name: str) -> Path:
     """The log as a file."""
     return write_run_log(replace(log, source=name), folder / f"{name}.parquet")
+
+
+def swinging_inertia(lab: Lab, added_mass: float) -> float:
+    """Of bar, tail, rotor and added mass per fifth of the tail (kg) about the motor axis, kg m2."""
+    arms = lab.bar_end + lab.gap + lab.tail_length * (np.arange(5) + 0.5) / 5.0
+    inertia = lab.bar_inertia + lab.bar_mass * lab.bar_com**2 + lab.rotor_inertia
+    inertia += lab.tail_mass * (lab.tail_length**2 / 12.0 + (lab.bar_end + lab.gap + lab.tail_com) ** 2)
+    return inertia + added_mass * float(arms @ arms)
 
 
 def _friction(lab: Lab, w: float) -> float:
