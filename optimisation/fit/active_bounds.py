@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit
 
 _TAIL = 0.05
 _LEAST_TAIL = 1e-250
@@ -76,9 +76,9 @@ def held_at_bounds(
 
 def reach_inside(beyond: float, freedom: float) -> float:
     """The q of this module's head, in standard deviations: 1.96 at `beyond` = 0, about 3 / beyond far out."""
-    tail = float(student.sf(beyond, freedom))
+    tail = float(stdtr(freedom, -beyond))
     if tail > _LEAST_TAIL:
-        return float(student.isf(_TAIL * tail, freedom)) - beyond
+        return -float(stdtrit(freedom, _TAIL * tail)) - beyond
     # F goes like (1 + r^2 / freedom)^(-(freedom + 1) / 2); in the limit of a known variance like exp(-r^2 / 2).
     drop = -2.0 * math.log(_TAIL)
     more = drop if math.isinf(freedom) else math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.fit_pipeline import FitResult, NoiseModel, result_of
@@ -202,7 +202,7 @@ def _misfit(solution: Solution, unknowns: int) -> list[str]:
     priors = sum(_has_prior(p) for p in solution.problem.parameters.free)
     freedom = len(solution.residual) - priors - unknowns
     power = float(solution.residual @ solution.residual)
-    if freedom < 1 or freedom > 50 or chi2.sf(power, freedom) > _CHANCE:
+    if freedom < 1 or freedom > 50 or chdtrc(freedom, power) > _CHANCE:
         return []
     return [
         f"noise and constants do not explain the data: what is left is {power / freedom:.3g} times what they allow; a "

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import dct, idct
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from aerodima.optimisation.fit.robust_loss import spread
 
@@ -68,4 +68,4 @@ def check_residual(residual: np.ndarray, unknowns: int = 1) -> ResidualCheck:
 def chance_of(checks: Sequence[ResidualCheck]) -> float:
     """That noise wanders as much as several residuals together do."""
     low, high = (sum(check.freedom[i] for check in checks) for i in range(2))
-    return float(fisher.sf(np.mean([check.wander for check in checks]), low, high))
+    return float(fdtrc(low, high, np.mean([check.wander for check in checks])))

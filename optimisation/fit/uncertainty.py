@@ -15,9 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import norm as normal
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtrit
 
 from aerodima.optimisation.fit.active_bounds import held_at_bounds
 from aerodima.optimisation.fit.fit_errors import FitError
@@ -144,7 +142,7 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
 @lru_cache(maxsize=256)
 def _factor(freedom: float) -> float:
     """Half the width of the interval in standard deviations."""
-    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom))
+    return float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE))
 
 
 @lru_cache(maxsize=128)
@@ -157,11 +155,14 @@ def _rounded_factor(share: float) -> float:
         return _factor(np.inf)
     if share > _EVEN_ALONE:
         return CONFIDENCE * math.sqrt(3.0)
+    from scipy.optimize import brentq
+
     half, sigma = math.sqrt(3.0) * share, math.sqrt(1.0 - share * share)
 
     def missing(reach: float) -> float:
         ends = np.array([reach + half, reach - half]) / sigma
-        inside = ends * normal.cdf(ends) + normal.pdf(ends)  # integral of the distribution function
+        density = np.exp(-0.5 * np.square(ends)) / math.sqrt(2.0 * math.pi)
+        inside = ends * ndtr(ends) + density  # integral of the distribution function
         return float(sigma * (inside[0] - inside[1]) / (2.0 * half)) - (0.5 + 0.5 * CONFIDENCE)
 
     return float(brentq(missing, 1.0, 3.0))

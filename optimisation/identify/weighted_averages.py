@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import brentq
 
 from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_pipeline import FitResult
@@ -114,6 +113,8 @@ def huber_location(values: np.ndarray) -> float:
     scale = spread(values)
     if scale == 0.0:
         return float(np.median(values))
+    from scipy.optimize import brentq
+
     low, high = float(np.min(values)), float(np.max(values))
     return float(
         brentq(lambda x: float(np.sum(np.clip((values - x) / scale, -LIMIT, LIMIT))), low, high, xtol=1e-9 * scale)

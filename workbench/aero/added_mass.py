@@ -29,7 +29,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -125,6 +124,8 @@ class AddedMass:
         """
         if self.mass_per_part >= 0.0:
             return
+        from scipy.linalg import eigh
+
         plant, context = self.plant, self.plant.CreateDefaultContext()
         rng = np.random.default_rng(0)
         lower = np.clip(plant.GetPositionLowerLimits(), -math.pi, math.pi)
@@ -144,7 +145,7 @@ class AddedMass:
                 bare = bare - _body_mass_matrix(plant, context, body)
             unit = added_mass_matrix(plant, context, self.body, self.layout, 1.0)
             keep = np.setdiff1d(np.arange(plant.num_velocities()), own)
-            largest = scipy.linalg.eigh(unit[np.ix_(keep, keep)], bare[np.ix_(keep, keep)], eigvals_only=True)[-1]
+            largest = eigh(unit[np.ix_(keep, keep)], bare[np.ix_(keep, keep)], eigvals_only=True)[-1]
             if self.mass_per_part * largest <= least_left - 1.0 + 1e-9:
                 too_much = (
                     f"leaves less than {least_left:.0%} of an inertia"

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.multibody.tree import BodyIndex, JointIndex
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.errors import ModelError
@@ -92,6 +91,8 @@ class Jet:
         Raises:
             ModelError: no position of any joint brings a section into the jet.
         """
+        from pydrake.multibody.tree import BodyIndex, JointIndex
+
         context = plant.CreateDefaultContext()
         defaults = np.clip(plant.GetPositions(context), plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits())
         plant.SetPositions(context, defaults)

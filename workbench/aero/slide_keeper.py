@@ -14,7 +14,7 @@ from aerodima.workbench.aero.laws import dot
 from aerodima.workbench.systems.autodiff_system import LeafSystem_, declare_spatial_forces, system_template
 
 
-@system_template("SlideKeeper_")
+@system_template("SlideKeeper_", __name__)
 def SlideKeeper_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `SlideKeeper`."""
 

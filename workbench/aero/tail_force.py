@@ -30,7 +30,7 @@ SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_nu
 NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0
 
 
-@system_template("TailForce_")
+@system_template("TailForce_", __name__)
 def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `TailForce`."""
 

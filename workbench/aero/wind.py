@@ -76,7 +76,7 @@ class WindModel:
         return [keep * p + spread * std * x for p, std, x in zip(previous, self.turbulence, noise, strict=True)]
 
 
-@system_template("WindSource_")
+@system_template("WindSource_", __name__)
 def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `WindSource`."""
 
@@ -131,7 +131,7 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 WindSource = WindSource_[float]
 
 
-@system_template("ApparentWind_")
+@system_template("ApparentWind_", __name__)
 def ApparentWind_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
     """Template over the scalar type; see `ApparentWind`."""
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from aerodima.workbench.errors import LogError
 
@@ -99,6 +98,8 @@ def low_pass(time: FloatArray, signal: FloatArray, design: LowPass, column: str 
     Raises:
         LogError: gap or NaN, cut-off not below half the sample rate, signal too short for the filter.
     """
+    from scipy.signal import butter, sosfiltfilt
+
     check_signals(time, {column: signal})
     step = (time[-1] - time[0]) / (len(time) - 1)
     if design.cutoff_hz >= 0.5 / step:

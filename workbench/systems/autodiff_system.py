@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -16,10 +17,16 @@ LeafSystem_: Any = vars(pydrake.systems.framework)["LeafSystem_"]
 """Drake's template of leaf systems."""
 
 
-def system_template(name: str) -> Callable[[Callable[[Any], Any]], Any]:
-    """Decorator of a function f(T) that returns a system class, for T = float and AutoDiffXd (see `TemplateSystem`)."""
+def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], Any]:
+    """Decorator of a function f(T) that returns a system class, for T = float and AutoDiffXd (see `TemplateSystem`).
+
+    Args:
+        name: of the template.
+        module: `__name__` of the caller. To find it by itself Drake reads the source of the whole call stack, which
+            takes seconds where imports are nested deeply.
+    """
     decorator: Callable[[Callable[[Any], Any]], Any] = TemplateSystem.define(  # type: ignore[no-untyped-call]
-        name, T_list=[float, AutoDiffXd]
+        name, T_list=[float, AutoDiffXd], scope=sys.modules[module]
     )
     return decorator
 
