@@ -25,8 +25,8 @@ from aerodima.optimisation.identify.swing_log import SwingData
 from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.plants.car import LEAST_INERTIA_LEFT
-from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, rig_law
+from aerodima.workbench.plants.rig_air import rig_law
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
 
 Bounds = Literal["wide", "printed"]
 BOUNDS: tuple[Bounds, ...] = ("wide", "printed")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,10 @@ from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_law
+from aerodima.workbench.plants.rig_air import rig_law
+from aerodima.workbench.plants.rig_model import tail_layout
+from aerodima.workbench.plants.rig_motion import RigMotion
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
 
 _POINTS = 200
 _TIME = "time after the release, s"
@@ -74,9 +78,10 @@ def compare(
     }
     rows = np.unique(np.linspace(1, len(data.time) - 2, _POINTS).astype(int))
     rows = rows[np.abs(motions[QSS_AM][0][rows]) <= data.scenario.mount.angle_limit]
+    rig = RigMotion.of(data.scenario)
     rigs = {
-        QSS: Rig(data.scenario.varied(aero={"added_mass": 0.0})),
-        QSS_AM: Rig(data.scenario.varied(aero={"added_mass": values["added_mass"]})),
+        QSS: replace(rig, added_mass=0.0),
+        QSS_AM: replace(rig, added_mass=values["added_mass"]),
     }
     section_facts, section_curves = _sections(data.scenario, rigs[QSS_AM], motions[QSS_AM], data.time, rows)
     warnings: list[str] = []
@@ -90,20 +95,19 @@ def compare(
 
 
 def _reactions(
-    model: SwingModel, log: RunLog, rigs: dict[str, Rig], motions: dict[str, Motion], rows: np.ndarray
+    model: SwingModel, log: RunLog, rigs: dict[str, RigMotion], motions: dict[str, Motion], rows: np.ndarray
 ) -> tuple[dict[str, Any], dict[str, Any], list[str]]:
     """Scatter of the difference of each reaction between log and model; its mean is left out, the bias sets it.
 
     The first sample is left out too: there the motor's torque jumps.
     """
     data = model.data
-    limit = data.scenario.mount.angle_limit
     torque = 0.5 * (data.motor[1:] + data.motor[:-1])
     modelled = {}
     for name, rig in rigs.items():
-        angle, rate = motions[name]
-        inside = np.clip(angle, -limit, limit)
-        modelled[name] = np.array([rig.reaction(inside[i], rate[i], torque[i - 1]).wrench for i in rows])
+        angle, rate = (values[rows] for values in motions[name])
+        states = zip(angle.tolist(), rate.tolist(), torque[rows - 1].tolist(), strict=True)
+        modelled[name] = rig.wrenches(angle, rate, np.array([rig.acceleration(*state) for state in states]))
     places = np.minimum(np.searchsorted(log.time, data.release + data.time[rows] - 1e-9), len(log.time) - 1)
     facts: dict[str, Any] = {}
     curves: dict[str, Any] = {}
@@ -134,13 +138,14 @@ def _reactions(
 
 
 def _sections(
-    scenario: RigScenario, rig: Rig, motion: Motion, time: np.ndarray, rows: np.ndarray
+    scenario: RigScenario, rig: RigMotion, motion: Motion, time: np.ndarray, rows: np.ndarray
 ) -> tuple[dict[str, float], dict[str, Any]]:
     """C_D, C_L and Reynolds number of the sections over the swing, and how fast the fastest was."""
     law = rig_law(scenario)[0]
-    felt = np.array([rig.sections(motion[0][i], motion[1][i]) for i in rows])
-    speed, reynolds = felt[:, :, 0], felt[:, :, 2]
-    pairs = np.array([[section_coefficients(law, v, g) for v, g, *_ in sections] for sections in felt])
+    felt = np.array([rig.sections(float(motion[0][i]), float(motion[1][i])) for i in rows])
+    speed, environment = felt[:, :, 0], scenario.environment
+    reynolds = speed * tail_layout(scenario).chord * environment.air_density / environment.air_viscosity
+    pairs = np.array([[section_coefficients(law, v, g) for v, g in sections] for sections in felt])
     curves = {}
     for name, values in (("C_D", pairs[:, :, 0]), ("C_L", pairs[:, :, 1]), ("Reynolds number", reynolds)):
         curves[f"{name} of the sections (1 at the root; gaps: outside the jet)"] = {

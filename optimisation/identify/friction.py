@@ -20,25 +20,15 @@ def friction_seed(robot: bool) -> tuple[float, float]:
     return float(row.coulomb_friction_n_m), float(row.viscous_friction_n_m_s_per_rad)
 
 
-def friction_model(data: SwingData, pendulum: Pendulum | None = None) -> SwingModel:
-    """The rollout with the friction of the values; air and motor as in the scenario.
-
-    Args:
-        pendulum: that of the robot's tail, which none of its constants changes.
-    """
+def friction_model(data: SwingData) -> SwingModel:
+    """The rollout with the friction of the values; air and motor as in the scenario."""
     scenario = data.scenario
     air = air_torque(scenario)
     fixed = [air] if air is not None else []
     if scenario.is_robot:
         fixed.append(motor_of(scenario))
     gain = scenario.robot_friction.tanh_gain if scenario.is_robot else scenario.friction.tanh_gain
-    own = pendulum or Pendulum.of(scenario)
-    return SwingModel(
-        data,
-        own,
-        lambda values: [*fixed, friction_of(values, gain)],
-        lambda other: friction_model(other, own if scenario.is_robot else None),
-    )
+    return SwingModel(data, Pendulum.of(scenario), lambda values: [*fixed, friction_of(values, gain)], friction_model)
 
 
 def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = FREE) -> FitResult:

@@ -59,7 +59,7 @@ def shape_parameters(shape: Shape, data: SwingData) -> list[Parameter]:
     return [Parameter(f"cn_at_{node:g}", "1", _SEED, _LOW, _HIGH, scale=1.0) for node in nodes]
 
 
-def robot_tail_model(data: SwingData, shape: Shape, pendulum: Pendulum | None = None) -> SwingModel:
+def robot_tail_model(data: SwingData, shape: Shape) -> SwingModel:
     """The rollout whose air has C_N of a shape; friction and motor as in the scenario."""
     scenario = data.scenario
     if not scenario.is_robot:
@@ -74,8 +74,7 @@ def robot_tail_model(data: SwingData, shape: Shape, pendulum: Pendulum | None = 
         assert air is not None
         return [air, *fixed]
 
-    own = pendulum or Pendulum.of(scenario)
-    return SwingModel(data, own, torques, lambda other: robot_tail_model(other, shape, own))  # type: ignore[arg-type]
+    return SwingModel(data, Pendulum.of(scenario), torques, lambda other: robot_tail_model(other, shape))  # type: ignore[arg-type]
 
 
 def robot_tail_problem(data: SwingData, shape: Shape) -> Problem:

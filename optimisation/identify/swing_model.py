@@ -1,25 +1,21 @@
 """A rig as a pendulum with one degree of freedom, fast enough to be rolled out hundreds of times in a fit.
 
-inertia x acceleration = weight + air + motor - friction, about the motor axis, positive downstream. Inertia and weight
-come from the rig's plant, the force of the air from `aerodima.workbench.aero`; a test compares the acceleration with
-the plant's.
+inertia x acceleration = weight + air + motor - friction, about the motor axis, positive downstream. Inertia, weight and
+air are those of `aerodima.workbench.plants.rig_motion`; a test compares the acceleration with the plant's.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.workbench.aero.laws import SectionLaw
-from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, Rig, rig_jet, rig_law
-from aerodima.workbench.plants.rig_model import bar_layout, cheetah_tail_properties, pivot_position, tail_layout
+from aerodima.workbench.plants.rig_motion import RigMotion
 
 Torque = Callable[[float, float], float]
 """Angle (rad) and rate (rad/s) to torque about the motor axis, N m."""
@@ -44,18 +40,12 @@ class Pendulum:
 
     @classmethod
     def of(cls, scenario: RigScenario) -> Pendulum:
-        """The pendulum of a scenario: a sum over bar, tail and rotor; of the robot's tail from its plant."""
-        inertia, along, across = _robot_moments(scenario) if scenario.is_robot else _moments(scenario)
-        weight = (-scenario.environment.gravity * along, -scenario.environment.gravity * across)
-        if scenario.experiment.kind == "bar_swing":
-            return cls(inertia, *weight, ())
-        parts = tail_layout(scenario, ADDED_MASS_PARTS)
-        root = _root_distance(scenario)
-        kilter = 0.0 if scenario.is_robot else scenario.tunnel.kilter
-        places = [(root + s * math.cos(kilter), s * math.sin(kilter)) for s in parts.distances]
-        # Only the motion across the tail's axis counts: the arm along it.
-        arms = [x * math.cos(kilter) + y * math.sin(kilter) for x, y in places]
-        return cls(inertia, *weight, tuple(arms))
+        """The pendulum of a scenario."""
+        motion = RigMotion.of(scenario)
+        along = sum(body.mass * body.radius * math.cos(body.phase) for body in motion.bodies)
+        across = sum(body.mass * body.radius * math.sin(body.phase) for body in motion.bodies)
+        inertia = replace(motion, added_mass=0.0).inertia
+        return cls(inertia, -motion.gravity * along, -motion.gravity * across, motion.added_distances)
 
     @property
     def least_added_mass(self) -> float:
@@ -78,72 +68,19 @@ class Pendulum:
         return total
 
 
-def _moments(scenario: RigScenario) -> tuple[float, float, float]:
-    """Inertia about the motor axis (kg m2), and first moments of mass along and across the hanging bar (kg m)."""
-    bar = scenario.bar
-    inertia = bar.inertia_xx + bar.mass * bar.com_distance**2 + scenario.maxon.reflected_inertia
-    along, across = bar.mass * bar.com_distance, 0.0
-    if scenario.has_cheetah_tail:
-        tail, kilter = scenario.cheetah_tail, scenario.tunnel.kilter
-        x = _root_distance(scenario) + tail.com_distance * math.cos(kilter)
-        y = tail.com_distance * math.sin(kilter)
-        inertia += cheetah_tail_properties(tail).inertia[0] + tail.mass * (x * x + y * y)
-        along, across = along + tail.mass * x, across + tail.mass * y
-    return inertia, along, across
-
-
-def _robot_moments(scenario: RigScenario) -> tuple[float, float, float]:
-    """The same of the robot's tail."""
-    plant = Rig(scenario).plant
-    context = plant.CreateDefaultContext()
-    torques = []
-    for angle in (0.5 * math.pi, 0.0):
-        plant.SetPositions(context, np.array([angle]))
-        torques.append(float(plant.CalcGravityGeneralizedForces(context)[0]) / -scenario.environment.gravity)
-    return float(plant.CalcMassMatrix(context)[0, 0]), torques[0], torques[1]
-
-
-def _root_distance(scenario: RigScenario) -> float:
-    return 0.0 if scenario.is_robot else scenario.bar.tail_distance + scenario.cheetah_tail.gap
-
-
 def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque | None:
     """Torque of the air on tail and bar; None for the bare bar.
 
     Args:
         law: of the tail; that of the scenario by default.
     """
-    if scenario.experiment.kind == "bar_swing":
+    motion = RigMotion.of(scenario)
+    if not motion.blades:
         return None
-    law = law or rig_law(scenario)[0]
-    jet = rig_jet(scenario)
-    speed, density = scenario.experiment.wind_speed, scenario.environment.air_density
-    wind = tuple(speed * part for part in jet.downstream_W)
-    pivot = tuple(float(x) for x in pivot_position(scenario.mount))
-    root = _root_distance(scenario)
-    kilter = 0.0 if scenario.is_robot else scenario.tunnel.kilter
-    bodies: list[tuple[SectionLaw, SectionLayout, float, float]] = [(law, tail_layout(scenario), root, kilter)]
-    if not scenario.is_robot:
-        bodies.append((PolarLaw(scenario.bar.drag_coefficient), bar_layout(scenario), 0.0, 0.0))
-
-    def torque(angle: float, rate: float) -> float:
-        total = 0.0
-        s, c = math.sin(angle), math.cos(angle)
-        for body_law, layout, start, kink in bodies:
-            a = (0.0, -math.sin(angle + kink), -math.cos(angle + kink))
-            arm_y, arm_z = -start * s, -start * c
-            distances, areas = jet.exposed_sections(layout, (pivot[0], pivot[1] + arm_y, pivot[2] + arm_z), a)
-            if not any(areas):
-                continue
-            # The axis of rotation is -x: a point (y, z) from the pivot moves with rate (z, -y).
-            u = (wind[0], wind[1] - rate * arm_z, wind[2] + rate * arm_y)
-            k = (0.0, -rate * a[2], rate * a[1])
-            n = (0.0, -a[2], a[1])
-            force = body_law.line_force(u, k, a, n, distances, areas, density)
-            total -= force[3] + arm_y * force[2] - arm_z * force[1]
-        return total
-
-    return torque
+    if law is not None:
+        motion = replace(motion, blades=(*motion.blades[:-1], replace(motion.blades[-1], law=law)))
+    air = motion.air
+    return lambda angle, rate: -air(angle, rate)[3]
 
 
 def friction_torque(coulomb: float, viscous: float, tanh_gain: float, stribeck: Sequence[float] = ()) -> Torque:

@@ -32,7 +32,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.car_model import car_sdf
 from aerodima.workbench.plants.sdf_model import SdfModel
-from aerodima.workbench.plants.tail import added_mass_layout, tail_sdf
+from aerodima.workbench.plants.tail import LEAST_INERTIA_LEFT, added_mass_layout, tail_sdf
 from aerodima.workbench.resources import models_dir
 from aerodima.workbench.systems.drake_log import drop_message
 
@@ -46,10 +46,6 @@ HALF_SPACE_WARNING = (
 """What Drake says about every half space with which a deformable body could touch. The car has no deformable body."""
 
 MODELS_PACKAGE = "aerodima_models"
-
-LEAST_INERTIA_LEFT = 0.03
-"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail with 3 % is the same
-at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
 
 
 @dataclass(frozen=True)

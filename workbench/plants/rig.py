@@ -19,9 +19,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import Adder
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
-from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.jet import Jet
-from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, connect_spatial_forces
@@ -31,11 +28,10 @@ from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.joint_friction import JointFriction, smooth_friction
-from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, pivot_position, robot_rig_sdf, tail_layout
+from aerodima.workbench.plants.rig_air import rig_jet, rig_law
+from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, robot_rig_sdf, tail_layout
 from aerodima.workbench.plants.rig_reactions import SpanwiseBalance, SupportWrench
-
-ADDED_MASS_PARTS = 5
-"""Equal parts of the tail that carry the added mass (thesis section 4.6)."""
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
 
 
 @dataclass(frozen=True)
@@ -133,28 +129,6 @@ def _add_air(builder: DiagramBuilder, plant: MultibodyPlant, scenario: RigScenar
     return add_tail_force(
         builder, plant, "tail", tail_layout(scenario), law, air=air, wind=wind, jet=jet, quasi_steady_limit=limit
     )
-
-
-def rig_jet(scenario: RigScenario) -> Jet:
-    """The tunnel's jet as the rig of a scenario stands in it."""
-    tunnel = scenario.tunnel
-    return Jet.below_pivot(
-        pivot_position(scenario.mount), tunnel.jet_edge_depth, psi=tunnel.psi3, slope=tunnel.jet_slope
-    )
-
-
-def rig_law(scenario: RigScenario) -> tuple[SectionLaw, float | None]:
-    """Force law of the tail under test, and the relative speed (m/s) up to which it was shown to hold."""
-    aero, experiment = scenario.aero, scenario.experiment
-    if scenario.is_robot:
-        if aero.source == "constant":
-            return NormalForceLaw(aero.normal_force), None
-        line = load_coefficients("robot_tail_line")
-        return line.law(), line.quasi_steady_limit
-    if aero.source == "constant":
-        return PolarLaw(aero.drag, aero.lift, lift_blend=aero.lift_blend), None
-    table = load_coefficients(f"cheetah_tail_{experiment.tail}_{experiment.axis}")
-    return PolarLaw(table.table("cd"), table.table("cl"), lift_blend=aero.lift_blend), table.quasi_steady_limit
 
 
 def _added_mass(plant: MultibodyPlant, scenario: RigScenario) -> AddedMass | None:

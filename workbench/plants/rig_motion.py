@@ -11,17 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from aerodima.workbench.aero.jet import Jet
-from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.aero.laws import SectionLaw, angle_of_attack, length
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
-from aerodima.workbench.plants.rig import ADDED_MASS_PARTS, rig_jet, rig_law
+from aerodima.workbench.plants.rig_air import rig_jet, rig_law
 from aerodima.workbench.plants.rig_model import (
     MassProperties,
     bar_layout,
@@ -32,6 +33,7 @@ from aerodima.workbench.plants.rig_model import (
     robot_tail_properties,
     tail_layout,
 )
+from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
 
 MotorTorque = Callable[[float, float, float], float]
 """Time (s), angle (rad), rate (rad/s) to the motor's torque on the joint (N m), positive downstream."""
@@ -65,7 +67,7 @@ class RigMotion:
         bodies: that swing.
         rotor: reflected inertia about the motor axis, kg m2.
         added_mass: of each part, kg.
-        added_distances: of the parts from the pivot, m.
+        added_distances: of the parts from the pivot along the axis of the tail, m; empty for the bare bar.
         friction: rate to torque.
         blades: tail and bar in the wind.
         jet: of the tunnel.
@@ -97,13 +99,12 @@ class RigMotion:
         motor, maxon = scenario.robot_motor, scenario.maxon
         bodies, blades = _parts(scenario)
         x, y, z = pivot_position(scenario.mount).tolist()
-        tilted = blades[-1].root if blades else 0.0
-        added = scenario.aero.added_mass if blades else 0.0
+        parts = tail_layout(scenario, ADDED_MASS_PARTS).distances if blades else ()
         return cls(
             bodies=bodies,
             rotor=motor.rotor_inertia * motor.gear_ratio**2 if robot else maxon.reflected_inertia,
-            added_mass=added,
-            added_distances=tuple(tilted + s for s in tail_layout(scenario, ADDED_MASS_PARTS).distances),
+            added_mass=scenario.aero.added_mass if blades else 0.0,
+            added_distances=tuple(blades[-1].root * math.cos(blades[-1].tilt) + s for s in parts),
             friction=smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain),
             blades=blades,
             jet=rig_jet(scenario),
@@ -128,23 +129,33 @@ class RigMotion:
 
     def air(self, angle: float, rate: float) -> tuple[float, ...]:
         """Force of the air on what swings and its moment about the pivot (6), W axes, N and N m."""
-        total = [0.0] * 6
-        s, c = math.sin(angle), math.cos(angle)
-        px, py, pz = self.pivot
-        wx, wy, _ = (self.wind_speed * part for part in self.jet.downstream_W)
+        x = y = z = mx = my = mz = 0.0
         for blade in self.blades:
-            ry, rz = -blade.root * s, -blade.root * c
-            st, ct = math.sin(angle + blade.tilt), math.cos(angle + blade.tilt)
-            a, n = (0.0, -st, -ct), (0.0, ct, -st)
-            u = (wx, wy + rate * blade.root * c, -rate * blade.root * s)
-            k = (0.0, rate * ct, -rate * st)
-            distances, areas = self.jet.exposed_sections(blade.layout, (px, py + ry, pz + rz), a)
+            (ry, rz), u, k, a, n, distances, areas = self._met(blade, angle, rate)
             if areas[0] == 0.0:
                 continue
-            fx, fy, fz, mx, my, mz = blade.law.line_force(u, k, a, n, distances, areas, self.density)
-            moment = (mx + ry * fz - rz * fy, my + rz * fx, mz - ry * fx)
-            total = [t + x for t, x in zip(total, (fx, fy, fz, *moment), strict=True)]
-        return tuple(total)
+            fx, fy, fz, tx, ty, tz = blade.law.line_force(u, k, a, n, distances, areas, self.density)
+            x, y, z = x + fx, y + fy, z + fz
+            mx, my, mz = mx + tx + ry * fz - rz * fy, my + ty + rz * fx, mz + tz - ry * fx
+        return x, y, z, mx, my, mz
+
+    def sections(self, angle: float, rate: float) -> list[tuple[float, float]]:
+        """Relative speed (m/s) and angle of attack (rad) of each section of the tail; NaN outside the jet."""
+        _, u, k, a, _, distances, areas = self._met(self.blades[-1], angle, rate)
+        if areas[0] == 0.0:
+            return [(math.nan, math.nan)] * len(areas)
+        flow = [(u[0], u[1] + s * k[1], u[2] + s * k[2]) for s in distances]
+        return [(length(v), angle_of_attack(v, a)) for v in flow]
+
+    def _met(self, blade: Blade, angle: float, rate: float) -> tuple[Any, ...]:
+        """Root of a blade from the pivot (y, z), its wind u + s k, axis, normal, places and areas of its sections."""
+        s, c = math.sin(angle), math.cos(angle)
+        st, ct = math.sin(angle + blade.tilt), math.cos(angle + blade.tilt)
+        root, (px, py, pz), (wx, wy, _) = blade.root, self.pivot, self.jet.downstream_W
+        a, arm = (0.0, -st, -ct), (-root * s, -root * c)
+        u = (self.wind_speed * wx, self.wind_speed * wy + rate * root * c, -rate * root * s)
+        met = self.jet.exposed_sections(blade.layout, (px, py + arm[0], pz + arm[1]), a)
+        return arm, u, (0.0, rate * ct, -rate * st), a, (0.0, ct, -st), *met
 
     def load(self, angle: float, rate: float) -> float:
         """Torque of weight, air and friction along the joint axis, N m."""

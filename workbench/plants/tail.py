@@ -27,7 +27,11 @@ TAIL_CONTACT_STIFFNESS = 1.0e4
 """Contact stiffness (N/m) of the sail's corners: film and a half ring, soft against the tyres; acts in a crash only."""
 
 ADDED_MASS_PARTS = 5
-"""Equal parts of the whole tail, `tail.added_mass` each (design section 5)."""
+"""Equal parts of the whole tail that carry the added mass (design section 5, thesis section 4.6)."""
+
+LEAST_INERTIA_LEFT = 0.03
+"""Share of every inertia that a negative `tail.added_mass` must leave: a swing of the default tail with 3 % is the same
+at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.config.log_columns import rig_columns
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.plants.rig import Rig, rig_law
+from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.plants.rig_air import rig_law
 from aerodima.workbench.sensors.force_torque import sensor_errors, sensor_readings
 from aerodima.workbench.sensors.rig_encoder import count_angle, quantise
 from aerodima.workbench.systems.noise import CounterNoise
