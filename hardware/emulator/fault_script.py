@@ -58,6 +58,7 @@ class Fault(StrEnum):
     TIPPED_OVER = "tipped_over"
     OVER_SPEED = "over_speed"
     IMU_FROZEN = "imu_frozen"
+    FOREIGN_MODULE = "foreign_module"
     SILENT = "silent"
     UNPLUGGED = "unplugged"
     SERIAL_NOISE = "serial_noise"

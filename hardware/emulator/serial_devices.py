@@ -24,6 +24,8 @@ _ON_ITS_SIDE, _TOO_FAST = 1.57, 9.0
 """Roll (rad) and speed (m/s) that the faults `tipped_over` and `over_speed` report."""
 OPERATOR, CAR = 0x0013_A200_4000_0001, 0x0013_A200_4000_0002
 """64-bit serial numbers of the emulated modules of operator and car; the first half is the maker's."""
+_FOREIGN = CAR + 1
+"""From whom the reports come while the fault `foreign_module` is on."""
 
 
 class _Line:
@@ -128,7 +130,7 @@ class EmulatedAir:
     """Two XBee modules and the air between them: what one computer hands to its module, the other module hands out."""
 
     def __init__(self, board: FaultBoard) -> None:
-        self._line = _Line("radio", board)
+        self._board, self._line = board, _Line("radio", board)
         self._of_operator, self._of_car = ApiStream(), ApiStream()
 
     def to_car(self, data: bytes) -> bytes:
@@ -137,7 +139,8 @@ class EmulatedAir:
 
     def to_console(self, data: bytes) -> bytes:
         """From the car's serial port to the console's."""
-        return self._carry(self._of_car, data, CAR, OPERATOR)
+        sender = _FOREIGN if self._board.entry(Fault.FOREIGN_MODULE) else CAR
+        return self._carry(self._of_car, data, sender, OPERATOR)
 
     def _carry(self, stream: ApiStream, data: bytes, sender: int, receiver: int) -> bytes:
         packets = [packet for packet in stream.feed_transmits(data) if packet.receiver in (receiver, BROADCAST)]

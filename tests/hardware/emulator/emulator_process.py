@@ -24,6 +24,7 @@ from aerodima.hardware.emulator.event_log import read_events
 from aerodima.hardware.emulator.fault_script import Script
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
+from tests.hardware.emulator.console_operator import ConsoleOperator
 
 DISTURBED = 0.02
 """A pause of that length, s, is not of our making: the loops of drive and emulator take 2 ms of their 10."""
@@ -45,11 +46,15 @@ class EmulatorProcess:
     Args:
         folder: gets the folder `emulated` with the emulator's files.
         script: content of a script of faults, without its schema.
+        console: the car is driven by `operator`, at the console's end of the radio, instead of by the script.
     """
 
-    def __init__(self, folder: Path, scenario: Scenario, wiring: Any, script: dict | None = None) -> None:
+    def __init__(
+        self, folder: Path, scenario: Scenario, wiring: Any, script: dict | None = None, console: bool = False
+    ) -> None:
         self.folder, self.wiring = folder / "emulated", wiring
-        arguments = (scenario, wiring, self.folder, script or {})
+        arguments = (scenario, wiring, self.folder, script or {}, console)
+        self._console, self.operator = console, None
         self.process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
 
     def __enter__(self) -> EmulatorProcess:
@@ -59,6 +64,7 @@ class EmulatorProcess:
             assert self.process.is_alive(), "the emulator ended"
             assert time.monotonic() < end, "the emulator is not ready"
             time.sleep(0.01)
+        self.operator = ConsoleOperator(self.ports) if self._console else None
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -66,6 +72,8 @@ class EmulatorProcess:
 
     def end(self) -> None:
         """Its logs are whole after that."""
+        if self.operator is not None:
+            self.operator.close()
         if self.process.is_alive():
             self.process.terminate()
             self.process.join(30.0)
@@ -89,9 +97,9 @@ class EmulatorProcess:
         return list(can.BLFReader(self.folder / TRAFFIC_FILE))
 
 
-def _run(scenario: Scenario, wiring: Any, folder: Path, script: dict) -> None:
+def _run(scenario: Scenario, wiring: Any, folder: Path, script: dict, console: bool) -> None:
     threading.Thread(target=_end_with_tests, name="end-with-tests", daemon=True).start()
-    run_emulator(EmulatorSettings(scenario, wiring, folder, Script.model_validate(script)))
+    run_emulator(EmulatorSettings(scenario, wiring, folder, Script.model_validate(script), console=console))
 
 
 def _end_with_tests() -> None:

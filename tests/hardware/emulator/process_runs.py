@@ -26,17 +26,23 @@ from tests.hardware.fake_can import wait_until
 SETTINGS = ("simulation.step=0.004", "simulation.log_rate=250")
 MARGIN = 0.1
 """s; for processes that share a busy computer."""
+_CONFIRMED = 1.0
+"""s within which a stop is reported to the console."""
 _FIRMWARE, _BEATS = load_teensy_timing().watchdog_timeout, load_watchdog_timing().heartbeat_timeout
 
 
 @dataclass
 class Found:
-    """Times in s since the cause; NaN: never. status: exit status of the drive; None while it lives or was killed."""
+    """Times in s since the cause; NaN: never. status: exit status of the drive; None while it lives or was killed.
+
+    confirmed: whether a console took its stop as confirmed within `_CONFIRMED`; None without a console.
+    """
 
     motors_off: float
     throttle_neutral: float
     status: int | None
     said: str
+    confirmed: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,9 @@ class ProcessCase:
     reason: str = ""
     throttle_within: float = 0.0
     """0: as `within`."""
+    faults: tuple[dict, ...] = ()
+    confirmed: bool | None = None
+    """Given: somebody at the console drives, and its stop is confirmed or not."""
 
 
 def descendants(pid: int) -> list[int]:
@@ -95,6 +104,14 @@ def tips_over(process: subprocess.Popen[str], emulator: EmulatorProcess) -> floa
     del process
     assert wait_until(lambda: emulator.named("tipped"), 20.0), "the car stays on its wheels"
     return float(emulator.named("tipped")[0]["time_s"])
+
+
+def presses_stop(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
+    """The operator at the console, after a second of driving: the fault is on by then, where there is one."""
+    del process
+    time.sleep(1.0)
+    assert emulator.operator is not None
+    return emulator.operator.press_stop()
 
 
 _FAST_TURN = (*SETTINGS, "manoeuvre.speed=3.9")
@@ -141,6 +158,18 @@ CASES: tuple[ProcessCase, ...] = (
             reason="tipped over",
         )
         for mode, operator in (("AUTO", ({"time": 0.0, "mode": "auto_when_asked"},)), ("MANUAL", _MANUAL))
+        for wiring in ("direct_can", "teensy_bridge")
+    ),
+    *(
+        ProcessCase(name, wiring, presses_stop, 0.3, acts, reason="emergency stop", faults=faults, confirmed=not faults)
+        for name, acts, faults in (
+            ("emergency stop at the console", "drive; the console has it confirmed", ()),
+            (
+                "foreign confirmation",
+                "drive; the console goes on sending the stop",
+                ({"time": 0.5, "fault": "foreign_module"},),
+            ),
+        )
         for wiring in ("direct_can", "teensy_bridge")
     ),
 )
@@ -239,8 +268,12 @@ def run_process_case(case: ProcessCase, folder: Path) -> Found:
     """Drives, lets the cause come, and looks what became of the car."""
     car = load_scenario(case.scenario, list(case.settings))
     joints = JOINTS if car.tail.mode != "none" else ()
-    clock = {"clock": "driving", "operator": list(case.operator)}
-    with EmulatorProcess(folder, car, case.wiring, clock) as emulator, driving(emulator, folder, case, car) as process:
+    script = {"clock": "driving", "faults": list(case.faults), "operator": list(case.operator)}
+    console = case.confirmed is not None
+    with (
+        EmulatorProcess(folder, car, case.wiring, script, console) as emulator,
+        driving(emulator, folder, case, car) as process,
+    ):
         since = case.cause(process, emulator)
         wait_until(lambda: not any(math.isnan(value) for value in after(emulator, since, joints)), 2.0)
         off, neutral = after(emulator, since, joints)
@@ -251,14 +284,16 @@ def run_process_case(case: ProcessCase, folder: Path) -> Found:
             status = process.wait(30.0)
         else:
             time.sleep(0.5)
+        confirmed = emulator.operator.confirmed(since + _CONFIRMED) if emulator.operator else None
         assert len(emulator.named("entered")) == entered, "nothing is armed again by itself"
-    return Found(off, neutral, status, said)
+    return Found(off, neutral, status, said, confirmed)
 
 
 def check(case: ProcessCase, found: Found) -> Found:
     """What the row promises; what was found."""
     assert found.motors_off <= case.within, found
     assert found.throttle_neutral <= (case.throttle_within or case.within), found
+    assert found.confirmed is case.confirmed, found
     if case.reason:
         assert case.reason in found.said, found.said
         assert found.status not in (0, None), found

@@ -1,0 +1,78 @@
+"""An operator at the console's radio who drives the emulated car in MANUAL and can press the emergency stop."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.console.operator_radio import OperatorRadio
+from aerodima.hardware.emulator.fault_script import OperatorEntry
+from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import make_emergency_stop
+from aerodima.hardware.transport.serial_link import SerialLink
+from tests.hardware.fake_can import wait_until
+
+MANUAL = OperatorEntry(time=0.0, mode="manual_when_asked", throttle=0.34, roll_tail=-1.57)
+"""Tail held where it lies."""
+_TURN, _BEAT = 0.005, 0.05
+
+
+class _CountedLink(SerialLink):
+    stops = 0
+
+    def write(self, data: bytes) -> None:
+        self.stops += make_emergency_stop() in data
+        super().write(data)
+
+
+class ConsoleOperator:
+    """Beats as a page does, from the beginning to `close`."""
+
+    def __init__(self, ports: CarPorts) -> None:
+        assert ports.console is not None
+        self._link = _CountedLink.open(ports.console.settings)
+        self._radio = OperatorRadio(self._link, ports.console.receiver, ports.console.escaped, ports.car)
+        self._lock, self._end = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="console-operator", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        count, due, asked = 0, 0.0, False
+        while not self._end.wait(_TURN):
+            now = time.monotonic()
+            with self._lock:
+                self._radio.turn(now)
+                report = self._radio.report
+                if report is not None and report.asks is not Asks.NOTHING:
+                    asked = report.asks is Asks.CHOICE
+                if now >= due:
+                    count, due = count + 1, now + _BEAT
+                    self._radio.beat(count, MANUAL.command(asked), now)
+
+    def press_stop(self) -> float:
+        """The emergency stop; its time, s, monotonic."""
+        with self._lock:
+            now = time.monotonic()
+            self.foreign_before = self._radio.foreign
+            self._radio.stop("button", now)
+        return now
+
+    def confirmed(self, until: float) -> bool:
+        """Whether the console takes the stop as confirmed before `until` (s, monotonic).
+
+        One that is not was reported, by a module that is not believed, and goes on being sent.
+        """
+        if wait_until(lambda: self._radio.confirmed, until - time.monotonic()):
+            return True
+        assert self._radio.foreign > self.foreign_before, "the stop was not reported"
+        sent = self._link.stops
+        time.sleep(4 * _BEAT)
+        assert self._link.stops >= sent + 2, "the stop is not sent any more"
+        return False
+
+    def close(self) -> None:
+        """Ends it; the port is free again."""
+        self._end.set()
+        self._thread.join()
+        self._link.close()
