@@ -6,16 +6,21 @@ that no number is typed twice; the pages on the aerodynamic law and on
 the errata of the thesis are the texts beside the code and the tables.
 """
 
+from __future__ import annotations
+
+import ast
 import io
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 from matplotlib.figure import Figure
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
-from mkdocs.structure.pages import Page
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("workbench", "optimisation", "hardware")
@@ -27,6 +32,8 @@ _NUMBER = re.compile(r"E(\d+)")
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of the folder."""
+    from mkdocs.structure.files import File
+
     from aerodima.workbench.report.statement_page import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
@@ -81,7 +88,31 @@ def _reference() -> dict[str, str]:
             pages[f"reference/{module}.md"] = (
                 f"# {module}\n\n::: {module}\n    options:\n      show_root_heading: false\n"
             )
+        pages[f"reference/aerodima.{package}.md"] += _face(package)
     return pages
+
+
+def _face(package: str) -> str:
+    """Table of what a package exports: name, with a link to where it stands, and the first line of its docstring."""
+    lines = ["", "## What it exports", "", f"`from aerodima.{package} import ...`", "", "| name | what |", "|---|---|"]
+    stub = ast.parse((ROOT / package / "__init__.pyi").read_text(encoding="utf-8"))
+    for node in sorted((n for n in stub.body if isinstance(n, ast.ImportFrom)), key=lambda n: n.names[0].name.lower()):
+        name, module = node.names[0].name, f"aerodima.{package}.{node.module}"
+        path = ROOT / package / f"{str(node.module).replace('.', '/')}.py"
+        text = _first_line(ast.parse(path.read_text(encoding="utf-8")), name)
+        lines.append(f"| [`{name}`]({module}.md#{module}.{name}) | {text} |")
+    return "\n".join(lines) + "\n"
+
+
+def _first_line(module: ast.Module, name: str) -> str:
+    """Of the docstring of a class or function, or of the string below a constant; empty without one."""
+    for node, after in zip(module.body, [*module.body[1:], None], strict=True):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name:
+            return (ast.get_docstring(node) or "").split("\n")[0]
+        names = [target.id for target in getattr(node, "targets", ()) if isinstance(target, ast.Name)]
+        if name in names and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            return str(after.value.value).split("\n")[0]
+    return ""
 
 
 def _reference_navigation(pages: dict[str, str]) -> list[dict[str, Any]]:

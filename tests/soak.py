@@ -36,11 +36,12 @@ SETTINGS = ("manoeuvre.duration=3.0",)
 
 def one_run(marks: Path, number: int) -> str:
     """Simulates and measures the turn; leaves a mark with its process."""
-    from aerodima.workbench.simulate.trial import run_trial
+    from aerodima.workbench.metrics.turn_metrics import metrics_of
+    from aerodima.workbench.simulate.simulation import simulate
 
     with (marks / str(number)).open("a", encoding="utf-8") as stream:
         stream.write(f"{os.getpid()}\n")
-    return repr(run_trial(load_scenario("turn_swing", list(SETTINGS))).summary.metrics)
+    return repr(metrics_of(simulate(load_scenario("turn_swing", list(SETTINGS)), record="outcome")))
 
 
 class MemoryLog:
@@ -102,7 +103,7 @@ def soak(runs: int, number: int, memory: float, out: Path) -> dict[str, Any]:
     with (
         MemoryLog(out / "memory.csv") as log,
         open_engine(
-            number, memory=memory, record=out / WORKER_RECORD, module="aerodima.workbench.simulate.trial"
+            number, memory=memory, record=out / WORKER_RECORD, module="aerodima.workbench.simulate.car_run"
         ) as engine,
     ):
         results = engine.map(partial(one_run, marks), range(runs), done)

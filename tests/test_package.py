@@ -22,8 +22,8 @@ PROJECT = PYPROJECT["project"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
-    "dask", "drake", "matplotlib", "numpy", "pandas", "psutil", "pyarrow", "pydantic", "python-can", "pyyaml",
-    "scipy", "typer",
+    "dask", "drake", "lazy-loader", "matplotlib", "numpy", "pandas", "psutil", "pyarrow", "pydantic", "python-can",
+    "pyyaml", "scipy", "typer",
 }  # fmt: skip
 HEAVY = ("pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can", "yaml", "rich")
 
@@ -78,7 +78,7 @@ def test_package_has_one_name(package: str) -> None:
 
 
 def test_unknown_attribute_of_the_package_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'version'"):
+    with pytest.raises(AttributeError, match="attribute version"):
         _ = workbench.version
 
 

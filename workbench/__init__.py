@@ -1,23 +1,22 @@
 """Plants, controllers, sensors, stations, logs and metrics of the AeroDima car and its wind-tunnel rig.
 
-Importing the package loads nothing heavy: Drake is imported by the modules that simulate.
+`__init__.pyi` lists what the package promises. Importing it loads nothing heavy: a name is loaded when it is used.
 """
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    __version__: str
+from lazy_loader import attach_stub
 
 if __name__ != "aerodima.workbench":
     raise ImportError("this package has one name, aerodima.workbench; `make install` installs it")
 
+_load, __dir__, __all__ = attach_stub(__name__, __file__)
 
-def __getattr__(name: str) -> str:
-    """`__version__`, read from the installed distribution when it is asked for (it costs 30 ms)."""
+
+def __getattr__(name: str) -> Any:
+    """A promised name, or `__version__`, read from the installed distribution when it is asked for (it costs 30 ms)."""
     if name == "__version__":
         from importlib.metadata import version
 
         return version("aerodima-workbench")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _load(name)

@@ -6,7 +6,12 @@ import json
 import os
 from pathlib import Path
 
-READY_FILE, PORTS_FILE, EVENTS_FILE = "ready.json", "ports.json", "events.jsonl"
+READY_FILE = "ready.json"
+"""Is there once an emulated car answers."""
+PORTS_FILE = "ports.json"
+"""The ports of an emulated car, for `connect` and `aerodima drive --ports`."""
+EVENTS_FILE = "events.jsonl"
+"""What happened in an emulated car, for `read_events`."""
 TRAFFIC_FILE, TRUTH_FILE = "traffic.blf", "truth.parquet"
 PORTS_FOLDER = "ports"
 READY_SCHEMA = "aerodima/emulator/1"

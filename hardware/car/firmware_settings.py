@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from aerodima.hardware.car.drive_safety import DriveSafety, load_drive_safety
-from aerodima.hardware.car.wiring import WIRINGS
+from aerodima.hardware.car.wiring import wiring_name
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import check_motor_id
 from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
@@ -100,8 +100,7 @@ class FirmwareSettings:
     safety: DriveSafety = field(default_factory=load_drive_safety)
 
     def __post_init__(self) -> None:
-        if self.wiring not in WIRINGS:
-            raise HardwareError(f"wiring {self.wiring!r} is unknown; allowed: {', '.join(WIRINGS)}")
+        wiring_name(self.wiring)
         for motor_id in self.motor_ids:
             check_motor_id(motor_id)
         if self.motor_ids[0] == self.motor_ids[1]:

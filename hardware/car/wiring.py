@@ -17,9 +17,18 @@ from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import OperatorCommand
 from aerodima.workbench.config.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
+from aerodima.workbench.errors import HardwareError
 
 WiringName = Literal["direct_can", "teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
+
+
+def wiring_name(name: str) -> WiringName:
+    """The wiring of that name; `HardwareError` with those there are."""
+    for known in WIRINGS:
+        if known == name:
+            return known
+    raise HardwareError(f"--wiring {name}: allowed: {', '.join(WIRINGS)}")
 
 
 def _off() -> np.ndarray:

@@ -59,15 +59,13 @@ def console(
     if missing:
         raise HardwareError(f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'")
     from aerodima.hardware.car.car_ports import ConsoleDevice
-    from aerodima.hardware.car.wiring import WIRINGS
+    from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.console.console_record import ConsoleRecord
     from aerodima.hardware.console.console_server import open_socket
     from aerodima.hardware.console.emulated_car import EmulatedCarProcess
     from aerodima.workbench.config.scenario import load_scenario
 
-    chosen = next((name for name in WIRINGS if name == wiring), None)
-    if chosen is None:
-        raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
+    chosen = wiring_name(wiring)
     words = settings or []
     scenario = load_scenario(emulate or "auto_turn", words)
     listener, recording, car = open_socket(port), ConsoleRecord(record), None

@@ -67,14 +67,15 @@ def drive(
     Example: aerodima drive auto_turn --ports car.json --log run.parquet
     """
     from aerodima.hardware.car.car_ports import read_ports
+    from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.drive.drive_session import DriveOptions, run_drive
-    from aerodima.hardware.drive.held_car import make_car
+    from aerodima.hardware.drive.held_car import connect
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
     from aerodima.workbench.controllers.law_file import load_law
     from aerodima.workbench.controllers.scenario_bundle import load_drive
     from aerodima.workbench.errors import HardwareError, LogError
 
-    name = _wiring_name(wiring)
+    name = wiring_name(wiring)
     overrides = [*([f"controller.swing_file={swing}"] if swing else []), *(settings or [])]
     if law is not None and swing is not None:
         raise HardwareError("--law: allowed without --swing; each says what the tail does")
@@ -105,9 +106,8 @@ def drive(
     make_folder(log.parent, LogError)
     law_name = "" if law is None else type(tail_law).__name__
     options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, tail_law=law_name)
-    result = run_drive(
-        make_car(chosen, car_ports, name, traffic, typer.echo), chosen, tail_law, car_ports, options, typer.echo
-    )
+    car = connect(car_ports, chosen, name, traffic, typer.echo)
+    result = run_drive(car, chosen, tail_law, car_ports, options, typer.echo)
     if result.log is not None:
         typer.echo(f"log: {result.log}")
     typer.echo(f"ended: {result.reason}", err=not result.orderly)
@@ -123,14 +123,14 @@ def drive(
 
 def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
     from aerodima.hardware.drive.first_contact import JOINTS, run_motor_test
-    from aerodima.hardware.drive.held_car import make_car
+    from aerodima.hardware.drive.held_car import connect
     from aerodima.workbench.errors import HardwareError
 
     chosen = next((name for name in JOINTS if name == joint), None)
     if chosen is None or scenario.tail.mode == "none":
         raise HardwareError(f"--motor-test {joint}: allowed: {', '.join(JOINTS)}, with a scenario that has a tail")
     _ask_to_arm(arm)
-    car = make_car(scenario, ports, wiring, say=typer.echo)
+    car = connect(ports, scenario, wiring, say=typer.echo)
     found = run_motor_test(car, chosen, typer.echo, _eyes(ports, wiring)[0])
     warm = "not reported" if found.temperature is None else f"{found.temperature:g} degC"
     torque = f"torque {found.torque:+.2f} N m where {found.wanted:+.2f} is asked for"
@@ -164,16 +164,6 @@ def _warn_of_unwatched(wiring: WiringName, ports: CarPorts, dry_run: bool) -> No
         if not dry_run:
             raise
         typer.echo(f"FAILED  independent watchdog: {error}")
-
-
-def _wiring_name(wiring: str) -> WiringName:
-    from aerodima.hardware.car.wiring import WIRINGS
-    from aerodima.workbench.errors import HardwareError
-
-    for name in WIRINGS:
-        if name == wiring:
-            return name
-    raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
 
 
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:

@@ -47,7 +47,7 @@ def emulate(
     Example: aerodima emulate turn_swing --out emulated --wiring direct_can
     """
     from aerodima.hardware.car.emulator_files import PORTS_FILE
-    from aerodima.hardware.car.wiring import WIRINGS
+    from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
     from aerodima.hardware.emulator.fault_script import no_faults, read_script
     from aerodima.hardware.protocol.ak70_profiles import firmware_profile
@@ -55,9 +55,7 @@ def emulate(
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.errors import HardwareError
 
-    chosen = next((name for name in WIRINGS if name == wiring), None)
-    if chosen is None:
-        raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
+    chosen = wiring_name(wiring)
     if duration is not None and not duration > 0:
         raise HardwareError(f"--duration {duration:g} s: allowed is more than 0")
     emulated = EmulatorSettings(

@@ -29,12 +29,10 @@ def install_files(
     Example: aerodima install-files system --ports car.json
     """
     from aerodima.hardware.car.car_ports import read_ports
-    from aerodima.hardware.car.wiring import WIRINGS
+    from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.commands.system_files import write_system_files
-    from aerodima.workbench.errors import HardwareError
 
-    if wiring not in WIRINGS:
-        raise HardwareError(f"--wiring {wiring}: allowed: {', '.join(WIRINGS)}")
-    for file in write_system_files(folder, read_ports(ports), ports, wiring, scenario, user):
+    name = wiring_name(wiring)
+    for file in write_system_files(folder, read_ports(ports), ports, name, scenario, user):
         typer.echo(f"sudo install -m 644 {folder / file.name} {file.place}/")
     typer.echo("sudo udevadm control --reload && sudo udevadm trigger && sudo systemctl daemon-reload")

@@ -20,7 +20,7 @@ from aerodima.hardware.car.wiring import CarCommand, WiringName
 from aerodima.hardware.devices.motor_group import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
-from aerodima.hardware.drive.held_car import holding, turn
+from aerodima.hardware.drive.held_car import held, run_cycles
 from aerodima.hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.transport.can_bus import CanBus
@@ -80,7 +80,7 @@ def run_motor_test(car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str
     """
     index = JOINTS.index(joint)
     place = TAIL_STATE.index(("pitch_angle", "roll_angle")[index])
-    with holding(car):
+    with held(car):
         begin = float(car.reading.tail_state[place])
         high = car.group.motors[index].settings.high if car.group else math.inf
         step = _STEP if begin + _STEP < high else -_STEP
@@ -91,16 +91,16 @@ def run_motor_test(car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str
             row = np.array([begin + step * float(np.clip(since / _MOVE, 0.0, 1.0)), 0.0, _KP, _KD, 0.0])
             return CarCommand(tail_pitch=row) if index == 0 else CarCommand(tail_roll=row)
 
-        turn(car, command, _MOVE + _SETTLE)
+        run_cycles(car, command, _MOVE + _SETTLE)
         reported, wanted = [], []
         for _ in range(_LEAST_REPLIES):
-            turn(car, command(_MOVE))
+            run_cycles(car, command(_MOVE))
             angle, rate = car.reading.tail_state[[place, place + 3]]
             reported.append(float(car.reading.tail_torque[index]))
             wanted.append(float(_KP * (begin + step - angle) - _KD * rate))
         fault, moved = car.reading.fault_text, float(car.reading.tail_state[place] - begin)
         temperature = None if car.group is None else car.group.motors[index].temperature
-        turn(car, lambda since: command(_MOVE - since), _MOVE + _SETTLE)
+        run_cycles(car, lambda since: command(_MOVE - since), _MOVE + _SETTLE)
     test = MotorTest(joint, moved, float(np.mean(reported)), float(np.mean(wanted)), temperature)
     _refuse_wrong(test, step, fault, load_motor_safety().temperature_limit)
     if not confirm(f"Did the tail go {way}?"):

@@ -12,7 +12,7 @@ from aerodima.hardware.car.direct_can import direct_can
 from aerodima.hardware.car.latency import DRIVE_PRIORITY
 from aerodima.hardware.car.teensy_bridge import teensy_bridge
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import WIRINGS, CarCommand, WiringName
+from aerodima.hardware.car.wiring import CarCommand, wiring_name
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
 from aerodima.hardware.transport.can_settings import CanSettings
@@ -28,76 +28,68 @@ _HEARD = 0.5
 """s in which Teensy and watchdog are heard."""
 
 
-def make_car(
-    scenario: Scenario,
-    ports: CarPorts,
-    wiring: WiringName,
+def connect(
+    ports: str | Path | CarPorts,
+    scenario: str | Scenario,
+    wiring: str = "teensy_bridge",
     traffic: Path | None = None,
     say: Say = tell_on_stderr,
 ) -> WiredCar:
     """The car of a scenario with its watchdog, to be armed after a recorded watchdog test only; opens nothing yet.
 
     Args:
+        ports: the ports file, or what is in it.
+        scenario: itself, its name or its file; for the tail and the gains of its controller.
+        wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
         traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
         say: is told when the watchdog of an earlier drive is waited for.
 
     Raises:
-        HardwareError: as `direct_can`.
+        HardwareError: unknown wiring, a ports file that cannot be read, and as `direct_can`.
     """
+    name = wiring_name(wiring)
+    there = ports if isinstance(ports, CarPorts) else read_ports(Path(ports))
+    chosen = load_scenario(scenario) if isinstance(scenario, str) else scenario
 
     def authorise() -> None:
-        require_watchdog_test(wiring, ports)
+        require_watchdog_test(name, there)
 
-    if wiring == "teensy_bridge":
-        return teensy_bridge(scenario, ports, authorise, say=say)
+    if name == "teensy_bridge":
+        return teensy_bridge(chosen, there, authorise, say=say)
 
     def start_watchdog(can: CanSettings, lock: DeviceLock) -> WatchdogProcess:
-        return WatchdogProcess(can, ports.motor_ids, lock=lock)
+        return WatchdogProcess(can, there.motor_ids, lock=lock)
 
-    return direct_can(scenario, ports, authorise, start_watchdog, traffic, say=say, name=wiring)
+    return direct_can(chosen, there, authorise, start_watchdog, traffic, say=say, name=name)
 
 
 @contextmanager
-def held_car(
-    scenario: str | Scenario, ports: str | Path | CarPorts, wiring: str = "teensy_bridge"
-) -> Iterator[WiredCar]:
+def held(car: WiredCar) -> Iterator[WiredCar]:
     """Starts and arms a car; the block begins when the tail is held where it is, and ends with the motors off.
 
     Args:
-        scenario: name or file, for its tail and the gains of its controller. ports: the ports file.
+        car: of `connect`, not started yet.
 
     Raises:
-        HardwareError: unknown wiring, no watchdog test of it, a port that cannot be opened, motors that do not answer.
+        HardwareError: no watchdog test of its wiring, a port that cannot be opened, motors that do not answer.
     """
-    name = next((name for name in WIRINGS if name == wiring), None)
-    if name is None:
-        raise HardwareError(f"wiring {wiring!r}: allowed: {', '.join(WIRINGS)}")
-    chosen = load_scenario(scenario) if isinstance(scenario, str) else scenario
-    car = make_car(chosen, ports if isinstance(ports, CarPorts) else read_ports(Path(ports)), name)
-    with holding(car):
-        yield car
-
-
-@contextmanager
-def holding(car: WiredCar) -> Iterator[None]:
-    """The same with a car that is made already and not started yet."""
     safety = load_motor_safety()
     car.authorise()
     prefer_realtime(DRIVE_PRIORITY)
     try:
         car.start()
-        turn(car, CarCommand(), _HEARD)
+        run_cycles(car, CarCommand(), _HEARD)
         car.arm()
-        turn(car, CarCommand(), safety.enter_timeout + safety.gain_ramp)
+        run_cycles(car, CarCommand(), safety.enter_timeout + safety.gain_ramp)
         if not car.reading.status[STATUS.index("armed")]:
             raise HardwareError(f"not armed: {car.reading.fault_text or 'the motors do not answer'}")
-        yield
+        yield car
     finally:
         car.stop("the tail is let go")
         restore_ordinary()
 
 
-def turn(car: WiredCar, command: CarCommand | Callable[[float], CarCommand], seconds: float = PERIOD) -> None:
+def run_cycles(car: WiredCar, command: CarCommand | Callable[[float], CarCommand], seconds: float = PERIOD) -> None:
     """Cycles of 10 ms, one at least; `car.reading` is of the last one.
 
     Args:

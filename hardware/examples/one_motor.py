@@ -5,16 +5,16 @@ import sys
 
 import numpy as np
 
-from aerodima.hardware.car.wiring import CarCommand
-from aerodima.hardware.drive.held_car import held_car, turn
+from aerodima.hardware import CarCommand, connect, held, run_cycles
 
 if __name__ == "__main__":
-    with held_car("auto_turn", *sys.argv[1:]) as car:
+    ports, wiring = sys.argv[1:]
+    with held(connect(ports, "auto_turn", wiring)) as car:
         start = car.reading.tail_state[1]
         for cycle in range(300):
             angle = start + 0.1 * math.sin(0.02 * math.pi * cycle)
             command = CarCommand(tail_roll=np.array([angle, 0.0, 60.0, 5.0, 0.0]))  # position, speed, kp, kd, torque
-            turn(car, command)
+            run_cycles(car, command)
             print(
                 f"{car.reading.tail_state[1]:+.3f} rad {car.reading.tail_torque[1]:+.2f} N m {car.reading.fault_text}"
             )

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.emulator_files import is_emulated_port
 from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
-from aerodima.hardware.car.wiring import WIRINGS, WiringName
+from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.hardware.firmware.core_build import firmware_hash
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.workbench.atomic_write import write_atomically
@@ -141,9 +141,7 @@ def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
 
     A socketcand of this computer counts as real: it may stand before a real adapter.
     """
-    if wiring not in WIRINGS:
-        raise HardwareError(f"wiring {wiring!r} is unknown; allowed: {', '.join(WIRINGS)}")
-    if wiring == "teensy_bridge":
+    if wiring_name(wiring) == "teensy_bridge":
         return is_emulated_port(ports.teensy.path)
     can = ports.adapter(wiring)
     return can.interface == "virtual" or (can.interface == "slcan" and is_emulated_port(can.channel))

@@ -65,7 +65,7 @@ def swing(
 
     from aerodima.optimisation.fit.fit_errors import SwingError
     from aerodima.optimisation.sweep.study_engine import SerialEngine, open_engine
-    from aerodima.optimisation.swing.swing_search import Options, optimise_swing
+    from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
     from aerodima.optimisation.swing.transcription import OBJECTIVES
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
     from aerodima.workbench.config.scenario import load_scenario
@@ -84,7 +84,7 @@ def swing(
     refuse_existing(out, force, SwingError)
     make_folder(out.parent, SwingError)
     _refuse_unwritable(out.parent)
-    options = Options(
+    options = SearchOptions(
         dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
         torque=torque, rounds=rounds, bound=bound, solver=solver_name, warm_start=warm_start or "",
         ensemble=ensemble, members=members,

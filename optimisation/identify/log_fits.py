@@ -86,7 +86,7 @@ def fit_added_mass_log(
 
 
 def fit_robot_tail_log(path: str, *, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
-    """See `fit_robot_tail`."""
+    """Normal-force coefficient of a robot swing as a function of the relative speed, see `fit_robot_tail`."""
     from aerodima.optimisation.identify.robot_tail import fit_robot_tail
     from aerodima.optimisation.identify.swing_log import swing_data
 

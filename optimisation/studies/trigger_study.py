@@ -46,10 +46,10 @@ def trigger_study(settings: Sequence[str] = (), ensemble: str | None = None, mem
 
 def read_trigger(frame: pd.DataFrame) -> Findings:
     """Critical friction of every trigger; load of the inner wheels against yaw rate in the tailless turn."""
-    from aerodima.workbench.simulate.trial import run_trial
+    from aerodima.workbench.simulate.simulation import simulate
 
     speed = flip_bracket("tailless").survived
-    log = run_trial(load_scenario("turn_none", [f"manoeuvre.speed={speed!r}"])).run_log
+    log = simulate(load_scenario("turn_none", [f"manoeuvre.speed={speed!r}"]), record="outcome")
     sentences = _lead(log)
     caption = (
         f"Tailless turn at {speed:.2f} m/s: yaw rate and lateral acceleration, and the share of the load that "

@@ -82,6 +82,6 @@ def open_engine(
 ) -> Iterator[RunEngine]:
     """`aerodima.workbench.batch.open_engine`, ready to simulate."""
     with batch.open_engine(
-        workers, scheduler, say=say, record=record, memory=memory, module="aerodima.workbench.simulate.trial"
+        workers, scheduler, say=say, record=record, memory=memory, module="aerodima.workbench.simulate.car_run"
     ) as engine:
         yield RunEngine(engine)

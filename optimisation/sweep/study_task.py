@@ -71,16 +71,19 @@ def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> d
 
 
 def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
-    from aerodima.workbench.simulate.trial import STOPPED, run_trial
+    from aerodima.workbench.metrics.run_summary import summarise
+    from aerodima.workbench.simulate.simulation import simulate
+    from aerodima.workbench.stations.outcome_record import STOPPED
 
-    trial = run_trial(scenario, signals=task.signals)
-    row = {"run": task.name, **_numbers(trial.summary), "stopped_at_flip_s": trial.run_log.extra.get(STOPPED)}
+    run = simulate(scenario, record=task.signals, stop_when_flipped=True)
+    summary = summarise(run, scenario.name)
+    row = {"run": task.name, **_numbers(summary), "stopped_at_flip_s": run.extra.get(STOPPED)}
     if task.signals == "all":
-        row |= _impulses(trial.summary)
-        if trial.run_log.has_tail:
+        row |= _impulses(summary)
+        if run.has_tail:
             from aerodima.workbench.metrics.tail_impulses import tail_yaw_impulses
 
-            yaw = tail_yaw_impulses(trial.run_log)
+            yaw = tail_yaw_impulses(run)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
     return row | {"error": "", **_provenance(task, scenario)}
 

@@ -28,7 +28,8 @@ from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.controllers.swing_reference import SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker, TrackerMemory
 from aerodima.workbench.controllers.tail_law import Observation
-from aerodima.workbench.simulate.trial import run_trial
+from aerodima.workbench.metrics.run_summary import summarise
+from aerodima.workbench.simulate.simulation import simulate
 
 FEEDBACK_NAMES: tuple[FeedbackState, ...] = ("car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate")
 _PLANAR_ORDER = tuple(PLANAR_STATES.index(name) for name in ("roll", "roll_rate", "tail_roll", "tail_roll_rate"))
@@ -188,17 +189,18 @@ def _nominal_run(swing: SwingFile, scenario: Scenario) -> _Nominal:
     plain = swing.model_copy(update={"gains": swing.gains.model_copy(update={"feedback": None})})
     tracker = SwingTracker.from_scenario(plain, scenario)
     law = _Listening(replace(tracker, reference=SwingReference(plain, "joint_pd", tracker.rate)), [])
-    trial = run_trial(scenario, tail_law=law, signals="all")
+    log = simulate(scenario, law=law, stop_when_flipped=True)
+    summary = summarise(log, scenario.name)
     where = f"swing {swing.name} at {scenario.manoeuvre.speed:g} m/s, friction {scenario.car.tyre_friction:g}"
-    if trial.summary.trigger_time is None:
+    if summary.trigger_time is None:
         raise SwingError(f"{where}: the swing was never released, so there is nothing to hold")
-    if not trial.summary.survived:
+    if not summary.survived:
         raise SwingError(
             f"{where}: the car rolls over while its joints follow the knots; feedback is made around a turn that "
             "the swing survives"
         )
     heard = np.array([row for row in law.heard if row[1] in (SwingState.SWING, SwingState.SETTLE)])
-    release, log = float(heard[0, 0]), trial.run_log
+    release = float(heard[0, 0])
     at = np.searchsorted(log.time, heard[:, 0] - 1e-9)
     period = 1.0 / scenario.controller.rate
     motor = log.signal("tail_roll_torque_n_m")

@@ -11,7 +11,9 @@ from aerodima.optimisation.swing.turn_profile import TurnProfile, turn_profile
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
-from aerodima.workbench.simulate.trial import Trial, run_trial
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.run_summary import summarise
+from aerodima.workbench.simulate.simulation import simulate
 
 FRICTION_STEP = 0.0125
 """Resolution of critical frictions."""
@@ -55,7 +57,7 @@ def varied(scenario: Scenario, **sections: dict[str, Any]) -> Scenario:
 
 def drive(
     scenario: Scenario, swing: SwingFile | None = None, friction: float | None = None, all_signals: bool = False
-) -> Trial:
+) -> RunLog:
     """One run of the full car, with the controller of the scenario or with a swing whose knots the joints follow.
 
     Args:
@@ -70,18 +72,19 @@ def drive(
     if swing is not None:
         scenario = varied(scenario, tail={"mode": "swing"}, controller={"swing_file": "none", "tracking": "joint_pd"})
         law = SwingTracker.from_scenario(swing, scenario)
-    return run_trial(scenario, tail_law=law, signals="all" if all_signals else "outcome")
+    return simulate(scenario, record="all" if all_signals else "outcome", law=law, stop_when_flipped=True)
 
 
-def outcome(trial: Trial) -> Outcome:
+def outcome(run: RunLog) -> Outcome:
     """The figures of a run that swings are compared by."""
-    metrics = trial.summary.metrics
+    summary = summarise(run, "")
+    metrics = summary.metrics
     return Outcome(
         clean=bool(metrics.outcome.clean),
         survived=metrics.outcome.result == "survived",
         peak_roll=metrics.peak_roll_rad,
         heading=metrics.heading_change_rad,
-        released=trial.summary.trigger_time,
+        released=summary.trigger_time,
     )
 
 
@@ -108,11 +111,11 @@ def frictions(scenarios: Sequence[Scenario], friction: float) -> list[float]:
     return [friction * scenario.car.tyre_friction / own for scenario in scenarios]
 
 
-def profile_of(trial: Trial, scenario: Scenario, friction: float, fallback_release: float) -> TurnProfile:
+def profile_of(run: RunLog, scenario: Scenario, friction: float, fallback_release: float) -> TurnProfile:
     """Profile of a run with all signals, from the release of its swing on; without one from `fallback_release` (s)."""
-    released = trial.summary.trigger_time
+    released = summarise(run, "").trigger_time
     release = fallback_release if released is None else released
-    return turn_profile(trial.run_log, ReducedCar.of(scenario), release, friction)
+    return turn_profile(run, ReducedCar.of(scenario), release, friction)
 
 
 @dataclass(frozen=True)

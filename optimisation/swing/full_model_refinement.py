@@ -26,7 +26,7 @@ from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
 from aerodima.optimisation.swing.final_choice import choose
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
-from aerodima.optimisation.swing.search_options import Options, Told
+from aerodima.optimisation.swing.search_options import SearchOptions, Told
 from aerodima.optimisation.swing.swing_candidate import Candidate, Car, Score, score
 from aerodima.optimisation.swing.swing_shape import changed, changes
 from aerodima.workbench.atomic_write import write_atomically
@@ -157,7 +157,7 @@ def polish(
 def polished(
     swing: SwingFile,
     scenarios: Sequence[Scenario],
-    options: Options,
+    options: SearchOptions,
     *,
     engine: Engine | None = None,
     checkpoint: Path | None = None,
@@ -239,7 +239,7 @@ def _allowed(swing: SwingFile, x: FloatArray, dof: int, free_of: RangeOfMotion |
     return moved
 
 
-def _key(swing: SwingFile, cars: Sequence[Car], options: Options) -> str:
+def _key(swing: SwingFile, cars: Sequence[Car], options: SearchOptions) -> str:
     """Everything that decides the candidates: a search goes on only with scores of the same one."""
     begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})
     told = [begun, [asdict(car) for car in cars], options.seed, options.dof, bool(options.rounds)]

@@ -16,7 +16,7 @@ LATER = ("warm_start", "ensemble", "members", "polish", "feedback")
 
 
 @dataclass(frozen=True)
-class Options:
+class SearchOptions:
     """Options of a search; stored with the swing, so that it can be repeated.
 
     Attributes:

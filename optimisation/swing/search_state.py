@@ -10,7 +10,7 @@ from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.full_car import Outcome, drive, drive_all, outcome, varied
 from aerodima.optimisation.swing.planar_model import lift_roll
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.search_options import Options, Told
+from aerodima.optimisation.swing.search_options import SearchOptions, Told
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing, write_swing
@@ -40,7 +40,7 @@ class Search:
     finished: bool = False
 
 
-def begin(cars: tuple[Scenario, ...], options: Options, warm: SwingFile | None, told: Told) -> Search:
+def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, told: Told) -> Search:
     """Where the search begins: the highest friction or speed not above the scenario's that all cars survive.
 
     Args:
@@ -90,7 +90,7 @@ def run(cars: tuple[Scenario, ...], swing: SwingFile | None, friction: float, sp
 
 
 def _refuse_late_release(
-    scenario: Scenario, options: Options, released: float | None, friction: float, speed: float
+    scenario: Scenario, options: SearchOptions, released: float | None, friction: float, speed: float
 ) -> None:
     manoeuvre = scenario.manoeuvre
     if released is None:
@@ -112,11 +112,11 @@ def _refuse_other_car(warm: SwingFile, scenario: Scenario) -> None:
         raise SwingError(f"warm start {warm.name}: for another car: {'; '.join(lines)}")
 
 
-def _key(scenario: Scenario, options: Options) -> str:
+def _key(scenario: Scenario, options: SearchOptions) -> str:
     return json.dumps([scenario.resolved(), options.stored()], sort_keys=True)
 
 
-def keep(checkpoint: Path | None, search: Search, scenario: Scenario, options: Options) -> None:
+def keep(checkpoint: Path | None, search: Search, scenario: Scenario, options: SearchOptions) -> None:
     """Writes the search to its file; nothing without a file or before the first swing."""
     if checkpoint is None or search.swing is None:
         return
@@ -135,7 +135,7 @@ def keep(checkpoint: Path | None, search: Search, scenario: Scenario, options: O
     write_atomically(checkpoint, write, True, SwingError)
 
 
-def resumed(checkpoint: Path | None, scenario: Scenario, options: Options) -> Search | None:
+def resumed(checkpoint: Path | None, scenario: Scenario, options: SearchOptions) -> Search | None:
     """The search that was interrupted; None without one. SwingError for a file that holds something else."""
     if checkpoint is None or not checkpoint.exists():
         return None

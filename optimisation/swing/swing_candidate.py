@@ -190,10 +190,10 @@ def _turning(car: Car, swing: SwingFile, least: float) -> Score:
 def _surviving(car: Car, swing: SwingFile, target: float, heading: float, more: float) -> Score:
     """At the target and below; the more a car turns, the more it rolls, so `more` is friction that it gave away."""
     scenario = scenario_from_dict(car.scenario)
-    trial = drive(scenario, swing, target)
-    found = outcome(trial)
+    run = drive(scenario, swing, target)
+    found = outcome(run)
     if not found.survived:
-        beyond = trial.run_log.time[np.abs(trial.run_log.signal("roll_truth_rad")) > LOST]
+        beyond = run.time[np.abs(run.signal("roll_truth_rad")) > LOST]
         duration = scenario.manoeuvre.duration
         upright = (float(beyond[0]) - scenario.manoeuvre.turn_start) if len(beyond) else duration
         return Score(3.0 - min(upright / duration, 1.0) + more, heading, False, found.peak_roll)

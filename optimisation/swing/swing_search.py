@@ -25,7 +25,7 @@ from aerodima.optimisation.swing.full_car import drive, frictions, profile_of, v
 from aerodima.optimisation.swing.full_model_refinement import polished
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.search_options import Options, Told
+from aerodima.optimisation.swing.search_options import SearchOptions, Told
 from aerodima.optimisation.swing.search_state import Search, begin, keep, resumed, run
 from aerodima.optimisation.swing.solver import Solution, best_of, multi_start
 from aerodima.optimisation.swing.swing_result import even_swing, swing_file
@@ -36,7 +36,7 @@ from aerodima.workbench.config.swing_file import Provenance, SwingFile
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.plants.clearance import make_range_of_motion
 
-__all__ = ["Options", "optimise_swing"]
+__all__ = ["SearchOptions", "optimise_swing"]
 
 _MODELS: dict[int, Any] = {1: planar, 2: spatial}
 SOURCE = "aerodima optimise swing"
@@ -47,7 +47,7 @@ MAP_NODES = 25
 
 def optimise_swing(
     scenario: Scenario,
-    options: Options,
+    options: SearchOptions,
     *,
     name: str,
     scenario_name: str = "",
@@ -113,7 +113,7 @@ def optimise_swing(
 
 
 def _as_it_was(
-    warm: SwingFile, name: str, options: Options, scenario_name: str, settings: tuple[str, ...], speed: float
+    warm: SwingFile, name: str, options: SearchOptions, scenario_name: str, settings: tuple[str, ...], speed: float
 ) -> SwingFile:
     """A warm start under a new name, with the provenance of this search."""
     kept = {key: value for key, value in warm.provenance.found.items() if key in ("collocation_error_rad", "knots")}
@@ -125,7 +125,7 @@ def _as_it_was(
     return warm.model_copy(update={"name": name, "provenance": provenance})
 
 
-def _cars(scenario: Scenario, options: Options) -> tuple[Scenario, ...]:
+def _cars(scenario: Scenario, options: SearchOptions) -> tuple[Scenario, ...]:
     """The scenario with its own car, and with those of the ensemble at as many times their own friction."""
     cars = [scenario]
     if options.members:
@@ -158,7 +158,7 @@ def _with_gains(swing: SwingFile, scenario: Scenario, told: Told) -> SwingFile:
 def _round(
     search: Search,
     cars: tuple[Scenario, ...],
-    options: Options,
+    options: SearchOptions,
     limits: SwingLimits,
     name: str,
     scenario_name: str,
@@ -207,13 +207,13 @@ def _round(
     _climb(search, cars, options, swing, found, told)
 
 
-def _problem(search: Search, cars: tuple[Scenario, ...], options: Options, limits: SwingLimits) -> Problem:
+def _problem(search: Search, cars: tuple[Scenario, ...], options: SearchOptions, limits: SwingLimits) -> Problem:
     """The programme around the runs of all cars with the present swing."""
     members = []
     for car, friction in zip(cars, frictions(cars, search.friction), strict=True):
         here = varied(car, manoeuvre={"speed": search.speed})
-        trial = drive(here, search.swing, friction, all_signals=True)
-        profile = profile_of(trial, here, friction, here.manoeuvre.turn_start)
+        run = drive(here, search.swing, friction, all_signals=True)
+        profile = profile_of(run, here, friction, here.manoeuvre.turn_start)
         members.append(Member(ReducedCar.of(here), profile))
     speed, controller = members[0].profile.speed, cars[0].controller
     ends = {"friction": (1.0 - options.trust, 1.0 + options.trust)}
@@ -234,7 +234,7 @@ def _problem(search: Search, cars: tuple[Scenario, ...], options: Options, limit
 def _climb(
     search: Search,
     cars: tuple[Scenario, ...],
-    options: Options,
+    options: SearchOptions,
     swing: SwingFile,
     found: dict[str, float | int | str],
     told: Told,

@@ -25,8 +25,9 @@ from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.run_summary import RunSummary, summarise
 from aerodima.workbench.plants.clearance import RangeOfMotion, ground_clearance
-from aerodima.workbench.simulate.trial import Trial, run_trial
+from aerodima.workbench.simulate.simulation import simulate
 
 REFERENCE_SETTINGS = ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=8.0")
 LOWER_FRICTION, MOST_LOWER = 0.05, 6
@@ -74,7 +75,7 @@ class Verification:
         heading_friction: friction of that comparison.
         survival: weighted share of the ensemble that survives clean, swing and reference.
         complaints: what speaks against the swing; empty when it is verified.
-        own: the trial of the swing on its own car.
+        own: the run of the swing on its own car, and its `summary`.
         reference: the same turn with the thesis' swing.
     """
 
@@ -84,8 +85,9 @@ class Verification:
     heading_friction: float
     survival: dict[str, float]
     complaints: tuple[str, ...]
-    own: Trial
-    reference: Trial
+    own: RunLog
+    summary: RunSummary
+    reference: RunLog
 
 
 def verify_swing(
@@ -101,7 +103,7 @@ def verify_swing(
     tracking: str = "automatic",
     engine: Engine | None = None,
 ) -> Verification:
-    """Runs everything; see the module.
+    """Does a swing keep what it promises, on the full car and on the cars of an ensemble?
 
     Args:
         swing: read from `swing_path`.
@@ -121,11 +123,13 @@ def verify_swing(
     playing = ("tail.mode=swing", f"controller.swing_file={swing_path}", f"controller.tracking={tracking}")
     own = (*settings, *fine, *playing)
     scenario = load_scenario(scenario_name, list(own))
-    trial = run_trial(scenario, signals="all")
-    if trial.summary.trigger_time is None:
+    run = simulate(scenario, stop_when_flipped=True)
+    summary = summarise(run, scenario.name)
+    if summary.trigger_time is None:
         raise SwingError(f"swing {swing.name}: was never released in this turn ({scenario_name} {' '.join(settings)})")
-    reference = run_trial(load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS]), signals="all")
-    errors = _state_errors(swing, scenario, trial.run_log, motion)
+    thesis = load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS])
+    reference = simulate(thesis, stop_when_flipped=True)
+    errors = _state_errors(swing, scenario, run, motion)
     chosen = ensemble.members if members is None else ensemble.drawn(members)
     rows = []
     for who, law in (("swing", playing), ("8 rad/s", REFERENCE_SETTINGS)):
@@ -138,8 +142,8 @@ def verify_swing(
         part = frame[frame["who"] == who]
         survival[who] = float(part.loc[part["clean"].fillna(False).astype(bool), "weight"].sum() / part["weight"].sum())
     ratio, friction = heading_ratio(scenario_name, (*settings, *fine), playing, scenario.car.tyre_friction, engine)
-    complaints = _complaints(swing, trial, errors, ratio)
-    return Verification(errors, frame, ratio, friction, survival, tuple(complaints), trial, reference)
+    complaints = _complaints(swing, summary, errors, ratio)
+    return Verification(errors, frame, ratio, friction, survival, tuple(complaints), run, summary, reference)
 
 
 def heading_ratio(
@@ -202,9 +206,9 @@ def _state_errors(swing: SwingFile, scenario: Scenario, log: RunLog, motion: Ran
     )
 
 
-def _complaints(swing: SwingFile, trial: Trial, errors: StateErrors, ratio: float) -> list[str]:
+def _complaints(swing: SwingFile, summary: RunSummary, errors: StateErrors, ratio: float) -> list[str]:
     """In words, worst first."""
-    found, summary, limits = [], trial.summary, swing.limits
+    found, limits = [], swing.limits
     if not summary.survived:
         found.append("the car rolls over")
     elif not summary.clean:

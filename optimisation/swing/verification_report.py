@@ -47,7 +47,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _verdict(swing: SwingFile, found: Verification) -> dict[str, Any]:
-    metrics = found.own.summary.metrics
+    metrics = found.summary.metrics
     return {
         "schema": SCHEMA,
         "swing": swing.name,
@@ -64,8 +64,8 @@ def _verdict(swing: SwingFile, found: Verification) -> dict[str, Any]:
             "tail_energy_j": _number(metrics.tail_energy_j),
             **{f"state_error_{key}": _number(value) for key, value in asdict(found.errors).items()},
         },
-        "step_s": found.own.run_log.scenario["simulation"]["step"],
-        "scenario": {key: found.own.run_log.scenario[key] for key in ("name", "seed", "manoeuvre", "controller")},
+        "step_s": found.own.scenario["simulation"]["step"],
+        "scenario": {key: found.own.scenario[key] for key in ("name", "seed", "manoeuvre", "controller")},
         "versions": software_versions(),
     }
 
@@ -78,7 +78,7 @@ def _page(swing: SwingFile, found: Verification, verdict: str) -> str:
     errors = found.errors
     good = not found.complaints
     result = "Verified." if good else "Not verified:"
-    step = 1000 * found.own.run_log.scenario["simulation"]["step"]
+    step = 1000 * found.own.scenario["simulation"]["step"]
     lead = f"Forward simulation of the full car at a step of {step:g} ms, and of the cars of the ensemble."
     share = ", ".join(f"{who} {value:.0%}" for who, value in found.survival.items())
     facts = [
@@ -107,7 +107,7 @@ def _page(swing: SwingFile, found: Verification, verdict: str) -> str:
                     "Three curves over time: tail roll, car roll, torque of the roll motor",
                 ),
                 figure(
-                    plot_tip_path(swing, scenario_from_dict(found.own.run_log.scenario)),
+                    plot_tip_path(swing, scenario_from_dict(found.own.scenario)),
                     "Planned path of the tail's tip in the axes of the car, with a mark every 0.1 s; grey: the tail at "
                     "rest before and after; shaded: track, wheelbase and height of the joints.",
                     "Path of the tip from behind and from above",
@@ -136,7 +136,7 @@ def _members(found: Verification) -> Markup:
 
 def plot_verification(swing: SwingFile, found: Verification) -> Figure:
     """Tail roll, car roll and torque over time, with the swing and with the reference."""
-    log, other = found.own.run_log, found.reference.run_log
+    log, other = found.own, found.reference
     release = log.time[np.flatnonzero(log.signal("controller_state") == SwingState.SWING)[0]]
     side = log.scenario["manoeuvre"]["direction"]
     with styled():

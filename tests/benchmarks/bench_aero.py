@@ -18,7 +18,7 @@ from aerodima.workbench.aero.added_mass import add_added_mass
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.tail_force import add_tail_force
 from tests.benchmarks.rows import BenchRow
 
 _STEP = 2e-3
@@ -53,7 +53,7 @@ def _nothing(builder: DiagramBuilder, plant: MultibodyPlant, tail: RigidBody) ->
 
 def _tail(law: SectionLaw | float) -> Install:
     def install(builder: DiagramBuilder, plant: MultibodyPlant, tail: RigidBody) -> None:
-        add_to_builder(builder, plant, tail, _LAYOUT, law)
+        add_tail_force(builder, plant, tail, _LAYOUT, law)
 
     return install
 

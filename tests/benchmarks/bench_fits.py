@@ -25,7 +25,7 @@ from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.rig_logs import simulate_static_log
 from tests.benchmarks.rows import BenchRow
 
@@ -124,10 +124,10 @@ def bench_rollout_fits() -> list[BenchRow]:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         bar = swing_data(
-            run_rig(load_rig_scenario("bar", ["experiment.duration=5"]), Path(folder) / "bar.parquet"), "bar_swing"
+            simulate(load_rig_scenario("bar", ["experiment.duration=5"]), Path(folder) / "bar.parquet"), "bar_swing"
         )
         flick_scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2"])
-        flick = swing_data(run_rig(flick_scenario, Path(folder) / "flick.parquet"), "swing")
+        flick = swing_data(simulate(flick_scenario, Path(folder) / "flick.parquet"), "swing")
     friction = friction_model(bar)
     problems = {
         "bar_friction_fit": friction.problem(friction_parameters(*friction_seed(robot=False))),

@@ -24,13 +24,13 @@ def bench_memory_per_run() -> Iterator[BenchRow]:
 
 def _growth(name: str) -> tuple[str, float, bool]:
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.simulate.trial import run_trial
+    from aerodima.workbench.simulate.simulation import simulate
     from tests.workbench.test_lifetimes import python_systems_die
 
     scenario, process = load_scenario(name), psutil.Process()
     start = 0.0
     for number in range(RUNS):
-        run_trial(scenario)
+        simulate(scenario, record="outcome")
         gc.collect()
         if number + 1 == SETTLED:
             start = process.memory_info().rss

@@ -10,8 +10,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.simulate.trial import run_trial
+from aerodima.workbench.simulate.simulation import simulate
 from tests.benchmarks.mujoco_car import MujocoTurn, load_model
 from tests.benchmarks.rows import BenchRow
 
@@ -81,7 +82,7 @@ def _scenario(speed: float, step: float) -> Scenario:
 
 
 def _flips_in_drake(speed: float, step: float) -> bool:
-    return run_trial(_scenario(speed, step)).summary.metrics.outcome.result == "flipped"
+    return metrics_of(simulate(_scenario(speed, step), record="outcome")).outcome.result == "flipped"
 
 
 def _flips_in_mujoco(speed: float, step: float) -> bool:

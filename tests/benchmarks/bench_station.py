@@ -19,7 +19,8 @@ from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
 from aerodima.workbench.logs.schema import run_metadata, signals_equal
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.simulate.car_run import assemble, run_scenario
+from aerodima.workbench.simulate.car_run import assemble
+from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.systems.event_order import Stage
 from tests.benchmarks.rows import BenchRow
 
@@ -64,7 +65,7 @@ def bench_repeated_run() -> list[BenchRow]:
     """1 when a repeated run has the same columns with the same bits, sensor noise included."""
     scenario = load_scenario("turn_swing", ["manoeuvre.duration=3.0"])
     with tempfile.TemporaryDirectory() as folder:
-        first, second = (run_scenario(scenario, Path(folder) / f"{name}.parquet") for name in ("first", "second"))
+        first, second = (simulate(scenario, Path(folder) / f"{name}.parquet") for name in ("first", "second"))
     return [BenchRow("repeated_run_equal", float(signals_equal(first, second)), "1", "== 1")]
 
 

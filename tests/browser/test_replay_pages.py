@@ -16,7 +16,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import write_replay_html
 from aerodima.workbench.report.comparison_page import comparison_page
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 from tests.browser.contrast import too_faint
 
 pytestmark = pytest.mark.realtime
@@ -30,8 +30,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
     folder = tmp_path_factory.mktemp("browser_runs")
     settings = [f"manoeuvre.{setting}" for setting in SHORT]
     return {
-        mode: run_scenario(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet")
-        for mode in ("none", "held")
+        mode: simulate(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet") for mode in ("none", "held")
     }
 
 

@@ -7,9 +7,8 @@ import numpy as np
 from aerodima.optimisation.studies.reproduction.evidence import NO_FLICK_THROTTLE, throttle_speed
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.report.statements import Value
-from aerodima.workbench.simulate.trial import Trial
 from tests.built.registry import run
-from tests.built.turns import TAILED, column, signals_of, trial
+from tests.built.turns import TAILED, Trial, column, signals_of, trial
 
 
 @run

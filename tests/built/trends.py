@@ -11,9 +11,8 @@ from aerodima.optimisation.studies.turn_study import TAIL_SPEEDS, TAILED_SPEEDS,
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.metrics.published_figures import TurnMetrics
 from aerodima.workbench.report.statements import Value
-from aerodima.workbench.simulate.trial import Trial, run_trial
 from tests.built.registry import RUNS, SLOW, slow
-from tests.built.turns import ROUNDING, TAILED, TAILLESS, trial
+from tests.built.turns import ROUNDING, TAILED, TAILLESS, Trial, run_trial, trial
 
 WITHOUT = tuple(speed for speed in TAILLESS_SPEEDS if speed < TAILLESS + ROUNDING)
 WITH = tuple(speed for speed in TAILED_SPEEDS if speed < TAILED + ROUNDING)

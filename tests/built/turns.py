@@ -6,18 +6,20 @@ A run is made once per process.
 import math
 from dataclasses import fields
 from functools import cache, partial
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aerodima.workbench.config.log_columns import AXLES
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.published_figures import Platform, TurnMetrics, published_figures
-from aerodima.workbench.metrics.run_summary import KM_PER_H
+from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.report.statements import Value
-from aerodima.workbench.simulate.trial import Trial, run_trial
+from aerodima.workbench.simulate.simulation import simulate
 from tests.built.registry import RUNS, run
 
 TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H
@@ -31,12 +33,24 @@ UNLOADED = 0.1
 """A wheel in the air bears less, N."""
 
 
+class Trial(NamedTuple):
+    """A run and what it came to."""
+
+    run_log: RunLog
+    summary: RunSummary
+
+
+def run_trial(scenario: Scenario, record: Literal["all", "outcome"] = "outcome") -> Trial:
+    run = simulate(scenario, record=record, stop_when_flipped=True)
+    return Trial(run, summarise(run, scenario.name))
+
+
 @cache
 def trial(tail: str, speed: float, *settings: str) -> Trial:
     """The published turn of the car of the parameter files; every column at the two published speeds."""
     overrides = [f"manoeuvre.speed={speed!r}", *(AFTER_A_LONGER_START if speed > FAST else ()), *settings]
     everything = speed in (TAILLESS, TAILED) and not settings
-    return run_trial(load_scenario(f"turn_{tail}", overrides), signals="all" if everything else "outcome")
+    return run_trial(load_scenario(f"turn_{tail}", overrides), "all" if everything else "outcome")
 
 
 def signals_of(one: Trial) -> TurnSignals:

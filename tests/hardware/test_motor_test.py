@@ -113,15 +113,15 @@ def test_the_other_way_is_seen_by_people_only(bench):
 
 def test_without_a_watchdog_test_nothing_is_opened(monkeypatch):
     bench = CarOnTheBench(authorised=False)
-    with pytest.raises(HardwareError, match="no watchdog test"), held_car.holding(bench.car):
+    with pytest.raises(HardwareError, match="no watchdog test"), held_car.held(bench.car):
         pass
     assert bench.car.devices is None
 
 
 def test_an_exception_in_the_block_lets_the_tail_go(bench):
     def drop():
-        with held_car.holding(bench.car):
-            held_car.turn(bench.car, CarCommand(tail_roll=np.array([0.1, 0.0, 17.0, 1.0, 0.0])))
+        with held_car.held(bench.car):
+            held_car.run_cycles(bench.car, CarCommand(tail_roll=np.array([0.1, 0.0, 17.0, 1.0, 0.0])))
             assert bench.roll.entered
             raise ZeroDivisionError
 

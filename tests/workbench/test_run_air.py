@@ -9,7 +9,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import read_run_log, signals_equal
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.logged_car import add_logged_car
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 
 SHORT = ["manoeuvre.duration=0.3"]
 STANDING = ["manoeuvre.speed=0.0", "manoeuvre.duration=0.2"]
@@ -21,7 +21,7 @@ WIND = [column.name for column in wind_truth_columns()]
 @pytest.fixture
 def run(tmp_path):
     def make(*settings, scenario="turn_swing", name="run"):
-        return run_scenario(load_scenario(scenario, list(settings)), tmp_path / f"{name}.parquet")
+        return simulate(load_scenario(scenario, list(settings)), tmp_path / f"{name}.parquet")
 
     return make
 

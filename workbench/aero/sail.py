@@ -41,7 +41,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from aerodima.workbench.aero.sections import Air, SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH
 from aerodima.workbench.errors import ModelError
 

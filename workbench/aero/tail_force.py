@@ -218,6 +218,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
 
 TailForce = TailForce_[float]
+"""Aerodynamic wrench on a body made of sections on a straight line, as a Drake system; see `add_tail_force`."""
 
 
 def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
@@ -240,7 +241,7 @@ def resolve_body(plant: Any, body: Any) -> Any:
     return body
 
 
-def add_to_builder(
+def add_tail_force(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
     body: RigidBody | str,

@@ -173,7 +173,7 @@ ApparentWind = ApparentWind_[float]
 
 
 def add_wind(builder: DiagramBuilder, model: WindModel | None = None) -> OutputPort:
-    """Adds a `WindSource`; returns its port for `add_to_builder(..., wind=port)`."""
+    """Adds a `WindSource`; returns its port for `add_tail_force(..., wind=port)`."""
     return builder.AddNamedSystem("wind", WindSource(model or WindModel())).GetOutputPort("wind_velocity")
 
 

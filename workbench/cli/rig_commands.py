@@ -158,7 +158,7 @@ def _run(
     from aerodima.workbench.config.rig_scenario import load_rig_scenario
     from aerodima.workbench.errors import LogError, UserError
     from aerodima.workbench.replay import open_meshcat
-    from aerodima.workbench.simulate.rig_run import run_rig
+    from aerodima.workbench.simulate.simulation import simulate
 
     refuse_existing(options.out, options.force, LogError)
     given["angle"] = None if options.angle is None else radians(options.angle)
@@ -174,7 +174,7 @@ def _run(
     meshcat = open_meshcat(None) if live else None
     if meshcat is not None:
         typer.echo(f"watch: {meshcat.web_url()}", err=True)
-    log = run_rig(
+    log = simulate(
         resolved,
         options.out,
         force=options.force,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from aerodima.workbench.config.scenario import Scenario
     from aerodima.workbench.controllers.tail_law import TailLaw
     from aerodima.workbench.logs.schema import RunLog
-    from aerodima.workbench.simulate.car_run import Progress
+    from aerodima.workbench.simulate.live_view import Progress
 
 
 @dataclass(frozen=True)
@@ -149,21 +149,21 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
         refuse_existing(replay, options.force, UserError)
         make_folder(replay.parent, UserError)
     from aerodima.workbench.logs.journal import journal_path
-    from aerodima.workbench.simulate.car_run import run_scenario
+    from aerodima.workbench.simulate.simulation import simulate
 
     meshcat = _live_view(options.port) if options.live else None
     with tempfile.TemporaryDirectory() as folder:
         path = log or Path(folder) / "run.parquet"
         new_folder = "" if path.parent.exists() else " (in a new folder)"
         try:
-            run_log = run_scenario(
+            run_log = simulate(
                 scenario,
                 path,
                 force=options.force,
                 meshcat=meshcat,
                 real_time_rate=float(options.live),
                 progress=show_progress(),
-                tail_law=tail_law,
+                law=tail_law,
             )
         except KeyboardInterrupt:
             if log is not None:

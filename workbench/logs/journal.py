@@ -23,8 +23,10 @@ from aerodima.workbench.config.log_columns import missing_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
+    RunLog,
     decode_metadata,
     encode_metadata,
+    read_run_log,
     scenario_has_tail,
     write_table,
 )
@@ -145,6 +147,10 @@ class JournalWriter:
             write_table(table, self._metadata, self.path, self._force)
             self.journal.unlink()
         return self.path
+
+    def run_log(self) -> RunLog:
+        """The log that was written, read again."""
+        return read_run_log(self.path)
 
     def abandon(self) -> Path:
         """Flush and leave the journal for `recover`; its name. What a run that failed does."""

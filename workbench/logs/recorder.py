@@ -1,21 +1,15 @@
 """Writes the signals of a diagram into a run log while it runs."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from aerodima.workbench.config.log_columns import TIME
+from aerodima.workbench.logs.log_sink import LogSink
 from aerodima.workbench.logs.unwrapping import RowUnwrapper
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
-
-
-class RowSink(Protocol):
-    """Where rows go: a journal on the disk, or a list in memory."""
-
-    def append(self, row: np.ndarray) -> None:
-        """Takes one row; a copy of it, since the recorder writes the next one into the same array."""
 
 
 class RunRecorder(LeafSystem):
@@ -34,7 +28,7 @@ class RunRecorder(LeafSystem):
 
     def __init__(
         self,
-        journal: RowSink,
+        journal: LogSink,
         columns: Sequence[str],
         sizes: Sequence[int],
         rate: float,
@@ -57,7 +51,7 @@ class RunRecorder(LeafSystem):
     def add_to_builder(
         cls,
         builder: DiagramBuilder,
-        journal: RowSink,
+        journal: LogSink,
         signals: Sequence[tuple[OutputPort, Sequence[str]]],
         rate: float,
         stage: Stage | None = None,

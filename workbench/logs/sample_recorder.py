@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort
 
-from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.log_sink import LogSink
 from aerodima.workbench.logs.recorder import recorded_columns
 
 
 class SampleRecorder(LeafSystem):
-    """Appends one row per period to a journal, within the discrete update of that instant.
+    """Appends one row per period to a journal or to memory, within the discrete update of that instant.
 
     Drake publishes before it updates, so a publish event sees the samples of the period before. The update sees those
     of its own instant, since sensors sample in unrestricted updates, which come first. The row of the time at which a
@@ -21,12 +21,12 @@ class SampleRecorder(LeafSystem):
         one vector per recorded port, in the order they are given.
 
     Args:
-        journal: open journal whose columns are `time_s` and then those of the ports, in order.
+        journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
         sizes: of the recorded ports.
         rate: rows per second, Hz.
     """
 
-    def __init__(self, journal: JournalWriter, sizes: Sequence[int], rate: float):
+    def __init__(self, journal: LogSink, sizes: Sequence[int], rate: float):
         super().__init__()
         self.set_name("sample_recorder")
         self._journal, self._rate = journal, rate
@@ -43,7 +43,7 @@ class SampleRecorder(LeafSystem):
     def add_to_builder(
         cls,
         builder: DiagramBuilder,
-        journal: JournalWriter,
+        journal: LogSink,
         signals: Sequence[tuple[OutputPort, Sequence[str]]],
         rate: float,
     ) -> "SampleRecorder":

@@ -42,7 +42,7 @@ _TYPE_WORDS: dict[type, str] = {dict: "keys with values", int: "a whole number",
 
 @dataclass(frozen=True)
 class RunLog:
-    """One run.
+    """A run: the table of its signals, and what made them.
 
     Attributes:
         table: one row per log time, float64 columns; the first is `time_s`.

@@ -21,8 +21,7 @@ from pydrake.systems.primitives import Adder
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Air
-from aerodima.workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, connect_spatial_forces
-from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, add_tail_force, connect_spatial_forces
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError

@@ -131,10 +131,10 @@ def do_run(run: DemoRun) -> RunSummary:
         log = read_run_log(run.log)
     else:
         from aerodima.workbench.config.scenario import scenario_from_dict
-        from aerodima.workbench.simulate.car_run import run_scenario
+        from aerodima.workbench.simulate.simulation import simulate
 
         journal_path(run.log).unlink(missing_ok=True)  # of a demo that was killed
-        log = run_scenario(scenario_from_dict(run.scenario), run.log)
+        log = simulate(scenario_from_dict(run.scenario), run.log)
     if run.replay is not None and not run.replay.exists():
         from aerodima.workbench.replay.replay_page import write_replay_html
 

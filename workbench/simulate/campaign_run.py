@@ -14,7 +14,7 @@ from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
 from aerodima.workbench.config.rig_campaign import RigTask
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.journal import journal_path
-from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.rig_logs import known_truth
 
 MARK, TABLE = "campaign.json", "campaign.csv"
@@ -93,7 +93,7 @@ def _make(out: Path, task: RigTask) -> tuple[str, str]:
         return task.name, ""
     journal_path(path).unlink(missing_ok=True)  # of a campaign that was killed
     try:
-        run_rig(task.scenario, path)
+        simulate(task.scenario, path)
     except UserError as error:
         journal_path(path).unlink(missing_ok=True)
         return task.name, str(error)

@@ -1,13 +1,13 @@
-"""From a scenario to a run log: the whole diagram, the simulation, the file."""
+"""The whole diagram of a car's run: station, driver, controller and estimator; and its simulation."""
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder, EventStatus, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.config.log_columns import plant_position_columns, sensor_columns
@@ -17,17 +17,19 @@ from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_controller import TailController
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.controllers.turn_driver import TurnDriver
-from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.log_sink import open_log
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
-from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, read_run_log, run_metadata
+from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
+from aerodima.workbench.simulate.live_view import LiveView
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.ground_truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH, WIND_TRUTH
+from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.event_order import Stage
 
-Progress = Callable[[float, float], None]
-"""Called with the time of the run (s) and its length (s) about ten times per simulated second."""
+_TIME_MARGIN = 1e-9
+"""s."""
 
 Signals = list[tuple[OutputPort, list[str]]]
 
@@ -90,51 +92,64 @@ def truth_signals(station: Diagram) -> Signals:
     return signals
 
 
-def run_scenario(
+def run_car(
     scenario: Scenario,
-    log_path: str | Path,
-    *,
-    force: bool = False,
-    meshcat: Meshcat | None = None,
-    real_time_rate: float = 0.0,
-    progress: Progress | None = None,
-    tail_law: TailLaw | None = None,
+    log: str | Path | None,
+    stop_when_flipped: bool,
+    law: TailLaw | None,
+    force: bool,
+    view: LiveView,
 ) -> RunLog:
-    """Simulates a scenario and writes its run log.
-
-    Rows reach the disk while the run goes on; after an interruption the journal beside `log_path` keeps them and
-    `aerodima log recover` makes a log of it.
-
-    Args:
-        scenario: resolved scenario.
-        log_path: the Parquet file to be; refused when it exists, unless `force`.
-        meshcat: shows the run live.
-        real_time_rate: 0 runs as fast as possible, 1 in real time.
-        progress: told how far the run is.
-        tail_law: drives the tail instead of the law that the scenario names; the log has the name of its class as
-            `tail_law` in its `extra`.
-
-    Raises:
-        UserError: wrong scenario, unwritable or existing log.
-    """
-    car = assemble(scenario, meshcat=meshcat, tail_law=tail_law)
-    law_facts = swing_facts(scenario) if tail_law is None else {TAIL_LAW: type(tail_law).__name__}
-    metadata = run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | law_facts)
-    columns = recorded_columns(car.signals)
-    with JournalWriter(Path(log_path), columns, metadata, force=force) as journal:
-        rate = scenario.simulation.log_rate
-        RunRecorder.add_to_builder(car.builder, journal, car.signals, rate, Stage.RECORD)
-        watch = SectionWatch.add_to_builder(car.builder, car.station, scenario.controller.rate)
-        simulator = Simulator(car.builder.Build())
-        simulator.set_target_realtime_rate(real_time_rate)
-        length = run_time(scenario)
-        if progress is not None:
-            simulator.set_monitor(_monitor(progress, length))
-        simulator.Initialize()
-        simulator.AdvanceTo(length)
+    """Records every column of a run log; see `simulate`."""
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law)
+    watch = _watch(car, scenario, contacts=False) if stop_when_flipped else None
+    with open_log(log, recorded_columns(car.signals), _metadata(car, scenario, law), force) as rows:
+        RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
+        sections = SectionWatch.add_to_builder(car.builder, car.station, scenario.controller.rate)
+        view.run(Simulator(car.builder.Build()), run_time(scenario))
         if watch is not None:
-            journal.add_facts(watch.facts())
-    return read_run_log(log_path)
+            rows.add_facts(watch.facts())
+        if sections is not None:
+            rows.add_facts(sections.facts())
+    return rows.run_log()
+
+
+def run_outcome(scenario: Scenario, stop_when_flipped: bool, law: TailLaw | None, view: LiveView) -> RunLog:
+    """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
+
+    What a sensor or the plant holds as a vector is recorded by Drake's own C++ loggers, and only the contacts are read
+    in Python.
+    """
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law)
+    watch = _watch(car, scenario, contacts=True, stop=stop_when_flipped)
+    outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals, watch)
+    metadata = _metadata(car, scenario, law)
+    simulator = Simulator(car.builder.Build())
+    view.run(simulator, run_time(scenario))
+    metadata["extra"] |= watch.facts()
+    return run_log_from_metadata(outcome.table(simulator.get_context()), metadata)
+
+
+def _watch(car: CarDiagram, scenario: Scenario, *, contacts: bool, stop: bool = True) -> FlipWatch:
+    after = turn_end(scenario) if stop else math.inf
+    rate = scenario.simulation.log_rate
+    return FlipWatch.add_to_builder(car.builder, car.station, rate, stop_after=after, contacts=contacts)
+
+
+def _metadata(car: CarDiagram, scenario: Scenario, law: TailLaw | None) -> dict[str, Any]:
+    facts = swing_facts(scenario) if law is None else {TAIL_LAW: type(law).__name__}
+    return run_metadata(scenario.resolved(), scenario.seed, extra=plant_facts(car.station) | facts)
+
+
+def turn_end(scenario: Scenario) -> float:
+    """When the wheels are straight again after the turn, s; the end of a run that is no single turn."""
+    manoeuvre = scenario.manoeuvre
+    if manoeuvre.kind not in ("turn", "auto_turn"):
+        return run_time(scenario)
+    start = manoeuvre.turn_start if manoeuvre.kind == "turn" else manoeuvre.straight_time
+    servo = scenario.servo
+    slack = 1.0 / servo.frame_rate + 1.0 / scenario.simulation.log_rate + _TIME_MARGIN
+    return start + manoeuvre.turn_hold + manoeuvre.steer_angle / servo.rate + slack
 
 
 def plant_facts(station: Diagram) -> dict[str, float]:
@@ -143,17 +158,3 @@ def plant_facts(station: Diagram) -> dict[str, float]:
     context = car.plant.CreateDefaultContext()
     tail_mass = 0.0 if car.tail is None else car.plant.CalcTotalMass(context, [car.tail])
     return {"tail_mass_kg": tail_mass, "total_mass_kg": car.plant.CalcTotalMass(context, car.instances)}
-
-
-def _monitor(progress: Progress, length: float) -> Callable:
-    last = -np.inf
-
-    def monitor(context: object) -> EventStatus:
-        nonlocal last
-        time = context.get_time()  # type: ignore[attr-defined]
-        if time - last >= 0.1:
-            last = time
-            progress(time, length)
-        return EventStatus.DidNothing()
-
-    return monitor

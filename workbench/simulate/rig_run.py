@@ -1,23 +1,22 @@
 """From a rig scenario to a log: static hold, flick, free bar swing, robot swing."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.controllers.rig_swing import CurrentController, TailCommander
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.log_sink import open_log
 from aerodima.workbench.logs.recorder import recorded_columns
 from aerodima.workbench.logs.sample_recorder import SampleRecorder
 from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.sensors.force_torque import sensor_errors
+from aerodima.workbench.simulate.live_view import Check, LiveView
 from aerodima.workbench.stations.rig_logs import RIG_COLUMN_NAMES, known_truth, rig_log_metadata, simulate_static_log
 from aerodima.workbench.stations.rig_station import RigInterfaceFactory, make_rig_station
 
@@ -31,41 +30,32 @@ TRUTH_COLUMNS = {
 }
 """Port of the simulated station -> columns of a swing's log. The wrench is that of the support on the rig."""
 
-Progress = Callable[[float, float], None]
-"""Called with the time of the run (s) and its length (s)."""
-
 
 def run_rig(
     scenario: RigScenario,
-    log_path: str | Path,
+    log: str | Path | None,
     *,
     force: bool = False,
     interface: RigInterfaceFactory | None = None,
-    meshcat: Meshcat | None = None,
-    real_time_rate: float = 0.0,
-    progress: Progress | None = None,
+    view: LiveView | None = None,
 ) -> RunLog:
-    """Runs the experiment of a scenario and writes its log in the rig schema.
-
-    A swing goes through the journal: after an interruption `aerodima log recover` makes a log of what there is.
+    """Runs the experiment of a scenario; its log is in the rig schema. See `simulate`.
 
     Args:
         scenario: resolved rig scenario.
-        log_path: the Parquet file to be; refused when it exists, unless `force`.
+        log: the Parquet file to be; None keeps the log in memory.
         force: replace an existing log.
         interface: None simulates; a factory (from `hardware`) talks to the robot-tail rig.
-        meshcat: shows a swing live.
-        real_time_rate: 0 runs as fast as possible, 1 in real time.
-        progress: told how far the run is.
+        view: of a swing.
 
     Raises:
         UserError: the tail leaves its range, holding takes too much current, unwritable or existing log.
     """
     if scenario.experiment.kind == "static":
-        log = simulate_static_log(scenario)
-        write_run_log(log, log_path, force=force)
-        return read_run_log(log_path)
-    builder, station = assemble_rig(scenario, interface, meshcat)
+        held = simulate_static_log(scenario)
+        return held if log is None else read_run_log(write_run_log(held, log, force=force))
+    view = view or LiveView()
+    builder, station = assemble_rig(scenario, interface, view.meshcat)
     signals = [
         (station.GetOutputPort("rig_state"), list(RIG_COLUMN_NAMES[1:3])),
         (station.GetOutputPort("motor_current"), list(RIG_COLUMN_NAMES[3:4])),
@@ -78,16 +68,14 @@ def run_rig(
         facts["truth"] = known_truth(scenario)
         facts["bias"] = sensor_errors(scenario.force_sensor, scenario.seed).bias.tolist()
     metadata = rig_log_metadata(scenario, **facts)
-    with JournalWriter(Path(log_path), recorded_columns(signals), metadata, force=force) as journal:
-        SampleRecorder.add_to_builder(builder, journal, signals, scenario.simulation.log_rate)
+    with open_log(log, recorded_columns(signals), metadata, force) as rows:
+        SampleRecorder.add_to_builder(builder, rows, signals, scenario.simulation.log_rate)
         simulator = Simulator(builder.Build())
         ResetIntegratorFromFlags(simulator, INTEGRATOR, scenario.simulation.step)
         simulator.get_mutable_integrator().set_fixed_step_mode(True)
-        simulator.set_target_realtime_rate(real_time_rate)
-        simulator.set_monitor(_monitor(scenario, station, progress))
-        simulator.Initialize()
-        simulator.AdvanceTo(scenario.experiment.duration + 0.5 * scenario.simulation.step)
-    return read_run_log(log_path)
+        margin = 0.5 * scenario.simulation.step
+        view.run(simulator, scenario.experiment.duration, margin=margin, check=_range_check(scenario, station))
+    return rows.run_log()
 
 
 def assemble_rig(
@@ -110,26 +98,17 @@ def assemble_rig(
     return builder, station
 
 
-def _monitor(scenario: RigScenario, station: Diagram, progress: Progress | None) -> Callable:
-    """Tells the progress and refuses a tail that leaves its range."""
-    limit, length = scenario.mount.angle_limit, scenario.experiment.duration
-    state = station.GetOutputPort("rig_state")
-    last = -np.inf
+def _range_check(scenario: RigScenario, station: Diagram) -> Check:
+    """Refuses a tail that leaves its range."""
+    limit, state = scenario.mount.angle_limit, station.GetOutputPort("rig_state")
 
-    def monitor(context: Context) -> EventStatus:
-        nonlocal last
-        time = context.get_time()
-        if time - last >= 0.02:
-            last = time
-            reported: Any = state.Eval(station.GetMyContextFromRoot(context))
-            angle = float(reported[0])
-            if abs(angle) > limit:
-                raise UserError(
-                    f"the tail left its range at {time:.2f} s: {angle:g} rad; allowed: within mount.angle_limit, "
-                    f"+-{limit:g} rad"
-                )
-            if progress is not None:
-                progress(time, length)
-        return EventStatus.DidNothing()
+    def check(context: Context) -> None:
+        reported: Any = state.Eval(station.GetMyContextFromRoot(context))
+        angle = float(reported[0])
+        if abs(angle) > limit:
+            raise UserError(
+                f"the tail left its range at {context.get_time():.2f} s: {angle:g} rad; allowed: within "
+                f"mount.angle_limit, +-{limit:g} rad"
+            )
 
-    return monitor
+    return check

@@ -16,7 +16,7 @@ from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw
 from aerodima.workbench.aero.published_coefficients import ROBOT_LIMIT
 from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.sections import Air, SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.config.car_parameters import TailParameters
 from aerodima.workbench.config.coefficient_names import CONSTANT

@@ -30,6 +30,9 @@ Signals = Sequence[tuple[Any, Sequence[str]]]
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")
 """How columns begin that a Python system would compute at every row and no metric needs, or that come cheaper."""
 
+STOPPED = "stopped_at_flip_s"
+"""Key in `extra` of a log that ends at a flip: the time of its last row, s."""
+
 CONTACT_COLUMNS = (
     *(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS),
     *(f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS),
@@ -74,6 +77,10 @@ class FlipWatch(LeafSystem):
         for name in ("plant_state", "contact_results"):
             builder.Connect(station.GetOutputPort(f"{name}_truth"), watch.GetInputPort(name))
         return watch
+
+    def facts(self) -> dict[str, float]:
+        """For `extra` of the log: when the watch ended the run, if it did."""
+        return {} if self.stopped is None else {STOPPED: self.stopped}
 
     def _look(self, context: Context) -> EventStatus:
         state: Any = self._state.Eval(context)

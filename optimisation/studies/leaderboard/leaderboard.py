@@ -80,7 +80,7 @@ def _identity() -> dict[str, Any]:
 
 def _replays(out: Path, board: Leaderboard, plan: Plan, say: Say) -> dict[str, str]:
     from aerodima.workbench.replay.replay_page import write_replay_html
-    from aerodima.workbench.simulate.trial import run_trial
+    from aerodima.workbench.simulate.simulation import simulate
 
     films = {}
     (out / "replays").mkdir(parents=True, exist_ok=True)
@@ -88,8 +88,7 @@ def _replays(out: Path, board: Leaderboard, plan: Plan, say: Say) -> dict[str, s
         say(f"replay of {contestant.name}")
         speed = plan.middle_speed
         settings = [*contestant.at(speed), f"{SPEED}={speed!r}", f"name={contestant.name}"]
-        trial = run_trial(load_scenario(SCENARIO, settings), signals="all", stop_when_flipped=False)
         target = f"replays/{number}.html"
-        write_replay_html(trial.run_log, out / target, force=True)
+        write_replay_html(simulate(load_scenario(SCENARIO, settings)), out / target, force=True)
         films[contestant.name] = target
     return films

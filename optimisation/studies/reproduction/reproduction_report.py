@@ -17,6 +17,7 @@ from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.published_figures import flip_bracket
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 
 PAGE, TABLE, FIGURES, SURVIVAL = "index.html", "rows.csv", "figures.csv", "survival.csv"
 
@@ -76,7 +77,7 @@ def _replays(
 ) -> dict[str, str]:
     """Replays of the best member: both sides of the tailless bracket, the swung tail, the held one; words -> file."""
     from aerodima.workbench.replay.replay_page import write_replay_html
-    from aerodima.workbench.simulate.trial import run_trial
+    from aerodima.workbench.simulate.simulation import simulate
 
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
     shown = (
@@ -91,7 +92,7 @@ def _replays(
         say(f"{name} ...")
         overrides = [f"manoeuvre.speed={speed!r}", *settings]
         scenario = ensemble.scenario(ensemble.best, f"turn_{mode}", overrides)
-        trial = run_trial(scenario, signals="all", stop_when_flipped=False)
-        write_replay_html(trial.run_log, out / name, force=True)
-        made[f"tail {mode}, {speed:.2f} m/s: {trial.summary.metrics.outcome.result}"] = name
+        run = simulate(scenario)
+        write_replay_html(run, out / name, force=True)
+        made[f"tail {mode}, {speed:.2f} m/s: {metrics_of(run).outcome.result}"] = name
     return made

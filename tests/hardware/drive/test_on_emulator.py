@@ -15,9 +15,10 @@ from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.log_columns import sensor_columns
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.reckoned_motion import replayable
-from aerodima.workbench.simulate.trial import run_trial
+from aerodima.workbench.simulate.simulation import simulate
 from tests.blocked_drake import BLOCK
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
 from tests.hardware.fake_can import wait_until
@@ -79,7 +80,7 @@ each_wiring = pytest.mark.parametrize("wiring", WIRINGS)
 
 @pytest.fixture(scope="module")
 def simulated():
-    return run_trial(SCENARIO, stop_when_flipped=False, signals="all")
+    return simulate(SCENARIO)
 
 
 def finish(process):
@@ -120,20 +121,20 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
     def same_swing(folder):
         emulated = driven(folder, wiring)
         log, truth = read_run_log(emulated.log), read_run_log(emulated.folder / "truth.parquet")
-        found = rms_to(simulated.run_log, truth), rms_to(simulated.run_log, log)
+        found = rms_to(simulated, truth), rms_to(simulated, log)
         print(f"{wiring}: RMS of truth and log to the simulation: {found[0]:.4f}, {found[1]:.4f} rad")
         assert max(found) <= 0.03, found
         return log, truth
 
     log, truth = undisturbed(same_swing, tmp_path)
     outcome = metrics_of(truth).outcome
-    assert outcome.result == simulated.summary.metrics.outcome.result
-    assert outcome.clean == simulated.summary.metrics.outcome.clean
+    assert outcome.result == summarise(simulated, SCENARIO.name).metrics.outcome.result
+    assert outcome.clean == summarise(simulated, SCENARIO.name).metrics.outcome.clean
     assert [column.name for column in sensor_columns()] == list(log.table.columns)[: len(sensor_columns())]
     assert log.extra["stop_reason"] == "the run is over"
     assert np.all(log.signal("status_armed") == 1.0)
     metrics = metrics_of(log)
-    expected = simulated.summary.metrics.raw.max_yaw_rate_rad_per_s
+    expected = summarise(simulated, SCENARIO.name).metrics.raw.max_yaw_rate_rad_per_s
     assert metrics.raw.max_yaw_rate_rad_per_s == pytest.approx(expected, rel=0.1)
     assert "plant_position_tail_tail_roll_q" in replayable(log).table.columns
     assert np.nanmedian(log.time - log.signal("teensy_sent_time_s")) < 0.03
@@ -147,7 +148,7 @@ def test_without_drake_from_a_bundle_the_car_swings_the_same(tmp_path, wiring, s
 
     def same_swing(folder):
         emulated = driven(folder, wiring, "--no-drake", scenario=(str(bundle),), program=program)
-        found = rms_to(simulated.run_log, read_run_log(emulated.log))
+        found = rms_to(simulated, read_run_log(emulated.log))
         print(f"{wiring}, no Drake: RMS of the log to the simulation: {found:.4f} rad")
         assert found <= 0.03
 

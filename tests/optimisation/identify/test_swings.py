@@ -25,7 +25,7 @@ from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.simulate.simulation import simulate
 from tests.optimisation.identify import swing_truth as truth
 
 
@@ -58,7 +58,7 @@ def test_rollout_without_loss_keeps_its_energy() -> None:
 )
 def test_friction_of_a_simulated_swing_is_found(tmp_path: Path, name: str, settings: list[str], kind: str) -> None:
     scenario = load_rig_scenario(name, settings)
-    result = fit_friction(swing_data(run_rig(scenario, tmp_path / "log.parquet"), kind))
+    result = fit_friction(swing_data(simulate(scenario, tmp_path / "log.parquet"), kind))
     known = scenario.robot_friction if scenario.is_robot else scenario.friction
     assert result["coulomb"].value == pytest.approx(known.coulomb, rel=0.02)
     assert result["viscous"].value == pytest.approx(known.viscous, rel=0.04)
@@ -67,7 +67,7 @@ def test_friction_of_a_simulated_swing_is_found(tmp_path: Path, name: str, setti
 
 def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_reactions_to_the_noise(tmp_path: Path) -> None:
     scenario = load_rig_scenario("flick", ["aero.added_mass=0.02", "experiment.duration=2.5"])
-    log = run_rig(scenario, tmp_path / "flick.parquet")
+    log = simulate(scenario, tmp_path / "flick.parquet")
     result = fit_added_mass(swing_data(log, "swing"), log)
     assert result["added_mass"].value == pytest.approx(0.02, rel=0.005)
     assert result["added_mass"].holds(0.02)
@@ -83,7 +83,7 @@ def test_added_mass_of_a_simulated_flick_is_found_and_brings_the_reactions_to_th
 
 def test_robot_tail_line_is_found_and_bins_lie_on_it(tmp_path: Path) -> None:
     scenario = load_rig_scenario("robot", ["experiment.wind_speed=7.5", "experiment.duration=2.5"])
-    data = swing_data(run_rig(scenario, tmp_path / "robot.parquet"), "robot_swing")
+    data = swing_data(simulate(scenario, tmp_path / "robot.parquet"), "robot_swing")
     line = fit_robot_tail(data, "line")
     # The rig's air is the line of ERRATA E26, 0.0449 v + 1.581.
     assert line["cn_slope"].value == pytest.approx(0.0449, abs=0.003)

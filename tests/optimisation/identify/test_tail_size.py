@@ -31,7 +31,7 @@ from aerodima.optimisation.identify.tail_swings import (
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.simulate.simulation import simulate
 
 SCENARIO = load_rig_scenario("robot")
 TAIL = {name: entry.value for name, entry in prior().items()} | {"law": 0.0}
@@ -62,7 +62,7 @@ def rig(tail: dict[str, np.ndarray], wind: float, kp: float) -> RigScenario:
 
 def measured_speed(scenario: RigScenario, path: Path) -> tuple[float, float]:
     """Lowest and highest relative speed at the middle of the sail in a run of the whole diagram, m/s."""
-    table = run_rig(scenario, path).table
+    table = simulate(scenario, path).table
     angle = table["angle_truth_rad"].to_numpy()
     arm = scenario.robot_tail.length - 0.5 * scenario.robot_tail.sail_length
     speed = -arm * table["angular_velocity_truth_rad_per_s"].to_numpy()

@@ -17,8 +17,9 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
 from aerodima.workbench.controllers.swing_reference import SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.metrics.turn_metrics import RunMetrics, metrics_of
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.simulate.trial import Trial, run_trial
+from aerodima.workbench.simulate.simulation import simulate
 
 EARLIER = Path(__file__).parent / "data" / "roll_4_5.yaml"
 """A polished swing of version 0.1.0, for a car of its own."""
@@ -59,10 +60,11 @@ def tracked() -> SwingFile:
     return with_feedback(thesis(), turn("car.tyre_friction=0.9"))
 
 
-def play(swing: SwingFile, tracking: str, scenario: Scenario) -> Trial:
+def play(swing: SwingFile, tracking: str, scenario: Scenario) -> RunMetrics:
     tracker = SwingTracker.from_scenario(swing, scenario)
     reference = SwingReference(swing, tracking, tracker.rate)  # type: ignore[arg-type]
-    return run_trial(scenario, tail_law=SwingTracker(reference, tracker.settings, tracker.filter_settings))
+    law = SwingTracker(reference, tracker.settings, tracker.filter_settings)
+    return metrics_of(simulate(scenario, record="outcome", law=law))
 
 
 def test_gains_push_a_late_tail_on_and_answer_a_leaning_car_with_torque_outwards(tracked: SwingFile) -> None:
@@ -82,15 +84,13 @@ def test_gains_push_a_late_tail_on_and_answer_a_leaning_car_with_torque_outwards
 def test_on_the_car_it_was_made_for_every_tracking_gives_the_same_turn(tracked: SwingFile) -> None:
     quiet = [f"imu.{name}=0" for name in ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")]
     scenario = turn("car.tyre_friction=0.9", *quiet)
-    peaks = [play(tracked, way, scenario).summary.metrics.peak_roll_rad for way in ("joint_pd", "feedback", "torque")]
+    peaks = [play(tracked, way, scenario).peak_roll_rad for way in ("joint_pd", "feedback", "torque")]
     assert max(peaks) - min(peaks) < math.radians(1.5)
 
 
 def test_feedback_keeps_a_car_flatter_on_more_grip_than_it_was_made_for(tracked: SwingFile) -> None:
     scenario = turn("car.tyre_friction=0.93")
-    roll = {
-        way: play(tracked, way, scenario).summary.metrics.peak_roll_rad for way in ("joint_pd", "feedback", "torque")
-    }
+    roll = {way: play(tracked, way, scenario).peak_roll_rad for way in ("joint_pd", "feedback", "torque")}
     assert roll["feedback"] < 0.75 * roll["joint_pd"]
     assert roll["torque"] < 0.75 * roll["joint_pd"]
 

@@ -19,7 +19,7 @@ from aerodima.optimisation.swing import swing_candidate as candidate_module
 from aerodima.optimisation.swing.final_choice import choose
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
 from aerodima.optimisation.swing.full_model_refinement import _comparable, polish, polished
-from aerodima.optimisation.swing.search_options import Options
+from aerodima.optimisation.swing.search_options import SearchOptions
 from aerodima.optimisation.swing.swing_candidate import (
     Candidate,
     Car,
@@ -116,11 +116,10 @@ def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], Outcome]) -> Sc
 
     def drive(_scenario: Any, _swing: Any, friction: float) -> Any:
         roll = np.array([0.0, 0.0, 0.0, 1.0])
-        log = SimpleNamespace(time=np.array([0.0, 1.0, 2.0, 3.0]), signal=lambda _name: roll)
-        return SimpleNamespace(found=at(friction), run_log=log)
+        return SimpleNamespace(found=at(friction), time=np.array([0.0, 1.0, 2.0, 3.0]), signal=lambda _name: roll)
 
     monkeypatch.setattr(candidate_module, "drive", drive)
-    monkeypatch.setattr(candidate_module, "outcome", lambda trial: trial.found)
+    monkeypatch.setattr(candidate_module, "outcome", lambda run: run.found)
     return score(Candidate(swing(), (car(),), 0.8))
 
 
@@ -159,11 +158,11 @@ def joint(monkeypatch: pytest.MonkeyPatch, *headings: float, lost: float = 2.0) 
         driven.append(friction)
         place = round(10 * (scenario.car.mass - 6.0))
         clean = place + 1 < len(headings) or friction < lost
-        log = SimpleNamespace(time=np.array([0.0, 3.0]), signal=lambda _name: np.array([0.0, 1.0]))
-        return SimpleNamespace(found=Outcome(clean, clean, 0.1, headings[place], 2.1), run_log=log)
+        found = Outcome(clean, clean, 0.1, headings[place], 2.1)
+        return SimpleNamespace(found=found, time=np.array([0.0, 3.0]), signal=lambda _name: np.array([0.0, 1.0]))
 
     monkeypatch.setattr(candidate_module, "drive", drive)
-    monkeypatch.setattr(candidate_module, "outcome", lambda trial: trial.found)
+    monkeypatch.setattr(candidate_module, "outcome", lambda run: run.found)
     return score(Candidate(swing(), cars, 0.612)), driven
 
 
@@ -334,7 +333,7 @@ def test_an_interrupted_polish_goes_on_with_its_own_candidates_alone(
         def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
             return [function(i) for i in items] if function is Car.of else MadeUpCars.call(self, function, items)
 
-    options = Options(polish=40, seed=4, rounds=0)
+    options = SearchOptions(polish=40, seed=4, rounds=0)
     with pytest.raises(KeyboardInterrupt):
         polished(swing(), cars, options, engine=Interrupted(), checkpoint=checkpoint)
     driven = len(json.loads(kept.read_text())["scores"])

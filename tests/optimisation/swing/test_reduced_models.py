@@ -142,7 +142,7 @@ def test_planar_model_explains_the_full_car_and_rolls_like_it() -> None:
         car={"tyre_friction": friction},
         controller={"swing_speed": 5.0, "trigger_yaw_rate": 0.5},
     )
-    log = drive(scenario, all_signals=True).run_log
+    log = drive(scenario, all_signals=True)
     c = ReducedCar.of(scenario)
     profile = turn_profile(log, c, 2.0, friction)
     time = np.arange(0.0, 0.45, 0.005)

@@ -11,7 +11,7 @@ from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing import full_car
 from aerodima.optimisation.swing import swing_search as optimise
 from aerodima.optimisation.swing.full_car import Outcome, drive_all, varied
-from aerodima.optimisation.swing.swing_search import Options, optimise_swing
+from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing
@@ -27,7 +27,7 @@ def turn(*settings: str) -> Scenario:
 def test_every_car_has_as_many_times_its_own_friction() -> None:
     own = turn().car.tyre_friction
     scenario = turn(f"car.tyre_friction={1.2 * own!r}")
-    cars = optimise._cars(scenario, Options(members=3))
+    cars = optimise._cars(scenario, SearchOptions(members=3))
     members = load_ensemble().drawn(3)
     assert len(cars) == 1 + len(members)
     for car, member in zip(cars[1:], members, strict=True):
@@ -84,7 +84,7 @@ def test_a_swing_without_gains_is_kept_and_said_to_be(monkeypatch: pytest.Monkey
 @pytest.mark.slow
 def test_two_cars_get_one_swing_with_gains_that_both_survive() -> None:
     scenario = turn("controller.swing_speed=6.0", "car.tyre_friction=0.65")
-    options = Options(members=1, rounds=1, starts=1, knots=21, threshold=0.5, bound=0.02, feedback=True)
+    options = SearchOptions(members=1, rounds=1, starts=1, knots=21, threshold=0.5, bound=0.02, feedback=True)
     swing = optimise_swing(scenario, options, name="both")
     cars = optimise._cars(varied(scenario, tail={"mode": "swing"}), options)
     assert len(cars) == 2

@@ -10,7 +10,7 @@ import pytest
 
 from aerodima.optimisation.swing.full_car import LEAST_HEADING, drive, outcome, varied
 from aerodima.optimisation.swing.swing_candidate import Reference
-from aerodima.optimisation.swing.swing_search import Options, optimise_swing
+from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
 from aerodima.optimisation.swing.swing_shape import changed
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing
@@ -37,7 +37,7 @@ def test_it_fits_the_car_that_it_was_made_for_and_states_its_error(swing: SwingF
 @cache
 def collocated(scenario: str, settings: tuple[str, ...], options: tuple[tuple[str, Any], ...]) -> SwingFile:
     """The swing before its polish; swings that differ in nothing else share it."""
-    return optimise_swing(load_scenario(scenario, list(settings)), Options(**dict(options)), name="again")
+    return optimise_swing(load_scenario(scenario, list(settings)), SearchOptions(**dict(options)), name="again")
 
 
 def made_again(swing: SwingFile) -> SwingFile:

@@ -13,7 +13,7 @@ from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.solver import solve
 from aerodima.optimisation.swing.solver_starts import random_start
 from aerodima.optimisation.swing.swing_result import RAMP, even_swing, swing_file
-from aerodima.optimisation.swing.swing_search import Options, optimise_swing
+from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
 from aerodima.optimisation.swing.transcription import ANGLE
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
@@ -56,7 +56,7 @@ def test_a_swing_file_holds_the_found_motion_and_is_mirrored_for_a_right_turn(tm
 )
 def test_wrong_input_is_refused_before_the_first_run(settings: list[str], options: dict, words: str) -> None:
     with pytest.raises(SwingError, match=words):
-        optimise_swing(load_scenario("turn_swing", settings), Options(**options), name="x")
+        optimise_swing(load_scenario("turn_swing", settings), SearchOptions(**options), name="x")
 
 
 def even(*settings: str, length: float = 1.0) -> SwingFile:
@@ -90,7 +90,7 @@ def test_a_warm_start_for_another_car_says_which_parameters_differ() -> None:
     made_for = warm_start.car["car.com_height"]
     assert made_for != 0.21
     with pytest.raises(SwingError, match=rf"car\.com_height: made for {made_for:g}, the scenario has 0\.21"):
-        optimise_swing(scenario, Options(), name="x", warm_start=warm_start)
+        optimise_swing(scenario, SearchOptions(), name="x", warm_start=warm_start)
 
 
 @pytest.mark.parametrize(("text", "words"), [("{}", "no interrupted search"), ('{"key": "x"}', "other settings")])
@@ -98,7 +98,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path, text: str, wo
     checkpoint = tmp_path / "swing.search.json"
     checkpoint.write_text(text, encoding="utf-8")
     with pytest.raises(SwingError, match=words):
-        optimise_swing(load_scenario("turn_swing"), Options(), name="x", checkpoint=checkpoint)
+        optimise_swing(load_scenario("turn_swing"), SearchOptions(), name="x", checkpoint=checkpoint)
 
 
 @pytest.mark.parametrize("flag", [["--objective", "fame"], ["--solver", "magic"], ["--dof", "3"]])

@@ -59,14 +59,13 @@ def test_headings_are_compared_at_the_highest_friction_that_both_survive() -> No
     assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, Told(never, never))[0])
 
 
-class _Trial:
-    class summary:  # noqa: N801
-        survived, clean = True, True
+class _Upright:
+    survived, clean = True, True
 
 
 def test_each_limit_that_is_broken_is_named_with_value_and_limit() -> None:
-    swing, trial = thesis(), _Trial()
-    assert _complaints(swing, trial, FINE, 1.0) == []  # type: ignore[arg-type]
+    swing, summary = thesis(), _Upright()
+    assert _complaints(swing, summary, FINE, 1.0) == []  # type: ignore[arg-type]
     for errors, ratio, words in (
         (replace(FINE, largest_torque=25.0), 1.0, "motor torque reaches 25 N m; allowed: 24.8 N m"),
         (replace(FINE, largest_roll=1.7), 1.0, "tail roll reaches 1.7 rad; allowed: 1.571 rad"),
@@ -76,7 +75,7 @@ def test_each_limit_that_is_broken_is_named_with_value_and_limit() -> None:
         (FINE, 0.949, "heading change is 94.9% of that with 8 rad/s; allowed: >= 95%"),
         (FINE, math.nan, "headings do not compare"),
     ):
-        (complaint,) = _complaints(swing, trial, errors, ratio)  # type: ignore[arg-type]
+        (complaint,) = _complaints(swing, summary, errors, ratio)  # type: ignore[arg-type]
         assert words in complaint
 
 

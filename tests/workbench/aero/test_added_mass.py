@@ -27,7 +27,7 @@ from aerodima.workbench.aero.added_mass import add_added_mass, added_mass_matrix
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_plant
@@ -399,7 +399,7 @@ def test_gradients_pass_through_added_mass_jet_and_gusts() -> None:
     )
     mass.add_to_builder(builder, wind_acceleration=wind.GetOutputPort("wind_acceleration"))
     jet = Jet((0.0, 0.0, 0.2))
-    add_to_builder(builder, plant, tail, LAYOUT, PolarLaw(1.2, 0.3), wind=wind.GetOutputPort("wind_velocity"), jet=jet)
+    add_tail_force(builder, plant, tail, LAYOUT, PolarLaw(1.2, 0.3), wind=wind.GetOutputPort("wind_velocity"), jet=jet)
     diagram = builder.Build()
     state = random_tail_state(plant, np.random.default_rng(10))
     nq = plant.num_positions()

@@ -16,7 +16,7 @@ from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout, cheetah_tail_layout
-from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.resources import model_path
 from tests.workbench.aero.plants import add_plant, plant_context, port_value
@@ -60,7 +60,7 @@ def test_without_exposure_the_force_is_zero_and_flagged() -> None:
     plant = pendulum(builder)
     wind = builder.AddSystem(ConstantVectorSource([0.0, -10.0, 0.0]))
     jet = Jet.below_pivot((0, 0, 0), EDGE_DEPTH)
-    force = add_to_builder(builder, plant, "tail", TAIL, PolarLaw(1.0, 0.2), wind=wind.get_output_port(), jet=jet)
+    force = add_tail_force(builder, plant, "tail", TAIL, PolarLaw(1.0, 0.2), wind=wind.get_output_port(), jet=jet)
     diagram = builder.Build()
     for angle_deg, exposed in ((60.0, True), (69.0, True), (70.0, False), (90.0, False), (-90.0, False)):
         context = plant_context(diagram, plant, np.array([math.radians(angle_deg), 0.0]))
@@ -74,7 +74,7 @@ def test_the_wind_pushes_the_exposed_tail_downstream() -> None:
     plant = pendulum(builder)
     wind = builder.AddSystem(ConstantVectorSource([0.0, -10.0, 0.0]))
     jet = Jet.below_pivot((0, 0, 0), EDGE_DEPTH)
-    add_to_builder(builder, plant, "tail", TAIL, PolarLaw(1.3), wind=wind.get_output_port(), jet=jet)
+    add_tail_force(builder, plant, "tail", TAIL, PolarLaw(1.3), wind=wind.get_output_port(), jet=jet)
     diagram = builder.Build()
     context = plant_context(diagram, plant, np.zeros(2))
     acceleration = plant.EvalTimeDerivatives(plant.GetMyContextFromRoot(context)).CopyToVector()[1]
@@ -92,9 +92,9 @@ def test_a_jet_that_no_reachable_angle_meets_is_refused() -> None:
         jet = Jet.below_pivot((0, 0, 0), depth)
         if fails:
             with pytest.raises(ModelError, match="'tail' meets the jet at no reachable angle"):
-                add_to_builder(builder, plant, "tail", TAIL, 2.0, jet=jet)
+                add_tail_force(builder, plant, "tail", TAIL, 2.0, jet=jet)
         else:
-            add_to_builder(builder, plant, "tail", TAIL, 2.0, jet=jet)
+            add_tail_force(builder, plant, "tail", TAIL, 2.0, jet=jet)
 
 
 def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float) -> float:
@@ -146,7 +146,7 @@ def test_above_the_quasi_steady_limit_a_section_is_marked() -> None:
         builder = DiagramBuilder()
         plant = pendulum(builder)
         wind = builder.AddSystem(ConstantVectorSource([0.0, -speed, 0.0]))
-        force = add_to_builder(
+        force = add_tail_force(
             builder,
             plant,
             "tail",

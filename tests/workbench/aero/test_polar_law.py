@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
 
@@ -60,7 +60,7 @@ def free_tail(law, layout=LAYOUT):
     add_free_body(plant)
     plant.Finalize()
     wind = builder.AddSystem(ConstantVectorSource([0.0, 0.0, 0.0]))
-    force = add_to_builder(builder, plant, "tail", layout, law, wind=wind.get_output_port())
+    force = add_tail_force(builder, plant, "tail", layout, law, wind=wind.get_output_port())
     return builder.Build(), plant, force, wind
 
 

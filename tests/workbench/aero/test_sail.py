@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw, dot, facing_law, float_of
 from aerodima.workbench.aero.sail import FreeSail
-from aerodima.workbench.aero.tail_force import add_to_builder as add_tail_force
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_plant

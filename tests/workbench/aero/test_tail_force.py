@@ -16,7 +16,7 @@ from scipy import integrate
 
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.sections import Air, SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
 
@@ -44,7 +44,7 @@ def test_constant_two_equals_one_drake_wing_per_section() -> None:
     plant.Finalize()
     wind = builder.AddSystem(ConstantVectorSource([0.0, 0.0, 0.0]))
     air = Air(density=1.18)
-    force = add_to_builder(builder, plant, body, LAYOUT, 2.0, air=air, wind=wind.get_output_port())
+    force = add_tail_force(builder, plant, body, LAYOUT, 2.0, air=air, wind=wind.get_output_port())
     wings = []
     for station in stations:
         wing = builder.AddSystem(Wing(station.index(), LAYOUT.areas[0], RigidTransform(), air.density))
@@ -78,7 +78,7 @@ def test_the_force_the_plant_receives_is_the_logged_wrench() -> None:
     plant = add_plant(builder)
     body = add_free_body(plant)
     plant.Finalize()
-    force = add_to_builder(builder, plant, "tail", LAYOUT, 2.0)
+    force = add_tail_force(builder, plant, "tail", LAYOUT, 2.0)
     diagram = builder.Build()
     context = plant_context(diagram, plant, random_state(plant, np.random.default_rng(2)))
     [applied] = force.GetOutputPort("spatial_forces").Eval(force.GetMyContextFromRoot(context))
@@ -101,7 +101,7 @@ def test_a_plate_falls_broadside_at_terminal_velocity() -> None:
         layout = SectionLayout.strip(
             start=-0.3, length=0.6, width=0.2, p_BoRo_B=(0.0, 0.0, 0.0), axis_B=axis, normal_B=normal
         )
-        add_to_builder(builder, plant, body, layout, 2.0)
+        add_tail_force(builder, plant, body, layout, 2.0)
         simulator = Simulator(builder.Build())
         simulator.AdvanceTo(4.0)
         context = plant.GetMyContextFromRoot(simulator.get_context())
@@ -117,7 +117,7 @@ def test_the_energy_that_a_swing_loses_is_the_power_of_the_drag() -> None:
     plant = add_plant(builder, gravity=False)
     body = add_free_body(plant)
     plant.Finalize()
-    force = add_to_builder(builder, plant, body, LAYOUT, 2.0)
+    force = add_tail_force(builder, plant, body, LAYOUT, 2.0)
     simulator = Simulator(builder.Build())
     simulator.get_mutable_integrator().set_target_accuracy(1e-9)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
@@ -144,7 +144,7 @@ def test_a_tail_swung_to_the_right_is_pushed_back_to_the_left() -> None:
     add_free_body(plant)
     plant.Finalize()
     layout = SectionLayout.robot_tail(start=0.2, length=0.6, width=0.1)
-    force = add_to_builder(builder, plant, "tail", layout, 2.0)
+    force = add_tail_force(builder, plant, "tail", layout, 2.0)
     diagram = builder.Build()
     state = np.array([1.0, 0, 0, 0, 0, 0, 0, 3.0, 0, 0, 0, 0, 0])  # quaternion, position, w_x = 3 rad/s
     wrench = port_value(force, plant_context(diagram, plant, state), "wrench")
@@ -162,7 +162,7 @@ def test_the_sections_report_speed_angle_reynolds_number_and_force() -> None:
     add_free_body(plant)
     plant.Finalize()
     layout = SectionLayout.strip(start=0.2, length=0.6, width=0.1, normal_B=(1.0, 0.0, 0.0))
-    force = add_to_builder(builder, plant, "tail", layout, NormalForceLaw(2.0))
+    force = add_tail_force(builder, plant, "tail", layout, NormalForceLaw(2.0))
     diagram = builder.Build()
     context = plant_context(diagram, plant, np.array([1.0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3.0, 0, 3.0]))
     rows = port_value(force, context, "sections").reshape(5, 4)
@@ -179,7 +179,7 @@ def test_several_aerodynamic_bodies_share_a_plant() -> None:
     plant = add_plant(builder)
     bodies = [add_free_body(plant, name) for name in ("tail", "wing", "bar")]
     plant.Finalize()
-    forces = [add_to_builder(builder, plant, body, LAYOUT, c) for body, c in zip(bodies, (1.0, 2.0, 0.5), strict=True)]
+    forces = [add_tail_force(builder, plant, body, LAYOUT, c) for body, c in zip(bodies, (1.0, 2.0, 0.5), strict=True)]
     diagram = builder.Build()
     context = plant_context(diagram, plant, random_state(plant, np.random.default_rng(3)))
     applied = plant.get_applied_spatial_force_input_port().Eval(plant.GetMyContextFromRoot(context))
@@ -196,15 +196,15 @@ def test_a_foreign_body_or_plant_is_refused_by_name() -> None:
     add_free_body(plant)
     stranger = add_free_body(other, "stranger")
     with pytest.raises(ModelError, match="not finalised"):
-        add_to_builder(builder, plant, "tail", LAYOUT, 2.0)
+        add_tail_force(builder, plant, "tail", LAYOUT, 2.0)
     plant.Finalize()
     other.Finalize()
     with pytest.raises(ModelError, match="stranger"):
-        add_to_builder(builder, plant, stranger, LAYOUT, 2.0)
+        add_tail_force(builder, plant, stranger, LAYOUT, 2.0)
     with pytest.raises(ModelError, match=r"'tial'.*tail"):
-        add_to_builder(builder, plant, "tial", LAYOUT, 2.0)
+        add_tail_force(builder, plant, "tial", LAYOUT, 2.0)
     with pytest.raises(ModelError, match="not in this builder"):
-        add_to_builder(DiagramBuilder(), plant, "tail", LAYOUT, 2.0)
+        add_tail_force(DiagramBuilder(), plant, "tail", LAYOUT, 2.0)
 
 
 @pytest.mark.parametrize("value", [-1.2, 0.0, math.nan])

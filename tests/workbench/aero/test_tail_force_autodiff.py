@@ -15,7 +15,7 @@ from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.tail_force import add_tail_force
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value, random_state
 
 LAYOUT = SectionLayout.strip(start=0.1, length=0.5, width=0.1, p_BoRo_B=(0.05, 0.1, -0.1))
@@ -33,7 +33,7 @@ def diagrams(law, jet=None):
     add_free_body(plant)
     plant.Finalize()
     wind = builder.AddSystem(ConstantVectorSource([1.0, -2.0, 0.5]))
-    force = add_to_builder(builder, plant, "tail", LAYOUT, law, wind=wind.get_output_port(), jet=jet)
+    force = add_tail_force(builder, plant, "tail", LAYOUT, law, wind=wind.get_output_port(), jet=jet)
     diagram = builder.Build()
     converted = diagram.ToAutoDiffXd()
     return (

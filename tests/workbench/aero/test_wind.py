@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.aero.tail_force import add_to_builder
+from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource, add_apparent_wind, add_wind
 from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value
@@ -69,7 +69,7 @@ def test_wind_and_motion_give_the_same_force() -> None:
         add_free_body(plant)
         plant.Finalize()
         layout = SectionLayout.robot_tail(start=0.1, length=0.5, width=0.2)
-        force = add_to_builder(
+        force = add_tail_force(
             builder, plant, "tail", layout, 2.0, wind=add_wind(builder, WindModel(mean=(0.0, wind, 0.0)))
         )
         state = np.array([1.0] + [0.0] * 10 + [motion, 0.0])

@@ -20,7 +20,7 @@ from aerodima.workbench.report.comparison_page import (
     metrics_rows,
     scenario_differences,
 )
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 
 SHORT = ("speed=1.0", "turn_start=0.2", "speed_ramp=0.1", "turn_hold=0.1", "duration=0.7")
 
@@ -36,7 +36,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         ("high", "turn_none", ["car.com_height=0.26"]),
     ):
         paths[name] = folder / f"{name}.parquet"
-        run_scenario(load_scenario(scenario, [*settings, *more]), paths[name])
+        simulate(load_scenario(scenario, [*settings, *more]), paths[name])
     return paths
 
 

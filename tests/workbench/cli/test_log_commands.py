@@ -13,7 +13,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 
 SETTINGS = ["manoeuvre.turn_start=0.9", "manoeuvre.speed_ramp=0.7", "manoeuvre.duration=1.7", "manoeuvre.speed=1.5"]
 """At 2 m/s2: harder, up to the tyres' friction, the short car rears up on its board."""
@@ -22,7 +22,7 @@ SETTINGS = ["manoeuvre.turn_start=0.9", "manoeuvre.speed_ramp=0.7", "manoeuvre.d
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("runs") / "run.parquet"
-    run_scenario(load_scenario("turn_none", SETTINGS), path)
+    simulate(load_scenario("turn_none", SETTINGS), path)
     return path
 
 
@@ -78,7 +78,7 @@ def test_recover_says_what_it_saved(call: Callable, refused: Callable, tmp_path:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_scenario(load_scenario("turn_none", SETTINGS), path, progress=interrupt)
+        simulate(load_scenario("turn_none", SETTINGS), path, progress=interrupt)
     assert not path.exists()
     result = call("log", "recover", journal_path(path))
     assert result.exit_code == 0, result.output

@@ -10,14 +10,14 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.replay.viewer import open_meshcat
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = ["manoeuvre.duration=0.1", "manoeuvre.speed_ramp=0.1"]
     path = tmp_path_factory.mktemp("replay") / "run.parquet"
-    run_scenario(load_scenario("turn_none", settings), path)
+    simulate(load_scenario("turn_none", settings), path)
     return path
 
 

@@ -6,23 +6,24 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.surfaces import visible_surfaces
-from aerodima.workbench.simulate.trial import Trial, run_trial
+from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_station import simulated_car
 from tests.workbench.stands import CarStand
 
 FULL_THROTTLE = ("manoeuvre.speed=12.9", "manoeuvre.speed_ramp=0.001", "manoeuvre.duration=1.2")
 
 
-def started(*settings: str) -> Trial:
-    return run_trial(load_scenario("straight", [*FULL_THROTTLE, *settings]))
+def started(*settings: str) -> RunLog:
+    return simulate(load_scenario("straight", [*FULL_THROTTLE, *settings]), record="outcome")
 
 
 @pytest.mark.parametrize("tail", ["none", "held"])
 def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(tail: str) -> None:
-    run = started(f"tail.mode={tail}")
-    log, car = run.run_log, load_scenario("straight").car
-    assert run.summary.survived
+    log, car = started(f"tail.mode={tail}"), load_scenario("straight").car
+    assert metrics_of(log).outcome.result == "survived"
     assert log.signal("ground_contact_board_truth_n").max() > 10.0
     # The pitch at which the lower face of the rear edge meets the ground, with the rear suspension on its stops.
     lever = math.hypot(car.board_x, car.tyre_radius - car.board_height)
@@ -33,17 +34,18 @@ def test_full_throttle_from_rest_lifts_the_front_wheels_and_the_board_stops_it(t
 @pytest.mark.parametrize("tail", ["none", "held"])
 def test_without_its_board_the_car_tips_over_backwards(tail: str) -> None:
     run = started(f"tail.mode={tail}", "car.board=false")
-    assert run.summary.metrics.outcome.result == "flipped"
+    assert metrics_of(run).outcome.result == "flipped"
     # Backwards and not sideways: the nose went up beyond 60 degrees.
-    assert -run.run_log.signal("pitch_truth_rad").min() > math.radians(60.0)
+    assert -run.signal("pitch_truth_rad").min() > math.radians(60.0)
 
 
 def test_board_clears_the_ground_in_a_level_turn() -> None:
     """The whole published turn, from rest to standing upright again: the corners never come down."""
-    run = run_trial(load_scenario("turn_none"))
-    assert run.summary.clean
-    assert run.summary.metrics.outcome.board_before_turn_s == 0.0
-    assert np.all(run.run_log.signal("ground_contact_board_truth_n") == 0.0)
+    run = simulate(load_scenario("turn_none"), record="outcome")
+    outcome = metrics_of(run).outcome
+    assert outcome.clean
+    assert outcome.board_before_turn_s == 0.0
+    assert np.all(run.signal("ground_contact_board_truth_n") == 0.0)
 
 
 def test_car_weighs_and_balances_the_same_without_its_board() -> None:

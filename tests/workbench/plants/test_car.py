@@ -13,7 +13,7 @@ from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.car_model import car_sdf, wheel_rates
-from aerodima.workbench.simulate.trial import run_trial
+from aerodima.workbench.simulate.simulation import simulate
 from tests.workbench.stands import CarStand, edited
 
 G = 9.81
@@ -211,7 +211,7 @@ def test_differential_shaft_turns_at_the_mean_of_the_rear_wheels(standard_runs):
 
 def test_outer_rear_wheel_turns_faster_through_a_turn():
     scenario = load_scenario("turn_held", ["manoeuvre.speed=2.0"])
-    run = run_trial(scenario, signals="all").run_log
+    run = simulate(scenario)
     left, right = (run.signal(f"plant_velocity_car_rear_{side}_spin_w") for side in ("left", "right"))
     turning = (run.time > 2.2) & (run.time < 2.4)
     # All wheels stay on the ground. Left turn: r track / radius faster on the right, and up to 1 rad/s more, because

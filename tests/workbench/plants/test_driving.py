@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from aerodima.workbench.config.log_columns import WHEELS
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 from tests.workbench.stands import CarStand
 
 QUIET = [
@@ -59,7 +59,7 @@ EVEN = [
 @pytest.fixture
 def drive(tmp_path):
     def run(name, *settings):
-        return run_scenario(load_scenario(name, list(settings)), tmp_path / "run.parquet", force=True)
+        return simulate(load_scenario(name, list(settings)), tmp_path / "run.parquet", force=True)
 
     return run
 

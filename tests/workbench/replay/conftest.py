@@ -8,7 +8,7 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 
 SHORT = {"speed": 1.0, "turn_start": 0.6, "speed_ramp": 0.4, "turn_hold": 0.1, "duration": 0.9}
 """At 2.5 m/s2: harder, up to the tyres' friction, the short car lifts its front wheels."""
@@ -20,7 +20,7 @@ def short_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
     folder: Path = tmp_path_factory.mktemp("short_runs")
     settings = [f"manoeuvre.{key}={value}" for key, value in SHORT.items()]
     return {
-        mode: run_scenario(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet")
+        mode: simulate(load_scenario(f"turn_{mode}", settings), folder / f"{mode}.parquet")
         for mode in ("none", "swing")
     }
 

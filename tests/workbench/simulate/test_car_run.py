@@ -13,7 +13,7 @@ from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.journal import journal_path, recover
 from aerodima.workbench.logs.schema import read_run_log, signals_equal
-from aerodima.workbench.simulate.car_run import run_scenario
+from aerodima.workbench.simulate.simulation import simulate
 
 SHORT = ["manoeuvre.duration=0.5"]
 
@@ -21,7 +21,7 @@ SHORT = ["manoeuvre.duration=0.5"]
 @pytest.fixture
 def run(tmp_path):
     def make(*settings, name="run", scenario="turn_swing"):
-        return run_scenario(load_scenario(scenario, [*SHORT, *settings]), tmp_path / f"{name}.parquet")
+        return simulate(load_scenario(scenario, [*SHORT, *settings]), tmp_path / f"{name}.parquet")
 
     return make
 
@@ -137,7 +137,7 @@ def test_existing_log_is_refused_and_left_alone(run, tmp_path):
         run("seed=3")
     assert (tmp_path / "run.parquet").read_bytes() == content
     assert not journal_path(tmp_path / "run.parquet").exists()
-    again = run_scenario(load_scenario("turn_swing", [*SHORT, "seed=3"]), tmp_path / "run.parquet", force=True)
+    again = simulate(load_scenario("turn_swing", [*SHORT, "seed=3"]), tmp_path / "run.parquet", force=True)
     assert (first.seed, again.seed) == (1, 3)
     assert read_run_log(tmp_path / "run.parquet").seed == 3
 
@@ -145,7 +145,7 @@ def test_existing_log_is_refused_and_left_alone(run, tmp_path):
 def test_log_that_cannot_be_written_is_told_before_the_run(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(LogError, match="file"):
-        run_scenario(load_scenario("turn_none", SHORT), tmp_path / "file" / "run.parquet")
+        simulate(load_scenario("turn_none", SHORT), tmp_path / "file" / "run.parquet")
 
 
 @pytest.mark.parametrize(
@@ -159,15 +159,13 @@ def test_log_that_cannot_be_written_is_told_before_the_run(tmp_path):
 )
 def test_scenario_that_cannot_be_built_leaves_no_log(tmp_path, settings, message):
     with pytest.raises(UserError, match=message):
-        run_scenario(load_scenario("turn_swing", [*SHORT, *settings]), tmp_path / "run.parquet")
+        simulate(load_scenario("turn_swing", [*SHORT, *settings]), tmp_path / "run.parquet")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_progress_is_told_ten_times_a_second(tmp_path):
     told = []
-    run_scenario(
-        load_scenario("turn_none", SHORT), tmp_path / "run.parquet", progress=lambda *times: told.append(times)
-    )
+    simulate(load_scenario("turn_none", SHORT), tmp_path / "run.parquet", progress=lambda *times: told.append(times))
     times = np.array([time for time, _ in told])
     assert {length for _, length in told} == {0.5}
     assert 5 <= len(told) <= 7
@@ -177,9 +175,9 @@ def test_progress_is_told_ten_times_a_second(tmp_path):
 def test_run_that_is_killed_leaves_a_journal_that_becomes_a_log(run, tmp_path):
     path = tmp_path / "killed.parquet"
     code = (
-        "import sys; from aerodima.workbench.simulate.car_run import run_scenario;"
+        "import sys; from aerodima.workbench.simulate.simulation import simulate;"
         "from aerodima.workbench.config.scenario import load_scenario;"
-        "run_scenario(load_scenario('turn_swing', ['manoeuvre.duration=300.0']), sys.argv[1])"
+        "simulate(load_scenario('turn_swing', ['manoeuvre.duration=300.0']), sys.argv[1])"
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(path)])
     try:

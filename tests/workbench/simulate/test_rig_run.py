@@ -13,7 +13,7 @@ from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenari
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog, signals_equal
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import run_rig
+from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.rig_logs import RIG_COLUMN_NAMES
 
 COUNT = 2 * math.pi / (512 * 4 * 26)
@@ -28,7 +28,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[RigScenari
     made = {}
     for name in ("flick", "bar", "robot"):
         scenario = load_rig_scenario(name, settings)
-        made[name] = (scenario, run_rig(scenario, folder / f"{name}.parquet"))
+        made[name] = (scenario, simulate(scenario, folder / f"{name}.parquet"))
     return made
 
 
@@ -132,7 +132,7 @@ def test_force_readings_are_wrench_less_offset_plus_bias_and_noise(logs) -> None
 def test_robot_tail_comes_to_rest_where_spring_and_wind_balance(tmp_path: Path) -> None:
     """Held by kp (0 - angle): the same torque that holds that angle statically. Friction 0.161 N m may keep it away."""
     scenario = load_rig_scenario("robot", ["experiment.rest=0.2", "experiment.duration=2.5"])
-    angle = run_rig(scenario, tmp_path / "robot.parquet").signal("angle_truth_rad")[-1]
+    angle = simulate(scenario, tmp_path / "robot.parquet").signal("angle_truth_rad")[-1]
     rig = Rig(scenario)
     torque = -scenario.experiment.kp * angle
     assert torque == pytest.approx(rig.torque_of(rig.holding_current(angle)), abs=0.17)
@@ -140,7 +140,7 @@ def test_robot_tail_comes_to_rest_where_spring_and_wind_balance(tmp_path: Path) 
 
 def test_repeated_runs_are_equal_bit_for_bit(tmp_path: Path) -> None:
     scenario = load_rig_scenario("flick", ["experiment.rest=0.02", "experiment.duration=0.1"])
-    first, second = (run_rig(scenario, tmp_path / f"{i}.parquet") for i in range(2))
+    first, second = (simulate(scenario, tmp_path / f"{i}.parquet") for i in range(2))
     assert signals_equal(first, second)
 
 
@@ -148,7 +148,7 @@ def test_unactuated_flick_is_let_go(tmp_path: Path) -> None:
     scenario = load_rig_scenario(
         "flick", ["experiment.actuated=false", "experiment.rest=0.02", "experiment.duration=0.2"]
     )
-    log = run_rig(scenario, tmp_path / "free.parquet")
+    log = simulate(scenario, tmp_path / "free.parquet")
     assert np.all(log.signal("motor_torque_truth_n_m")[25:] == 0.0)
     assert log.signal("angle_truth_rad")[-1] < 1.5
 
@@ -158,14 +158,22 @@ def test_tail_that_leaves_its_range_is_refused_and_its_rows_are_kept(tmp_path: P
         "flick", ["experiment.wind_speed=30", "experiment.angle=1", "experiment.rest=0.01", "mount.angle_limit=1.1"]
     ).varied(experiment={"target": -1.0, "kp": 60.0, "kd": 0.0, "duration": 2.0})
     with pytest.raises(UserError, match="the tail left its range at"):
-        run_rig(scenario, tmp_path / "wild.parquet")
+        simulate(scenario, tmp_path / "wild.parquet")
     assert (tmp_path / "wild.parquet.journal").exists()
 
 
 def test_existing_log_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "log.parquet"
     scenario = load_rig_scenario("static", ["experiment.duration=0.01"])
-    run_rig(scenario, path)
+    simulate(scenario, path)
     with pytest.raises(LogError, match="--force"):
-        run_rig(scenario, path)
-    run_rig(scenario, path, force=True)
+        simulate(scenario, path)
+    simulate(scenario, path, force=True)
+
+
+@pytest.mark.parametrize("name", ["static", "flick"])
+def test_log_in_memory_is_that_of_the_file(name: str, tmp_path: Path) -> None:
+    scenario = load_rig_scenario(name, ["experiment.rest=0.2", "experiment.duration=0.5"])
+    written, kept = simulate(scenario, tmp_path / "run.parquet"), simulate(scenario)
+    assert signals_equal(written, kept)
+    assert (written.kind, written.extra, written.scenario) == (kept.kind, kept.extra, kept.scenario)

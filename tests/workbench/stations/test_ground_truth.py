@@ -8,7 +8,7 @@ from scipy.integrate import trapezoid
 
 from aerodima.workbench.config.log_columns import WHEELS
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.simulate.trial import run_trial
+from aerodima.workbench.simulate.simulation import simulate
 
 STEP = 0.002
 G = 9.81
@@ -190,7 +190,7 @@ def test_tip_is_one_length_from_the_joints_and_on_the_side_of_the_roll_angle(tai
 def test_air_pushes_on_the_sail():
     # Locked, all sections push along one normal, so that a single centre of pressure says it all.
     settings = ["manoeuvre.speed=3.33", "tail.sail=locked"]
-    run = run_trial(load_scenario("turn_designed", settings), signals="all").run_log
+    run = simulate(load_scenario("turn_designed", settings))
     force, moment = run.vector("tail_force", "truth_n"), run.vector("tail_force_moment", "truth_n_m")
     strong = np.linalg.norm(force, axis=1) > 1.0
     assert np.count_nonzero(strong) > 20

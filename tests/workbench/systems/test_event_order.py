@@ -18,7 +18,7 @@ from aerodima.workbench.sensors.gps import GpsSpeed
 from aerodima.workbench.sensors.imu import Imu
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import assemble
-from aerodima.workbench.simulate.trial import run_trial
+from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.systems.event_order import LEAD, Stage, nominal_time, period_of
 
 STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
@@ -108,7 +108,7 @@ def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_frame(ste
 @pytest.mark.parametrize("step", [0.002, 0.001, 0.0005])
 def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step):
     """No latency but what is modelled, at any step: the row after a command has the knuckle and the tail moving."""
-    log = run_trial(scenario_at(step, 2.7, **{"simulation.log_rate": 1.0 / step}), signals="all").run_log
+    log = simulate(scenario_at(step, 2.7, **{"simulation.log_rate": 1.0 / step}))
     time, command = log.time, log.signal("steering_command_rad")
     assert time[np.flatnonzero(command)[0]] == pytest.approx(2.0, abs=1e-12)
     knuckle = log.signal("plant_position_car_front_left_steering_q")

@@ -1,0 +1,30 @@
+"""What `aerodima.optimisation` promises; the modules behind it may move."""
+
+from .calibration.calibration import Calibration as Calibration
+from .calibration.calibration import calibrate as calibrate
+from .calibration.calibration_plan import load_plan as load_plan
+from .calibration.calibration_runs import RunStore as RunStore
+from .fit.fit_figures import plot_curves as plot_curves
+from .fit.fit_parameters import Parameter as Parameter
+from .fit.fit_parameters import Parameters as Parameters
+from .fit.fit_pipeline import Estimate as Estimate
+from .fit.fit_pipeline import FitResult as FitResult
+from .fit.fit_pipeline import fit as fit
+from .fit.fit_report import in_words as in_words
+from .identify.fit_options import FitOptions as FitOptions
+from .identify.log_fits import fit_added_mass_log as fit_added_mass_log
+from .identify.log_fits import fit_friction_log as fit_friction_log
+from .identify.log_fits import fit_robot_tail_log as fit_robot_tail_log
+from .identify.log_fits import fit_static_log as fit_static_log
+from .studies.reproduction.reproduction_report import write_report as write_report
+from .studies.survival_study import survival_figure as survival_figure
+from .studies.survival_study import survival_study as survival_study
+from .sweep.rollover_threshold import critical_friction as critical_friction
+from .sweep.run_study import run_study as run_study
+from .sweep.study import Range as Range
+from .sweep.study import load_study as load_study
+from .sweep.study_engine import open_engine as open_engine
+from .swing.search_options import SearchOptions as SearchOptions
+from .swing.swing_search import optimise_swing as optimise_swing
+from .swing.verification import verify_swing as verify_swing
+from .swing.verification_report import plot_verification as plot_verification

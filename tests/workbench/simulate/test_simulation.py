@@ -1,0 +1,106 @@
+"""A run in memory comes to the same as a run with a log file, and stops at a flip if asked."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.metrics.run_summary import summarise
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
+from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.stations.outcome_record import STOPPED
+
+SHORT = ["manoeuvre.speed_ramp=0.8", "manoeuvre.turn_start=1.0", "manoeuvre.duration=2.1"]
+"""Turn after 1 s instead of 2 s: the run of a test costs half."""
+TAIL_TRUTH_ONLY = ("over_window", "until_peak_roll")
+
+
+def turn(mode, speed, *settings):
+    return load_scenario(f"turn_{mode}", [*SHORT, f"manoeuvre.speed={speed}", *settings])
+
+
+def flat(values):
+    return {key: value for key, value in values.items() if not isinstance(value, dict | tuple | str)}
+
+
+@pytest.mark.parametrize(("mode", "direction"), [("none", "left"), ("swing", "right")])
+def test_trial_of_a_surviving_car_has_the_outcome_and_metrics_of_its_logged_run(tmp_path, mode, direction):
+    scenario = turn(mode, 2.5, f"manoeuvre.direction={direction}")
+    logged = simulate(scenario, tmp_path / "run.parquet")
+    run = simulate(scenario, record="outcome")
+    expected, found = summarise(logged, scenario.name), summarise(run, scenario.name)
+    assert STOPPED not in run.extra
+    for name in ("raw", "filtered", "outcome"):
+        theirs, ours = (dataclasses.asdict(getattr(each.metrics, name)) for each in (expected, found))
+        assert flat(ours) == pytest.approx(flat(theirs), rel=1e-9, abs=1e-9)
+    assert found.metrics.outcome.result == "survived"
+    assert flat(found.metrics.as_row()) == pytest.approx(flat(expected.metrics.as_row()), rel=1e-9, abs=1e-9)
+    assert (found.trigger_time, found.window) == (expected.trigger_time, expected.window)
+    for name in run.table.columns:  # rounding alone sets them apart, 1e-9 of the largest value
+        scale = max(1.0, float(np.max(np.abs(logged.signal(name)))))
+        np.testing.assert_allclose(run.signal(name), logged.signal(name), atol=1e-9 * scale, err_msg=name)
+
+
+def test_all_signals_give_the_table_of_the_logged_run_and_the_impulses_of_the_tail(tmp_path):
+    scenario = turn("swing", 3.0)
+    logged = simulate(scenario, tmp_path / "run.parquet")
+    run = simulate(scenario)
+    found = summarise(run, scenario.name)
+    assert list(run.table.columns) == list(logged.table.columns)
+    np.testing.assert_array_equal(run.table.to_numpy(), logged.table.to_numpy())
+    assert run.extra == logged.extra
+    assert found == summarise(logged, scenario.name)
+    assert found.over_window is not None
+    outcome = simulate(scenario, record="outcome")
+    assert summarise(outcome, scenario.name).over_window is None
+
+
+def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
+    scenario = turn("none", 3.4)
+    runs = [simulate(scenario, record="outcome", stop_when_flipped=stop) for stop in (None, False)]
+    stopped, whole = (summarise(run, scenario.name) for run in runs)
+    end = runs[0].extra[STOPPED]
+    assert end == runs[0].time[-1] < runs[1].time[-1]
+    assert runs[1].time[-1] > 2.09
+    assert end >= stopped.window[1]
+    assert runs[0].signal("tilt_truth_rad").max() > FLIP_TILT
+    assert stopped.metrics.outcome.result == whole.metrics.outcome.result == "flipped"
+    assert stopped.metrics.raw == dataclasses.replace(
+        whole.metrics.raw, roll_integral_rad=stopped.metrics.raw.roll_integral_rad
+    )
+    rows = len(runs[0].table)
+    np.testing.assert_array_equal(runs[0].table.to_numpy(), runs[1].table.to_numpy()[:rows])
+
+
+def test_another_law_takes_the_place_of_the_scenarios():
+    scenario = turn("swing", 3.0)
+    held = simulate(scenario, record="outcome", law=SwingLaw(SwingSettings(mode="held")))
+    assert held.extra["tail_law"] == "SwingLaw"
+    assert SwingState.SWING not in held.signal("controller_state")
+    assert SwingState.SWING in simulate(scenario, record="outcome").signal("controller_state")
+
+
+def test_run_that_is_too_short_for_its_turn_is_refused():
+    with pytest.raises(UserError, match="the turn is 1 to"):
+        metrics_of(simulate(turn("none", 3.0, "manoeuvre.duration=1.3"), record="outcome"))
+
+
+def test_every_signal_until_the_flip():
+    scenario = turn("none", 3.4)
+    stopped, whole = simulate(scenario, stop_when_flipped=True), simulate(scenario)
+    rows = len(stopped.table)
+    assert stopped.extra[STOPPED] == stopped.time[-1] < whole.time[-1]
+    assert STOPPED not in whole.extra
+    np.testing.assert_array_equal(stopped.table.to_numpy(), whole.table.to_numpy()[:rows])
+
+
+def test_what_a_log_file_or_a_rig_cannot_have_is_refused(tmp_path):
+    with pytest.raises(UserError, match="leaves out columns of a log file"):
+        simulate(turn("none", 3.0), tmp_path / "run.parquet", record="outcome")
+    with pytest.raises(UserError, match="are for scenarios of the car"):
+        simulate(load_rig_scenario("flick"), record="outcome")

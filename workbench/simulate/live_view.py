@@ -1,0 +1,50 @@
+"""How a run is watched while it goes on, and the loop that carries it out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+Progress = Callable[[float, float], None]
+"""Called with the time of the run (s) and its length (s)."""
+Check = Callable[[Context], None]
+"""Raises when the run must not go on."""
+
+TOLD_EVERY, CHECKED_EVERY = 0.1, 0.02
+"""Time between two calls, s of the run: of the progress alone, and with a check."""
+
+
+@dataclass(frozen=True)
+class LiveView:
+    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and who is told how far it is."""
+
+    meshcat: Meshcat | None = None
+    real_time_rate: float = 0.0
+    progress: Progress | None = None
+
+    def run(self, simulator: Simulator, length: float, *, margin: float = 0.0, check: Check | None = None) -> None:
+        """Simulates from time 0 to `length` + `margin`, s."""
+        simulator.set_target_realtime_rate(self.real_time_rate)
+        if self.progress is not None or check is not None:
+            simulator.set_monitor(self._monitor(length, check))
+        simulator.Initialize()
+        simulator.AdvanceTo(length + margin)
+
+    def _monitor(self, length: float, check: Check | None) -> Callable[[Context], EventStatus]:
+        last, period = -np.inf, TOLD_EVERY if check is None else CHECKED_EVERY
+
+        def monitor(context: Context) -> EventStatus:
+            nonlocal last
+            time = context.get_time()
+            if time - last >= period:
+                last = time
+                if check is not None:
+                    check(context)
+                if self.progress is not None:
+                    self.progress(time, length)
+            return EventStatus.DidNothing()
+
+        return monitor

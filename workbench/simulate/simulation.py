@@ -1,0 +1,74 @@
+"""One verb: from a scenario of the car or of a rig to the log of its run, in a file or in memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
+    from aerodima.workbench.simulate.live_view import Progress
+
+
+def simulate(
+    scenario: Scenario | RigScenario,
+    log: str | Path | None = None,
+    *,
+    record: Literal["all", "outcome"] = "all",
+    stop_when_flipped: bool | None = None,
+    law: TailLaw | None = None,
+    force: bool = False,
+    meshcat: Meshcat | None = None,
+    real_time_rate: float = 0.0,
+    progress: Progress | None = None,
+) -> RunLog:
+    """Simulates a scenario: a manoeuvre of the car, or an experiment of a wind-tunnel rig.
+
+    With a file, rows reach the disk while the run goes on; after an interruption the journal beside it keeps them and
+    `aerodima log recover` makes a log of it.
+
+    Args:
+        scenario: resolved scenario.
+        log: the Parquet file to be; refused when it exists, unless `force`. None keeps the log in memory.
+        record: `all` records every column of a run log; `outcome`, of the car and in memory only, what the metrics need
+            and what the sensors report, for 0.8 of the CPU time (0.45 when the car flips).
+        stop_when_flipped: end the run of a car when its tilt has passed 75 degrees and the turn is over; the log has
+            `STOPPED` in its `extra` then, and what happens after the turn (peak roll, roll integral, heading change,
+            time on two wheels, tail energy) is that until the stop. By default with `record="outcome"` only.
+        law: drives the tail of a car instead of the law that the scenario names; the log has the name of its class as
+            `tail_law` in its `extra`.
+        force: replace an existing log.
+        meshcat: shows the run live.
+        real_time_rate: 0 runs as fast as possible, 1 in real time.
+        progress: told how far the run is, about ten times per simulated second.
+
+    Raises:
+        UserError: the scenario makes no valid plant, the rig's tail leaves its range or holding takes too much current,
+            unwritable or existing log.
+        RuntimeError: Drake's solver gave up.
+    """
+    from aerodima.workbench.simulate.live_view import LiveView
+
+    view = LiveView(meshcat, real_time_rate, progress)
+    if isinstance(scenario, RigScenario):
+        from aerodima.workbench.simulate.rig_run import run_rig
+
+        if law is not None or stop_when_flipped or record != "all":
+            raise UserError(
+                f"{scenario.name}: law, stop_when_flipped and record='outcome' are for scenarios of the car"
+            )
+        return run_rig(scenario, log, force=force, view=view)
+    from aerodima.workbench.simulate.car_run import run_car, run_outcome
+
+    if record == "all":
+        return run_car(scenario, log, bool(stop_when_flipped), law, force, view)
+    if log is not None:
+        raise UserError(f"{log}: record='outcome' leaves out columns of a log file; allowed: record='all'")
+    return run_outcome(scenario, stop_when_flipped is not False, law, view)
