@@ -127,19 +127,19 @@ def describe(found: Threshold, unit: str) -> list[str]:
     search = found.search
     suffix = f" {unit}" if unit else ""
     name = search.factor
-    if found.flipped is None and found.survived is None:
+    if found.lost is None and found.survived is None:
         lines = [f"{name}: no run from {search.low:g} to {search.high:g}{suffix} came to its turn"]
-    elif found.flipped is None:
+    elif found.lost is None:
         lines = [f"{name}: no flip from {search.low:g} to {search.high:g}{suffix}; survives up to {found.survived:g}"]
     elif found.survived is None:
-        lines = [f"{name}: flips at {found.flipped:g}{suffix} already, the lowest value"]
+        lines = [f"{name}: flips at {found.lost:g}{suffix} already, the lowest value"]
     else:
         lines = [
-            f"{name}: survives up to {found.survived:g}{suffix}, flips at {found.flipped:g}{suffix} "
+            f"{name}: survives up to {found.survived:g}{suffix}, flips at {found.lost:g}{suffix} "
             f"(tolerance {search.tolerance:g}, {len(found.outcomes)} runs)"
         ]
-        if found.flipped - found.survived > search.tolerance + 1e-9:
-            lines[0] += f"; the values between them, {found.flipped - found.survived:.3g} apart, told nothing"
+        if found.lost - found.survived > search.tolerance + 1e-9:
+            lines[0] += f"; the values between them, {found.lost - found.survived:.3g} apart, told nothing"
     if over := [value for value, outcome in found.outcomes.items() if outcome == TIPPED]:
         lines.append(f"{len(over)} run(s) tipped over before their turn, the first at {over[0]:g}: no evidence of it")
     for first, last in found.islands:

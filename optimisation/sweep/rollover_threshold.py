@@ -1,8 +1,10 @@
 """Where a car begins to roll over: highest speed survived at given grip, critical friction at given speed.
 
-Survival is not monotone (design section 7): beyond the first speed at which the car flips there may be islands of
-speeds that it survives again. So a range is scanned first, the step from survival to the first flip is then narrowed
-down, and survivors beyond it are reported as islands instead of taken for the threshold.
+Survival is not monotone (design section 7): beyond the first value at which the car is lost there may be islands that
+it survives again. A threshold is therefore the end of an unbroken row from below, found in one of two ways, for many
+cars at once. A scan runs the whole range, narrows the step from survival to the first flip down, and reports survivors
+beyond it as islands. A climb begins where the car is expected to hold, goes up in strides until a run is not clean
+(down first, if the first one is not), and narrows the last stride to its grid, on which different controllers meet.
 
 The values that are run do not depend on the number of workers, so neither does the result.
 """
@@ -11,8 +13,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,7 +26,12 @@ SPEED, FRICTION = "manoeuvre.speed", "car.tyre_friction"
 TIPPED = "tipped over before its turn"
 """Outcome of a run that says nothing about the turn: neither survival nor flip, passed over like one that failed."""
 SECTIONS = 3
-"""A bracket is cut into this many parts per round: two runs, one per core of a small computer."""
+"""A scan cuts its bracket into this many parts per round: two runs, one per core of a small computer."""
+
+Start = float | Literal["scan", "bisect"]
+"""Value at which a climb begins, or another way to search."""
+Judge = Callable[[Any], bool | None]
+"""Whether what a run came to counts as survived, or as lost; None says nothing about the turn."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +40,10 @@ class Search:
 
     Attributes:
         factor: number of the scenario that is varied.
-        low: start of the scan.
-        high: its end.
-        scan: largest step of the scan; an island narrower than that may be missed.
-        tolerance: largest distance between the highest value survived and the first flipped.
+        low: lowest value; the grid of a climb begins here.
+        high: the highest.
+        scan: largest step of a scan, in which a narrower island may be missed; first stride of a climb.
+        tolerance: largest distance between the highest value survived and the first lost; grid of a climb.
     """
 
     factor: str
@@ -47,18 +54,51 @@ class Search:
 
     def __post_init__(self) -> None:
         allowed = {
-            "low": (self.low, self.low < self.high, f"below high, {self.high:g}"),
-            "scan": (self.scan, 0.0 < self.scan <= self.high - self.low, f"above 0, up to {self.high - self.low:g}"),
+            "low": (self.low, self.low <= self.high, f"below high, {self.high:g}, or equal to it"),
+            "scan": (self.scan, self.scan > 0.0, "above 0"),
             "tolerance": (self.tolerance, 0.0 < self.tolerance <= self.scan, f"above 0, up to scan, {self.scan:g}"),
         }
         for name, (value, fits, words) in allowed.items():
             if not fits or not math.isfinite(value):
                 raise SweepError(f"threshold of {self.factor}: {name} {value:g}; allowed: {words}")
 
-    def values(self) -> list[float]:
-        """Of the scan, both ends included."""
-        steps = math.ceil((self.high - self.low) / self.scan - 1e-9)
-        return [_rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
+    def index(self, value: float) -> int:
+        """Place of a value on the grid, within its ends; the lower one of two."""
+        return min(max(math.floor((value - self.low) / self.tolerance + 1e-9), 0), self._last)
+
+    def value(self, index: int) -> float:
+        """The value at a place of the grid."""
+        return _rounded(self.low + index * self.tolerance)
+
+    def following(
+        self, start: Start, survived: float | None, lost: float | None, rows: Mapping[float, Any]
+    ) -> list[float]:
+        """What is run next, from what was found so far; nothing at the end."""
+        if start == "scan":
+            return self._scanned(survived, lost, rows)
+        held, ended = (None if value is None else self.index(value) for value in (survived, lost))
+        stride = max(1, round(self.scan / self.tolerance))
+        if start == "bisect":
+            place = ((-1 if held is None else held) + (self._last + 1 if ended is None else ended)) // 2
+        elif held is None:
+            place = self.index(start) if ended is None else max(ended - stride, 0)
+        else:
+            place = min(held + stride, self._last) if ended is None else (held + ended) // 2
+        value = self.value(place)
+        return [] if place < 0 or value in rows else [value]
+
+    def _scanned(self, survived: float | None, lost: float | None, rows: Mapping[float, Any]) -> list[float]:
+        if not rows:
+            steps = math.ceil((self.high - self.low) / self.scan - 1e-9)
+            return [_rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
+        if survived is None or lost is None or lost - survived <= self.tolerance + 1e-9:
+            return []
+        cuts = np.linspace(survived, lost, SECTIONS + 1)[1:-1]
+        return [value for cut in cuts if (value := _rounded(cut)) not in rows]
+
+    @property
+    def _last(self) -> int:
+        return round((self.high - self.low) / self.tolerance)
 
 
 SPEED_SEARCH = Search(SPEED, 2.5, 6.5, 0.25, 0.05)
@@ -71,46 +111,56 @@ class Threshold:
 
     Attributes:
         search: how it was searched.
-        survived: highest value below the first flip that was survived; None if the first value flipped.
-        flipped: first value that flipped; None if none did.
-        islands: (first, last) value survived of each stretch of the scan beyond the first flip.
+        survived: highest value below the first loss that was survived; None if the first value was lost.
+        lost: first value that was lost; None if none was.
+        islands: (first, last) value survived of each stretch of a scan beyond the first loss.
         highest_survived: of all values that were run, islands included; None if none survived.
-        outcomes: value -> `survived`, `flipped`, `TIPPED`, or `failed: ...`, of every run.
+        rows: value -> what its run came to, upwards.
     """
 
     search: Search
     survived: float | None
-    flipped: float | None
+    lost: float | None
     islands: tuple[tuple[float, float], ...]
     highest_survived: float | None
-    outcomes: dict[float, str]
+    rows: dict[float, Any]
 
     @property
     def found(self) -> bool:
         """Whether the threshold lies inside the range that was searched."""
-        return self.survived is not None and self.flipped is not None
+        return self.survived is not None and self.lost is not None
 
     @property
     def value(self) -> float:
-        """Middle of survived and flipped; minus infinity below the range, infinity above it."""
+        """Middle of survived and lost; minus infinity below the range, infinity above it."""
         if self.survived is None:
             return -math.inf
-        return math.inf if self.flipped is None else 0.5 * (self.survived + self.flipped)
+        return math.inf if self.lost is None else 0.5 * (self.survived + self.lost)
+
+    @property
+    def outcomes(self) -> dict[float, str]:
+        """Value -> `survived`, `flipped`, `TIPPED`, or `failed: ...`, of every run of a scenario."""
+        return {value: _outcome(row) for value, row in self.rows.items()}
+
+    @property
+    def tipped(self) -> int:
+        """So many cars tipped over before their turn, so that nothing is known of it."""
+        return sum(outcome == TIPPED for outcome in self.outcomes.values())
 
     def as_row(self) -> dict[str, Any]:
         """Flat, for a table."""
         return {
             "factor": self.search.factor,
             "survived": self.survived,
-            "first_flipped": self.flipped,
+            "first_flipped": self.lost,
             "tolerance": self.search.tolerance,
             "scan": self.search.scan,
             "searched_from": self.search.low,
             "searched_to": self.search.high,
             "islands": "; ".join(f"{first:g} to {last:g}" for first, last in self.islands),
             "highest_survived": self.highest_survived,
-            "runs": len(self.outcomes),
-            "tipped_before_turn": sum(outcome == TIPPED for outcome in self.outcomes.values()),
+            "runs": len(self.rows),
+            "tipped_before_turn": self.tipped,
             "failed_runs": sum(outcome.startswith("failed") for outcome in self.outcomes.values()),
         }
 
@@ -125,14 +175,7 @@ class Case:
 
 
 def critical_friction(
-    scenario: str,
-    settings: Sequence[str] = (),
-    engine: Engine | None = None,
-    *,
-    tolerance: float = FRICTION_SEARCH.tolerance,
-    low: float = FRICTION_SEARCH.low,
-    high: float = FRICTION_SEARCH.high,
-    scan: float = FRICTION_SEARCH.scan,
+    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: float
 ) -> Threshold:
     """Highest tyre friction that is survived at the scenario's speed, and the lowest that is not.
 
@@ -140,28 +183,22 @@ def critical_friction(
         scenario: name or path.
         settings: overrides; the speed is among them or the scenario's.
         engine: where to run; None runs here, one after the other.
-        tolerance: of the friction coefficient.
-        low: friction at which the scan begins.
-        high: friction at which it ends.
-        scan: its step.
+        changes: of `FRICTION_SEARCH`: `low`, `high`, `scan`, `tolerance`.
     """
-    search = Search(FRICTION, low, high, scan, tolerance)
-    return find_thresholds([Case("", scenario, tuple(settings))], search, engine)[0]
+    case = Case("", scenario, tuple(settings))
+    return find_thresholds([case], replace(FRICTION_SEARCH, **changes), engine)[0]
 
 
 def highest_speed(
-    scenario: str,
-    settings: Sequence[str] = (),
-    engine: Engine | None = None,
-    *,
-    tolerance: float = SPEED_SEARCH.tolerance,
-    low: float = SPEED_SEARCH.low,
-    high: float = SPEED_SEARCH.high,
-    scan: float = SPEED_SEARCH.scan,
+    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: float
 ) -> Threshold:
-    """Highest speed (m/s) that is survived with the scenario's friction, and the first at which it flips."""
-    search = Search(SPEED, low, high, scan, tolerance)
-    return find_thresholds([Case("", scenario, tuple(settings))], search, engine)[0]
+    """Highest speed (m/s) survived with the scenario's friction, and the first at which it flips; as the above."""
+    return find_thresholds([Case("", scenario, tuple(settings))], replace(SPEED_SEARCH, **changes), engine)[0]
+
+
+def is_clean(row: Mapping[str, Any]) -> bool:
+    """Whether a row of a run is that of clean survival."""
+    return row["outcome"] == "survived" and bool(row["clean"])
 
 
 def find_thresholds(
@@ -169,6 +206,7 @@ def find_thresholds(
     search: Search,
     engine: Engine | None = None,
     done: Callable[[int, int], None] | None = None,
+    starts: Sequence[float] | None = None,
 ) -> list[Threshold]:
     """The thresholds of several cases at once, so that all workers have something to do.
 
@@ -177,78 +215,90 @@ def find_thresholds(
         search: the same for all of them.
         engine: where to run; None runs here.
         done: told how many runs are finished, and how many are known to be needed so far.
+        starts: where the climb of each case over clean runs begins; None scans for survival.
 
     Raises:
-        SweepError: a scenario cannot be resolved at all.
+        SweepError: the scenario of a scan cannot be resolved at all.
     """
-    engine = engine or SerialEngine()
-    for case in cases:
-        load_scenario(case.scenario, list(case.settings))
-    outcomes: list[dict[float, str]] = [{} for _ in cases]
-    wanted = {place: search.values() for place in range(len(cases))}
-    while wanted:
-        _run(cases, search.factor, wanted, outcomes, engine, done)
-        wanted = {place: values for place in wanted if (values := _next_values(outcomes[place], search.tolerance))}
-    return [_threshold(search, found) for found in outcomes]
+    runner = engine or SerialEngine()
+    finished = needed = 0
 
-
-def _run(
-    cases: Sequence[Case],
-    factor: str,
-    wanted: Mapping[int, Sequence[float]],
-    outcomes: list[dict[float, str]],
-    engine: Engine,
-    done: Callable[[int, int], None] | None,
-) -> None:
-    places = [(place, value) for place, values in wanted.items() for value in values]
-    before = sum(map(len, outcomes))
-    count = 0
-
-    def one_more(_: int, __: dict[str, Any]) -> None:
-        nonlocal count
-        count += 1
+    def one_more(_place: int, _row: dict[str, Any]) -> None:
+        nonlocal finished
+        finished += 1
         if done is not None:
-            done(before + count, before + len(places))
+            done(finished, needed)
 
-    tasks = [
-        RunTask(f"{case.name} {value:g}", case.scenario, (*case.settings, f"{factor}={value!r}"))
-        for case, value in ((cases[place], value) for place, value in places)
-    ]
-    for (place, value), row in zip(places, engine.rows(tasks, one_more), strict=True):
-        outcomes[place][value] = TIPPED if tipped_before_turn(row) else row["outcome"] or f"failed: {row['error']}"
+    def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+        nonlocal needed
+        needed += len(wanted)
+        tasks = [
+            RunTask(f"{case.name} {value:g}", case.scenario, (*case.settings, f"{search.factor}={value!r}"))
+            for case, value in ((cases[place], value) for place, value in wanted)
+        ]
+        return runner.rows(tasks, one_more)
+
+    for case in cases if starts is None else ():
+        load_scenario(case.scenario, list(case.settings))
+    judge = _survival if starts is None else is_clean
+    return search_rows(search, ["scan"] * len(cases) if starts is None else starts, run, judge)
 
 
-def _first_step(outcomes: Mapping[float, str]) -> tuple[float | None, float | None]:
-    """Last value survived before the first flip, and that flip. Runs that failed or tipped over are passed over."""
+def search_rows(
+    search: Search,
+    starts: Sequence[Start],
+    run: Callable[[Sequence[tuple[int, float]]], Sequence[Any]],
+    judge: Judge,
+) -> list[Threshold]:
+    """Several searches at once.
+
+    Args:
+        search: the same for all of them.
+        starts: how, or where, each begins.
+        run: what the runs of (number of the search, value) come to, in order.
+        judge: of that; in a climb never None.
+    """
+    rows: list[dict[float, Any]] = [{} for _ in starts]
+    while wanted := [
+        (place, value)
+        for place, (start, found) in enumerate(zip(starts, rows, strict=True))
+        for value in search.following(start, *_first_step(found, judge), found)
+    ]:
+        for (place, value), row in zip(wanted, run(wanted), strict=True):
+            rows[place][value] = row
+    return [_threshold(search, {value: found[value] for value in sorted(found)}, judge) for found in rows]
+
+
+def _first_step(rows: Mapping[float, Any], judge: Judge) -> tuple[float | None, float | None]:
+    """Last value survived before the first loss, and that loss. Runs that say nothing are passed over."""
     survived: float | None = None
-    for value in sorted(outcomes):
-        if outcomes[value] == "flipped":
+    for value in sorted(rows):
+        verdict = judge(rows[value])
+        if verdict is False:
             return survived, value
-        if outcomes[value] == "survived":
+        if verdict:
             survived = value
     return survived, None
 
 
-def _next_values(outcomes: Mapping[float, str], tolerance: float) -> list[float]:
-    survived, flipped = _first_step(outcomes)
-    if survived is None or flipped is None or flipped - survived <= tolerance + 1e-9:
-        return []
-    cuts = np.linspace(survived, flipped, SECTIONS + 1)[1:-1]
-    return [value for cut in cuts if (value := _rounded(cut)) not in outcomes]
-
-
-def _threshold(search: Search, outcomes: dict[float, str]) -> Threshold:
-    survived, flipped = _first_step(outcomes)
+def _threshold(search: Search, rows: dict[float, Any], judge: Judge) -> Threshold:
+    survived, lost = _first_step(rows, judge)
     islands: list[tuple[float, float]] = []
-    if flipped is not None:
-        open_island = False
-        for value in sorted(value for value in outcomes if value > flipped):
-            if outcomes[value] == "survived":
-                islands.append((islands.pop()[0] if open_island else value, value))
-            open_island = outcomes[value] == "survived"
-    highest = max((value for value, outcome in outcomes.items() if outcome == "survived"), default=None)
-    ordered = {value: outcomes[value] for value in sorted(outcomes)}
-    return Threshold(search, survived, flipped, tuple(islands), highest, ordered)
+    open_island = False
+    for value in rows if lost is not None else ():
+        if value > lost and judge(rows[value]):
+            islands.append((islands.pop()[0] if open_island else value, value))
+        open_island = value > lost and bool(judge(rows[value]))
+    highest = max((value for value, row in rows.items() if judge(row)), default=None)
+    return Threshold(search, survived, lost, tuple(islands), highest, rows)
+
+
+def _outcome(row: Mapping[str, Any]) -> str:
+    return TIPPED if tipped_before_turn(row) else row["outcome"] or f"failed: {row['error']}"
+
+
+def _survival(row: Mapping[str, Any]) -> bool | None:
+    return {"survived": True, "flipped": False}.get(_outcome(row))
 
 
 def _rounded(value: float) -> float:

@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
-from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, unbroken_friction, varied
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, critical_friction, varied
 from aerodima.optimisation.swing.search_options import Told
 from aerodima.optimisation.swing.swing_candidate import Car, Reference, shares
 from aerodima.workbench.config.scenario import scenario_from_dict
@@ -119,11 +120,14 @@ def _at_step(item: tuple[Car, float]) -> Car:
     car, step = item
     scenario = scenario_from_dict(car.scenario)
     fine = varied(scenario, simulation={"step": step, "log_rate": min(scenario.simulation.log_rate, 1.0 / step)})
-    return Car(fine.resolved(), Reference.near(fine, car.reference.friction))
+    return Car(fine.resolved(), Reference.of(fine, car.reference.friction))
 
 
 def _row(item: tuple[SwingFile, Car, float]) -> Row:
     swing, car, top = item
-    found = unbroken_friction(scenario_from_dict(car.scenario), swing, car.reference.friction, top)
-    rolled = max((seen.peak_roll for friction, seen in found.runs if friction <= found.value), default=float("nan"))
-    return Row(found.value, found.runs[0][1].heading / car.reference.heading, rolled)
+    low = car.reference.friction
+    search = Search(FRICTION, low, top, 2 * FRICTION_STEP, FRICTION_STEP)
+    found = critical_friction(scenario_from_dict(car.scenario), swing, search, low)
+    highest = found.survived or 0.0
+    rolled = max((seen.peak_roll for friction, seen in found.rows.items() if friction <= highest), default=float("nan"))
+    return Row(highest, next(iter(found.rows.values())).heading / car.reference.heading, rolled)

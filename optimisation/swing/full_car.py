@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from aerodima.optimisation.sweep.rollover_threshold import Search, Start, Threshold, search_rows
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import TurnProfile, turn_profile
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
@@ -118,72 +119,19 @@ def profile_of(run: RunLog, scenario: Scenario, friction: float, fallback_releas
     return turn_profile(run, ReducedCar.of(scenario), release, friction)
 
 
-@dataclass(frozen=True)
-class CriticalFriction:
-    """Highest friction of an unbroken row of clean runs.
-
-    Attributes:
-        value: 0 when the lowest friction looked at is not survived.
-        runs: friction and outcome of every run, by friction.
-    """
-
-    value: float
-    runs: tuple[tuple[float, Outcome], ...]
-
-
 def critical_friction(
-    scenario: Scenario, swing: SwingFile | None, low: float, high: float, step: float = FRICTION_STEP
-) -> CriticalFriction:
-    """Bisection on a grid between `low` and `high`; survival is not monotone, so the runs are kept.
+    scenario: Scenario, swing: SwingFile | None, search: Search, start: Start = "bisect"
+) -> Threshold:
+    """Highest friction of an unbroken row of clean runs, with the `Outcome` of every run.
 
     Args:
         scenario: car, turn and step of the plant.
         swing: as `drive`.
-        low, high: frictions, the grid starts at `low`.
-        step: of the grid.
+        search: frictions, and their grid.
+        start: where a climb begins; or how else it is searched.
     """
-    runs: dict[int, Outcome] = {}
 
-    def clean(index: int) -> bool:
-        if index not in runs:
-            runs[index] = outcome(drive(scenario, swing, low + index * step))
-        return runs[index].clean
+    def run(wanted: Sequence[tuple[int, float]]) -> list[Outcome]:
+        return [outcome(drive(scenario, swing, friction)) for _, friction in wanted]
 
-    lost = round((high - low) / step) + 1
-    held = -1
-    while lost - held > 1:
-        middle = (lost + held) // 2
-        held, lost = (middle, lost) if clean(middle) else (held, middle)
-    rows = tuple((low + index * step, runs[index]) for index in sorted(runs))
-    return CriticalFriction(low + held * step if held >= 0 else 0.0, rows)
-
-
-def unbroken_friction(scenario: Scenario, swing: SwingFile | None, low: float, high: float) -> CriticalFriction:
-    """Upwards from `low` until a run is not clean: what a claim rests on, since survival is not monotone.
-
-    Two steps of `FRICTION_STEP` at a time, and one at the end.
-
-    Args:
-        scenario: car, turn and step of the plant.
-        swing: as `drive`.
-        low, high: first and last friction that is run.
-    """
-    runs: dict[float, Outcome] = {}
-
-    def clean(friction: float) -> bool:
-        runs[friction] = outcome(drive(scenario, swing, friction))
-        return runs[friction].clean
-
-    last = round((high - low) / FRICTION_STEP)
-    held = 0
-    if not clean(low):
-        return CriticalFriction(0.0, tuple(runs.items()))
-    while held < last:
-        stride = min(2, last - held)
-        if clean(low + (held + stride) * FRICTION_STEP):
-            held += stride
-            continue
-        if stride == 2 and clean(low + (held + 1) * FRICTION_STEP):
-            held += 1
-        break
-    return CriticalFriction(low + held * FRICTION_STEP, tuple(sorted(runs.items())))
+    return search_rows(search, [start], run, lambda seen: seen.clean)[0]

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.optimisation.fit.fit_errors import SwingError
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Start
 from aerodima.optimisation.swing.full_car import FRICTION_STEP, LEAST_HEADING, critical_friction, drive, outcome, varied
 from aerodima.workbench.config.scenario import Scenario, default_values, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile
@@ -27,8 +28,8 @@ HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02
 since the swing is meant for others as well."""
 LOST = 0.6
 """Roll at which a car that rolls over counts as lost, rad; the later, the better its rank."""
-LOWEST, HIGHEST = 0.3, 1.2
-"""Frictions between which the reference's highest one is searched."""
+SEARCH = Search(FRICTION, 0.3, 1.2, FRICTION_STEP, FRICTION_STEP)
+"""Of the reference's highest friction."""
 ROLL_MARGIN = 0.8
 """A candidate may roll up to this share of `most_roll`, so that another step of the plant does not undo it."""
 SPACING = 2 * FRICTION_STEP
@@ -51,39 +52,23 @@ class Reference:
     heading: float
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Reference:
+    def of(cls, scenario: Scenario, near: Start = "bisect") -> Reference:
         """Of the turn of a scenario, on a grid of `FRICTION_STEP`.
 
+        Args:
+            scenario: car and turn.
+            near: friction that is nearly it, as that of a coarser step is, from which the grid is walked over.
+
         Raises:
             SwingError: the published swing does not survive the turn at the lowest friction.
         """
-        found = critical_friction(cls.turn(scenario), None, LOWEST, HIGHEST)
-        if found.value == 0.0:
+        found = critical_friction(cls.turn(scenario), None, SEARCH, near)
+        if found.survived is None:
             raise SwingError(
-                f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction {LOWEST:g}, so "
+                f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction {SEARCH.low:g}, so "
                 "there is no turn to compare with; allowed: a slower turn"
             )
-        return cls(found.value, dict(found.runs)[found.value].heading)
-
-    @classmethod
-    def near(cls, scenario: Scenario, friction: float) -> Reference:
-        """As `of`, but walks over the grid from a friction that is nearly it, as that of a coarser step is.
-
-        Raises:
-            SwingError: the published swing does not survive the turn at the lowest friction.
-        """
-        turn = cls.turn(scenario)
-        here = outcome(drive(turn, None, friction))
-        if not here.clean:
-            if friction - FRICTION_STEP < LOWEST:
-                raise SwingError(f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s")
-            return cls.near(scenario, friction - FRICTION_STEP)
-        while friction < HIGHEST:
-            above = outcome(drive(turn, None, friction + FRICTION_STEP))
-            if not above.clean:
-                break
-            friction, here = friction + FRICTION_STEP, above
-        return cls(friction, here.heading)
+        return cls(found.survived, found.rows[found.survived].heading)
 
     @staticmethod
     def turn(scenario: Scenario) -> Scenario:

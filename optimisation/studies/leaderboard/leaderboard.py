@@ -58,8 +58,8 @@ def make_leaderboard(
     cars = f"{len(members)} cars drawn from the ensemble" if members else "the own car alone"
     how = (
         f"{cars}; speeds {', '.join(f'{speed:g}' for speed in plan.speeds)} m/s; step {1000 * plan.step:g} ms, of the "
-        f"claims {1000 * plan.fine_step:g} ms; critical friction on a grid of {plan.friction.grid:g}; highest speed at "
-        f"{plan.grip:g} times the friction of the own car."
+        f"claims {1000 * plan.fine_step:g} ms; critical friction on a grid of {plan.friction.tolerance:g}; highest "
+        f"speed at {plan.grip:g} times the friction of the own car."
     )
     return board, write_leaderboard(out, board, films, how)
 

@@ -1,7 +1,7 @@
 """What is measured of each controller, and in which runs.
 
 Survival means clean survival throughout: nothing but the wheels touches the ground. Critical friction is the highest
-tyre friction of an unbroken row that is so survived at a speed (`climb`). A gain counts only with a heading change of
+tyre friction of an unbroken row that is so survived at a speed (a climb). A gain counts only with a heading change of
 at least 95 % of the 8 rad/s swing's, compared at the highest friction that both survive (design section 10). On the
 car of the parameter files it is confirmed at the fine step (`claims`); the ensemble is driven at the ordinary one.
 """
@@ -27,8 +27,15 @@ from aerodima.optimisation.studies.leaderboard.contestants import (
     trackings_of,
 )
 from aerodima.optimisation.studies.leaderboard.run_memory import RememberingEngine
-from aerodima.optimisation.studies.leaderboard.unbroken_rows import Climb, Reached, climb, is_clean
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case
+from aerodima.optimisation.sweep.rollover_threshold import (
+    FRICTION,
+    SPEED,
+    Case,
+    Search,
+    Threshold,
+    find_thresholds,
+    is_clean,
+)
 from aerodima.optimisation.sweep.study_store import make_frame
 from aerodima.optimisation.sweep.study_task import RunTask
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
@@ -49,11 +56,11 @@ OUTCOMES = (
     "tail_torque_peak_n_m",
 )
 
-FRICTION_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
-ROBUST_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.05, 2 * FRICTION_STEP)
-FINE_CLIMB = Climb(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
-SPEED_CLIMB = Climb(SPEED, 2.5, 8.0, 0.5, 0.1)
-NEAR_CLIMB = Climb(FRICTION, 0.3, 1.3, FRICTION_STEP, FRICTION_STEP)
+FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
+ROBUST_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 2 * FRICTION_STEP)
+FINE_CLIMB = Search(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
+SPEED_CLIMB = Search(SPEED, 2.5, 8.0, 0.5, 0.1)
+NEAR_CLIMB = Search(FRICTION, 0.3, 1.3, FRICTION_STEP, FRICTION_STEP)
 FIRST_SPEED = 3.5
 """m/s; where the climb over speed begins."""
 
@@ -75,11 +82,11 @@ class Plan:
     """
 
     speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
-    friction: Climb = FRICTION_CLIMB
-    fine: Climb = FINE_CLIMB
-    near: Climb = NEAR_CLIMB
-    robust: Climb = ROBUST_CLIMB
-    top_speed: Climb = SPEED_CLIMB
+    friction: Search = FRICTION_CLIMB
+    fine: Search = FINE_CLIMB
+    near: Search = NEAR_CLIMB
+    robust: Search = ROBUST_CLIMB
+    top_speed: Search = SPEED_CLIMB
     grip: float = 1.1
     map_speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
     map_strides: tuple[int, ...] = (0, 1, 2, 3, 4)
@@ -97,7 +104,7 @@ class Plan:
 
 QUICK = Plan(
     speeds=(4.5,),
-    top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.5),
+    top_speed=Search(SPEED, 3.0, 6.0, 1.0, 0.5),
     map_speeds=(3.6, 4.5, 6.0),
     map_strides=(0, 2, 4),
     fine_step=0.002,
@@ -213,12 +220,12 @@ class _Measurer:
         thesis = [(THESIS, OWN_CAR, v) for v in plan.speeds]
         starts = [at[THESIS.name, v].survived or plan.friction.low for v in plan.speeds]
         fine = dict(zip(plan.speeds, self._climbs(thesis, starts, plan.near), strict=True))
-        found: dict[int, Reached] = {}
+        found: dict[int, Threshold] = {}
         for how in (plan.near, plan.fine):
             places, begin = [], []
             for place, ((_, _, v), one) in enumerate(zip(turns, coarse, strict=True)):
                 reference, here = fine[v].survived or plan.friction.low, one.survived or plan.friction.low
-                beyond = here > reference + plan.friction.grid
+                beyond = here > reference + plan.friction.tolerance
                 if beyond == (how is plan.fine):
                     places.append(place)
                     begin.append(reference if beyond else here)
@@ -241,14 +248,14 @@ class _Measurer:
         self,
         turns: Sequence[tuple[Contestant, Member, float]],
         starts: Sequence[float] | None = None,
-        fine: Climb | None = None,
-    ) -> list[Reached]:
+        fine: Search | None = None,
+    ) -> list[Threshold]:
         """At the ordinary step from each car's own friction on; `fine` is a climb at the fine step."""
         plan = self._plan
         step, how = (plan.step, plan.friction) if fine is None else (plan.fine_step, fine)
         cases = [Case(c.name, SCENARIO, self._settings(c, m, v, step)) for c, m, v in turns]
         begin = [self._own_friction(m) for _, m, _ in turns] if starts is None else starts
-        return climb(cases, begin, how, self._engine)
+        return find_thresholds(cases, how, self._engine, starts=begin)
 
     def _runs(self, turns: Sequence[tuple[Contestant, Member, float, float]], step: float) -> list[dict[str, Any]]:
         """Rows of runs at frictions."""
@@ -258,7 +265,7 @@ class _Measurer:
         return self._engine.rows(tasks)
 
     def _compared(
-        self, turns: Sequence[tuple[Contestant, Member, float]], found: Sequence[Reached], step: float
+        self, turns: Sequence[tuple[Contestant, Member, float]], found: Sequence[Threshold], step: float
     ) -> list[dict[str, Any]]:
         """Rows of a table of critical frictions, with the heading over the reference's."""
         reached = {(c.name, m.name, v): one for (c, m, v), one in zip(turns, found, strict=True)}
@@ -270,7 +277,7 @@ class _Measurer:
             row |= {
                 "critical_friction": _number(one.survived),
                 "first_not_survived": _number(one.lost),
-                "tipped_before_turn": one.tipped,
+                "tipped_before_turn": one.tipped > 0,
                 "gain_over_8_rad_per_s": _gain(one.survived, reference.survived),
                 "heading_ratio": own.get("heading_change_rad", math.nan) / other.get("heading_change_rad", math.nan),
                 "heading_at_friction": friction,
@@ -284,12 +291,12 @@ class _Measurer:
         return rows
 
     def _headings(
-        self, contestant: Contestant, member: Member, speed: float, one: Reached, reference: Reached, step: float
+        self, contestant: Contestant, member: Member, speed: float, one: Threshold, reference: Threshold, step: float
     ) -> tuple[dict[str, Any], dict[str, Any], float]:
         """Both runs at the highest friction that both survive clean, and that friction; NaN without one."""
         if one.survived is None or reference.survived is None:
             return {}, {}, math.nan
-        grid = self._plan.friction.grid
+        grid = self._plan.friction.tolerance
         for lower in range(MOST_LOWER + 1):
             friction = float(f"{min(one.survived, reference.survived) - lower * grid:.9g}")
             own, other = self._runs([(c, member, speed, friction) for c in (contestant, THESIS)], step)
@@ -322,7 +329,7 @@ class _Measurer:
             frictions.append(float(f"{plan.grip * self._own_friction(m):.4g}"))
             settings = [s for s in self._settings(c, m, plan.middle_speed) if not s.startswith(f"{SPEED}=")]
             cases.append(Case(c.name, SCENARIO, (*settings, f"{FRICTION}={frictions[-1]!r}")))
-        found = climb(cases, [FIRST_SPEED] * len(cases), plan.top_speed, self._engine)
+        found = find_thresholds(cases, plan.top_speed, self._engine, starts=[FIRST_SPEED] * len(cases))
         return make_frame(
             [
                 {"controller": c.name, "member": m.name, "weight": m.weight, "friction": friction}
@@ -335,7 +342,7 @@ class _Measurer:
         """Outcome over speed and friction on the own car."""
         self._engine.stage = "survival map"
         climbing = self._plan.friction
-        first, stride = climbing.index(self._own_friction(OWN_CAR)), round(climbing.stride / climbing.grid)
+        first, stride = climbing.index(self._own_friction(OWN_CAR)), round(climbing.scan / climbing.tolerance)
         frictions = [climbing.value(first + count * stride) for count in self._plan.map_strides]
         keys = [(c, OWN_CAR, v, mu) for c in contestants for v in self._plan.map_speeds for mu in frictions]
         rows = []
@@ -359,7 +366,7 @@ class _Measurer:
         cases = [Case(p.name, SCENARIO, (*self._settings(p, OWN_CAR, speed), *change.settings)) for p, change in keys]
         planned = self._climbs([(player, OWN_CAR, speed) for player in players])
         start = {p.name: one.survived or self._plan.friction.low for p, one in zip(players, planned, strict=True)}
-        found = climb(cases, [start[p.name] for p, _ in keys], self._plan.robust, self._engine)
+        found = find_thresholds(cases, self._plan.robust, self._engine, starts=[start[p.name] for p, _ in keys])
         return make_frame(
             [
                 {"controller": p.name, "change": change.name, "speed_m_per_s": speed}

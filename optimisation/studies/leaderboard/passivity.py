@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.leaderboard.contestants import HELD, NO_TAIL, SWINGING, THESIS, Contestant, fixed_law
 from aerodima.optimisation.studies.leaderboard.leaderboard_runs import FRICTION_CLIMB, SCENARIO
-from aerodima.optimisation.studies.leaderboard.unbroken_rows import climb, is_clean
-from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case
+from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case, find_thresholds, is_clean
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.optimisation.sweep.study_store import make_frame
 from aerodima.workbench.config.scenario import load_scenario
@@ -80,7 +79,7 @@ def measure_passivity(engine: Engine, speeds: Sequence[float] = SPEEDS) -> pd.Da
     keys = [(tail, speed) for tail in tails() for speed in speeds]
     cases = [Case(t.name, SCENARIO, (*numerics, *t.at(v), f"{SPEED}={v!r}")) for t, v in keys]
     start = load_scenario(SCENARIO).car.tyre_friction
-    found = climb(cases, [start] * len(cases), FRICTION_CLIMB, engine)
+    found = find_thresholds(cases, FRICTION_CLIMB, engine, starts=[start] * len(cases))
     rows = []
     for (tail, speed), one in zip(keys, found, strict=True):
         row = {"tail": tail.name, "speed_m_per_s": speed, "critical_friction": one.survived, "lost_at": one.lost}

@@ -48,8 +48,8 @@ def search(survives, **changes):
 def test_step_is_bracketed_within_the_tolerance_with_few_runs():
     found, engine = search(lambda friction: friction < 0.6537)
     assert found.found
-    assert found.survived < 0.6537 <= found.flipped
-    assert found.flipped - found.survived <= 0.01 + 1e-9
+    assert found.survived < 0.6537 <= found.lost
+    assert found.lost - found.survived <= 0.01 + 1e-9
     assert abs(found.value - 0.6537) <= 0.01
     assert len(engine.runs) == len(set(engine.runs)) == 7 + 3 * 2
     assert found.islands == ()
@@ -58,7 +58,7 @@ def test_step_is_bracketed_within_the_tolerance_with_few_runs():
 
 def test_island_of_survivors_is_reported_and_not_taken_for_the_threshold():
     found, _ = search(lambda friction: friction < 0.55 or 0.75 < friction < 0.95)
-    assert found.survived < 0.55 <= found.flipped
+    assert found.survived < 0.55 <= found.lost
     assert found.islands == ((0.8, 0.9),)
     assert found.highest_survived == 0.9
     assert found.as_row()["islands"] == "0.8 to 0.9"
@@ -67,19 +67,19 @@ def test_island_of_survivors_is_reported_and_not_taken_for_the_threshold():
 def test_threshold_outside_the_range_is_said_so():
     always, _ = search(lambda friction: True)
     never, _ = search(lambda friction: False)
-    assert (always.flipped, always.value, always.found) == (None, math.inf, False)
+    assert (always.lost, always.value, always.found) == (None, math.inf, False)
     assert (never.survived, never.value, never.found) == (None, -math.inf, False)
 
 
 def test_failed_runs_are_counted_and_passed_over():
     found, _ = search(lambda friction: "error" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
-    assert found.survived < 0.72 <= found.flipped
+    assert found.survived < 0.72 <= found.lost
     assert found.as_row()["failed_runs"] == 1
 
 
 def test_tipping_over_before_the_turn_is_no_flip_in_the_turn():
     found, _ = search(lambda friction: "tipped" if abs(friction - 0.5) < 1e-6 else friction < 0.72)
-    assert found.survived < 0.72 <= found.flipped
+    assert found.survived < 0.72 <= found.lost
     assert found.outcomes[0.5] == TIPPED
     assert (found.as_row()["tipped_before_turn"], found.as_row()["failed_runs"]) == (1, 0)
 
@@ -115,4 +115,4 @@ def test_scenario_that_cannot_be_resolved_is_refused_before_any_run():
 def test_tailless_car_has_its_critical_friction_between_a_slippery_and_a_gripping_floor():
     found = critical_friction("turn_none", ["manoeuvre.speed=4.0"], low=0.5, high=0.8, scan=0.15, tolerance=0.05)
     assert found.found
-    assert 0.5 <= found.survived < found.flipped <= 0.8
+    assert 0.5 <= found.survived < found.lost <= 0.8

@@ -15,8 +15,7 @@ from aerodima.optimisation.studies.leaderboard.leaderboard import make_leaderboa
 from aerodima.optimisation.studies.leaderboard.leaderboard_page import PAGE
 from aerodima.optimisation.studies.leaderboard.leaderboard_runs import Plan
 from aerodima.optimisation.studies.leaderboard.run_memory import task_key
-from aerodima.optimisation.studies.leaderboard.unbroken_rows import Climb, climb
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
 from aerodima.optimisation.sweep.study_task import RunTask
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
@@ -31,11 +30,11 @@ OWN_FRICTION = load_scenario("turn_fast").car.tyre_friction
 MEMBERS = (Member("likely", 0.75, {"car.mass": 6.0}), Member("unlikely", 0.25, {"car.mass": 5.0}))
 PLAN = Plan(
     speeds=(3.6, 4.5),
-    friction=Climb(FRICTION, 0.3, 1.0, 0.1, 0.01),
-    fine=Climb(FRICTION, 0.3, 1.0, 0.02, 0.01),
-    near=Climb(FRICTION, 0.3, 1.0, 0.01, 0.01),
-    robust=Climb(FRICTION, 0.3, 1.0, 0.05, 0.01),
-    top_speed=Climb(SPEED, 3.0, 6.0, 1.0, 0.25),
+    friction=Search(FRICTION, 0.3, 1.0, 0.1, 0.01),
+    fine=Search(FRICTION, 0.3, 1.0, 0.02, 0.01),
+    near=Search(FRICTION, 0.3, 1.0, 0.01, 0.01),
+    robust=Search(FRICTION, 0.3, 1.0, 0.05, 0.01),
+    top_speed=Search(SPEED, 3.0, 6.0, 1.0, 0.25),
     grip=1.0,
     map_speeds=(3.6, 4.5),
     map_strides=(0, 2),
@@ -170,7 +169,7 @@ def test_a_climb_ends_at_the_first_loss(
             clean = friction <= clean_below + 1e-9 or (clean_below == 0.72 and friction > 0.955)
             return {"outcome": "survived" if clean else "flipped", "clean": clean}
 
-    (found,) = climb([Case("", "turn_fast")], [start], PLAN.friction, Island())
+    (found,) = find_thresholds([Case("", "turn_fast")], PLAN.friction, Island(), starts=[start])
     assert found.survived == (None if survived is None else pytest.approx(survived))
     assert found.lost == (None if lost is None else pytest.approx(lost))
 

@@ -70,23 +70,6 @@ class RememberingEngine:
         return self._engine.call(function, items)
 
 
-class CleanOnly:
-    """An `Engine` for thresholds of clean survival: a run that touched the ground counts as flipped."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self.workers, self.startup = engine.workers, engine.startup
-
-    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
-        """See `Engine`."""
-        rows = self._engine.rows(tasks, done)
-        return [row | {"outcome": "flipped"} if row["outcome"] and not row["clean"] else row for row in rows]
-
-    def call(self, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-        """See `Engine`."""
-        return self._engine.call(function, items)
-
-
 def task_key(task: RunTask) -> int:
     """Place of a task in the store: the same for the same run, whatever it is called; another swing is another run."""
     text = json.dumps([task.scenario, list(task.settings), task.signals])
