@@ -22,10 +22,12 @@ PROJECT = PYPROJECT["project"]
 WHEEL = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
 PACKAGES = {"workbench", "optimisation", "hardware"}
 CORE = {
-    "dask", "drake", "lazy-loader", "matplotlib", "numpy", "pandas", "psutil", "pyarrow", "pydantic", "python-can",
-    "pyyaml", "scipy", "typer",
+    "dask", "drake", "jinja2", "lazy-loader", "matplotlib", "numpy", "pandas", "psutil", "pyarrow", "pydantic",
+    "python-can", "pyyaml", "scipy", "typer",
 }  # fmt: skip
-HEAVY = ("pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can", "yaml", "rich")
+HEAVY = (
+    "pydrake", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pydantic", "dask", "can", "yaml", "rich", "jinja2",
+)  # fmt: skip
 
 
 def declared(group: list[str]) -> dict[str, Requirement]:

@@ -37,9 +37,9 @@ from .metrics.turn_metrics import RunMetrics as RunMetrics
 from .metrics.turn_metrics import metrics_of as metrics_of
 from .plants.clearance import RangeOfMotion as RangeOfMotion
 from .plants.clearance import make_range_of_motion as make_range_of_motion
-from .replay.replay_page import write_replay_html as write_replay_html
 from .replay.strip import strip_figure as strip_figure
 from .replay.strip import write_strip as write_strip
+from .report.replay_page import write_replay_html as write_replay_html
 from .simulate.car_run import assemble as assemble
 from .simulate.simulation import simulate as simulate
 from .stations.car_station import make_car_station as make_car_station

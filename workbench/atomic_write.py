@@ -26,12 +26,14 @@ def make_folder(folder: Path, error: type[UserError]) -> None:
         raise error(f"{folder}: cannot be made or used as a folder ({cause.strerror})") from cause
 
 
-def write_atomically(path: Path, write: Callable[[Path], None], force: bool, error: type[UserError]) -> Path:
-    """Call `write(temporary_path)` and rename the result to `path`.
+def write_atomically(
+    path: Path, content: str | bytes | Callable[[Path], object], force: bool, error: type[UserError]
+) -> Path:
+    """Write to a hidden neighbour of `path` and rename it to `path`.
 
     Args:
         path: the final name; its folder is made when it is not there.
-        write: writes the whole content to the path it is given.
+        content: of the file, or a function that writes the whole of it to the path it is given.
         force: replace an existing file.
         error: the class of the errors raised: path exists, folder unusable, disk full.
     """
@@ -39,7 +41,10 @@ def write_atomically(path: Path, write: Callable[[Path], None], force: bool, err
     make_folder(path.parent, error)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        write(temporary)
+        if callable(content):
+            content(temporary)
+        else:
+            temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         with open(temporary, "rb+") as stream:
             os.fsync(stream.fileno())
         _take_name(temporary, path, force, error)

@@ -19,10 +19,9 @@ from aerodima.optimisation.calibration.nominal_car import Shipped, shipped_car
 from aerodima.optimisation.calibration.validation import LEVELS, as_table, validate
 from aerodima.optimisation.calibration.weights import systematic_sample
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.report.report_page import write_files
 
 REPORT = "index.html"
 PRIOR_SAMPLE = 4096
@@ -33,27 +32,24 @@ def write_calibration(
     result: Calibration, out: Path, store: RunStore, engine: Engine, say: Callable[[str], None]
 ) -> Path:
     """Writes `<plan>.yaml` (the ensemble), `members.parquet`, five tables as CSV and `index.html`; the page's path."""
-    path = out / f"{result.plan.name}.yaml"
     shipped = shipped_car(result, Runner(store, engine, say))
-    _write_text(path, ensemble_text(result))
+    (path,) = write_files(out, {f"{result.plan.name}.yaml": ensemble_text(result)})
     ensemble = load_ensemble(path)
     say("validation: Tables 7.1 to 7.4 ...")
     validated, outcomes = validate(ensemble.members, result.plan, store, engine)
-    frame = member_frame(result)
-    write_atomically(out / "members.parquet", lambda temporary: frame.to_parquet(temporary), True, UserError)
     sensitivity = sensitivity_table(result)
     parameters = parameter_table(result, shipped)
-    _write_csv(out / "validation.csv", as_table(validated))
-    _write_csv(out / "outcomes.csv", as_table(outcomes))
-    _write_csv(out / "sensitivities.csv", sensitivity)
-    _write_csv(out / "parameters.csv", parameters)
     combinations = directions(result.draw, result.plan.seed)
-    _write_csv(
-        out / "directions.csv",
-        pd.DataFrame([{"variance_ratio": d.ratio, "combination": d.words} for d in combinations]),
-    )
+    tables = {
+        "members.parquet": member_frame(result),
+        "validation.csv": as_table(validated),
+        "outcomes.csv": as_table(outcomes),
+        "sensitivities.csv": sensitivity,
+        "parameters.csv": parameters,
+        "directions.csv": pd.DataFrame([{"variance_ratio": d.ratio, "combination": d.words} for d in combinations]),
+    }
     page = calibration_page(result, ensemble, validated, outcomes, sensitivity, parameters, combinations, shipped)
-    _write_text(out / REPORT, page)
+    write_files(out, {**tables, REPORT: page})
     return out / REPORT
 
 
@@ -150,15 +146,3 @@ def _number(value: Any) -> str:
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     is_bare = "e" in text and "." not in text  # YAML reads 1e-05 as a text
     return text.replace("e", ".0e", 1) if is_bare and not math.isnan(float(value)) else text
-
-
-def _write_text(path: Path, text: str) -> None:
-    write_atomically(path, lambda temporary: _put(temporary, text), True, UserError)
-
-
-def _put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
-
-
-def _write_csv(path: Path, frame: pd.DataFrame) -> None:
-    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False, lineterminator="\n"), True, UserError)

@@ -19,7 +19,7 @@ from aerodima.optimisation.calibration.validation import Outcome, Validated
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.metrics.published_figures import SIGNALS
 from aerodima.workbench.report.number_words import metric_name, metric_unit
-from aerodima.workbench.report.report_page import Markup, Section, bullets, figure, finding, page, paragraph, table
+from aerodima.workbench.report.report_page import Bullets, Finding, Page, Part, Plot, Section, Table
 
 DETERMINED = 0.2
 """A combination counts as determined when its variance fell below this share of the prior's."""
@@ -36,8 +36,8 @@ def calibration_page(
     parameters: pd.DataFrame,
     combinations: Sequence[Direction],
     shipped: Shipped,
-) -> str:
-    """The whole page as HTML text."""
+) -> Page:
+    """The whole page."""
     sections = (
         _outcome(result, ensemble),
         _validation(validated),
@@ -50,7 +50,7 @@ def calibration_page(
         f"{len(ensemble.members)} cars with tails, worth {ensemble.effective_size:.0f} equally likely ones, that the "
         f"fitted figures leave possible; {result.runs} runs, seed {result.plan.seed}."
     )
-    return page("Calibration of the car", lead, sections)
+    return Page("Calibration of the car", lead, sections)
 
 
 def _outcome(result: Calibration, ensemble: Ensemble) -> Section:
@@ -65,7 +65,7 @@ def _outcome(result: Calibration, ensemble: Ensemble) -> Section:
         f"Best (most central) member: {ensemble.best.name}.",
         f"Fitted, so that agreement is no evidence: {', '.join(fitted_names(result.plan))}.",
     )
-    return Section("outcome", "What came out", (finding(*(paragraph(line) for line in said)),))
+    return Section("What came out", [Finding(said)])
 
 
 def _validation(validated: Sequence[Validated]) -> Section:
@@ -89,29 +89,26 @@ def _validation(validated: Sequence[Validated]) -> Section:
     tested = [v for v in validated if v.is_test]
     within = sum(abs(v.z) <= CLOSE_Z for v in tested)
     allowed = sum(abs(v.z_with_discrepancy) <= CLOSE_Z for v in tested)
-    parts = (
-        finding(
-            paragraph(
-                f"Of the {len(tested)} figures that were held out, {within} lie within {CLOSE_Z:g} standard deviations "
-                f"of the ensemble, {allowed} with the stated model discrepancy added."
-            )
-        ),
-        figure(plot_validation(validated), "Band of 90 % of the weight over the published figure.", "Validation"),
-        table(header, rows, numbers=range(4, 11)),
-        paragraph(
-            "Fitted figures, and Kohut figures that follow from a fitted yaw rate, are no evidence. Tables 7.1 and "
-            f"7.2 are compared with {SIGNALS['simulated']}; 7.3 and 7.4 with {SIGNALS['physical']}. Only runs that "
-            "were survived have figures in this table; the weights take the figures of a tailed run whether it was "
-            "survived or not."
-        ),
+    held_out = (
+        f"Of the {len(tested)} figures that were held out, {within} lie within {CLOSE_Z:g} standard deviations "
+        f"of the ensemble, {allowed} with the stated model discrepancy added."
     )
-    return Section("validation", "Tables 7.1 to 7.4 and the lift of the inner wheels", parts)
+    parts: list[Part] = [
+        Finding([held_out]),
+        Plot(plot_validation(validated), "Band of 90 % of the weight over the published figure.", "Validation"),
+        Table(header, rows),
+        "Fitted figures, and Kohut figures that follow from a fitted yaw rate, are no evidence. Tables 7.1 and "
+        f"7.2 are compared with {SIGNALS['simulated']}; 7.3 and 7.4 with {SIGNALS['physical']}. Only runs that "
+        "were survived have figures in this table; the weights take the figures of a tailed run whether it was "
+        "survived or not.",
+    ]
+    return Section("Tables 7.1 to 7.4 and the lift of the inner wheels", parts)
 
 
 def _outcomes(outcomes: Sequence[Outcome]) -> Section:
     rows = [(o.claim, o.use, f"{o.share:.0%}", f"{o.tipped:.0%}") for o in outcomes]
     header = ("claim", "use", "of the weight", "tipped over before the turn")
-    return Section("outcomes", "Published outcomes", (table(header, rows, numbers=(2, 3)),))
+    return Section("Published outcomes", [Table(header, rows)])
 
 
 def _parameters(result: Calibration, parameters: pd.DataFrame, shipped: Shipped) -> Section:
@@ -129,60 +126,51 @@ def _parameters(result: Calibration, parameters: pd.DataFrame, shipped: Shipped)
     ]
     members, prior = member_frame(result), result.draw.prior
     half_track = prior.half_track(prior.values(result.draw.coordinates[result.kept]))
-    parts: tuple[Markup, ...] = (
-        figure(
+    density = (
+        f"its posterior density is {shipped.relative_density:.2g} of that of the best member"
+        if shipped.relative_density
+        else "it misses the tailless bracket"
+    )
+    parts: list[Part] = [
+        Plot(
             plot_posterior(parameters, members),
             "Weight of the members over the prior range; dotted: a flat prior; red: the best member.",
             "Histograms of all parameters",
         ),
-        figure(
+        Plot(
             plot_group(members, half_track),
             "What decides the flip: each dot a member, its size its weight.",
             "Friction",
         ),
-        table(header, rows, numbers=range(1, 9)),
-        paragraph(
-            "Shipped: the car of models/parameters, run as a member; its posterior density is "
-            f"{shipped.relative_density:.2g} of that of the best member."
-            if shipped.relative_density
-            else "Shipped: the car of models/parameters, run as a member; it misses the tailless bracket."
-        ),
-        paragraph(
-            "Learnt: share of the variance of the plausible prior that the targets took away; negative values are "
-            "scatter of the members, or a prior that the targets pull to one end."
-        ),
-        paragraph(f"Left at their value: {', '.join(assumed_elsewhere(result.plan))}."),
-    )
-    return Section("parameters", "Parameters", parts)
+        Table(header, rows),
+        f"Shipped: the car of models/parameters, run as a member; {density}.",
+        "Learnt: share of the variance of the plausible prior that the targets took away; negative values are "
+        "scatter of the members, or a prior that the targets pull to one end.",
+        f"Left at their value: {', '.join(assumed_elsewhere(result.plan))}.",
+    ]
+    return Section("Parameters", parts)
 
 
 def _sensitivity(sensitivity: pd.DataFrame) -> Section:
-    return Section(
-        "sensitivities",
-        "Sensitivity of each target to each parameter",
-        (
-            figure(
-                plot_sensitivities(sensitivity),
-                "Change of the target, in its unit, for a step of the parameter by a tenth of its prior range, the "
-                "others held; mean over the members. Colour: over the largest change of that target.",
-                "Sensitivities as a heat map",
-            ),
-        ),
+    drawn = Plot(
+        plot_sensitivities(sensitivity),
+        "Change of the target, in its unit, for a step of the parameter by a tenth of its prior range, the "
+        "others held; mean over the members. Colour: over the largest change of that target.",
+        "Sensitivities as a heat map",
     )
+    return Section("Sensitivity of each target to each parameter", [drawn])
 
 
 def _directions(combinations: Sequence[Direction]) -> Section:
     good = [d for d in combinations if d.ratio < DETERMINED]
     loose = [d for d in combinations if d.ratio >= DETERMINED]
-    parts = (
-        paragraph(
-            f"{len(good)} of {len(combinations)} combinations are determined (variance below {DETERMINED:.0%} of the "
-            f"prior's); the other {len(loose)} are not identifiable from these targets."
-        ),
-        figure(plot_directions(combinations), "Eigenvalues of the covariance against the prior's.", "Eigenvalues"),
-        paragraph("Determined:"),
-        bullets([f"{d.words} (variance × {d.ratio:.3f})" for d in good] or ["none"]),
-        paragraph("Not identifiable, least first:"),
-        bullets([f"{d.words} (variance × {d.ratio:.2f})" for d in reversed(loose)]),
-    )
-    return Section("identifiability", "Which combinations the data determine", parts)
+    parts: list[Part] = [
+        f"{len(good)} of {len(combinations)} combinations are determined (variance below {DETERMINED:.0%} of the "
+        f"prior's); the other {len(loose)} are not identifiable from these targets.",
+        Plot(plot_directions(combinations), "Eigenvalues of the covariance against the prior's.", "Eigenvalues"),
+        "Determined:",
+        Bullets([f"{d.words} (variance × {d.ratio:.3f})" for d in good] or ["none"]),
+        "Not identifiable, least first:",
+        Bullets([f"{d.words} (variance × {d.ratio:.2f})" for d in reversed(loose)]),
+    ]
+    return Section("Which combinations the data determine", parts)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from aerodima.optimisation.fit.fit_pipeline import FitResult, parameter_names, short_name
+from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
 from aerodima.workbench.figures.overlay_figures import RUN_STYLES
 
 _MOST_CURVES = 12
@@ -46,13 +47,14 @@ def plot_curves(result: FitResult) -> Figure:
     return _curves_figure([(None, name, curve) for name, curve in result.curves.items()], short_name(result.name))
 
 
+@styled()
 def plot_estimates(results: Sequence[FitResult]) -> Figure:
     """Every free parameter over the fits, with its interval; what is not determined is left out."""
     free = {e.name for result in results for e in result.free if not e.name.startswith("start_")}
     names = [name for name in parameter_names(results) if name in free]
     units = {e.name: e.unit for result in results for e in result.free}
-    figure = Figure(figsize=(10.0, 1.9 * len(names) + 1.2), layout="constrained")
-    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    figure, grid = new_figure(10.0, 1.9 * len(names) + 1.2, len(names), sharex=True)
+    axes = grid[:, 0]
     for ax, name in zip(axes, names, strict=True):
         found = [(i, e) for i, result in enumerate(results) for e in result.free if e.name == name and e.identifiable]
         if found:
@@ -60,13 +62,12 @@ def plot_estimates(results: Sequence[FitResult]) -> Figure:
             values = np.array([e.value for _, e in found])
             low = np.maximum(values - [e.lower for _, e in found], 0.0)
             high = np.maximum([e.upper for _, e in found] - values, 0.0)
-            ax.errorbar(x, values, yerr=[low, high], fmt="o", ms=3.5, capsize=2, color="#0f5c8a", ecolor="#7fb3d3")
+            ax.errorbar(x, values, yerr=[low, high], fmt="o", ms=3.5, capsize=2, color=BLUE, ecolor=SKY)
             ax.ticklabel_format(axis="y", useOffset=False)
         else:
-            ax.text(0.5, 0.5, "not determined in any fit", transform=ax.transAxes, ha="center", color="#9a3412")
+            ax.text(0.5, 0.5, "not determined in any fit", transform=ax.transAxes, ha="center", color=VERMILION)
             ax.set_yticks([])
         ax.set_ylabel(name if units[name] == "1" else f"{name} [{units[name]}]", fontsize=8)
-        ax.grid(alpha=0.3)
     _name_fits(axes[-1], results)
     figure.suptitle("estimates with their 95 % intervals", fontsize=10)
     return figure
@@ -82,11 +83,12 @@ def _name_fits(ax: Axes, results: Sequence[FitResult]) -> None:
     ax.tick_params(axis="x", labelsize=8)
 
 
+@styled()
 def _residuals_figure(results: Sequence[FitResult]) -> Figure:
     """Root mean square per channel and fit; a channel that a fit meets exactly has no mark."""
     channels = list(dict.fromkeys(name for result in results for name in result.residual_rms))
-    figure = Figure(figsize=(10.0, 3.6), layout="constrained")
-    ax = figure.subplots()
+    figure, grid = new_figure(10.0, 3.6)
+    ax = grid[0, 0]
     for channel in channels:
         rms = [result.residual_rms.get(channel, math.nan) for result in results]
         y = [value if value > _EXACT else math.nan for value in rms]
@@ -97,12 +99,12 @@ def _residuals_figure(results: Sequence[FitResult]) -> Figure:
         ax.set_ylim(low / 3.0, 3.0 * high)
     _name_fits(ax, results)
     ax.set_ylabel("rms residual, SI unit of the channel")
-    ax.grid(alpha=0.3)
     if channels:
         ax.legend(ncols=len(channels), fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
 
 
+@styled()
 def _curves_figure(curves: Sequence[tuple[FitResult | None, str, Mapping[str, Any]]], title: str = "") -> Figure:
     """Measured and model, one panel per curve, named after the log if that is told.
 
@@ -111,7 +113,7 @@ def _curves_figure(curves: Sequence[tuple[FitResult | None, str, Mapping[str, An
     more, curves = len(curves) - _MOST_CURVES, curves[:_MOST_CURVES]
     columns = min(3, len(curves))
     rows = math.ceil(len(curves) / columns)
-    figure = Figure(figsize=(5.0 * columns, 4.2 * rows), layout="constrained")
+    figure = Figure(figsize=(5.0 * columns, 4.2 * rows))
     grid = figure.add_gridspec(rows, columns)
     for number, (result, name, curve) in enumerate(curves):
         place = grid[number // columns, number % columns]
@@ -126,14 +128,13 @@ def _curves_figure(curves: Sequence[tuple[FitResult | None, str, Mapping[str, An
         else:
             upper = lower = figure.add_subplot(place)
         if "measured" in curve:
-            upper.plot(x, curve["measured"], _mark(x), color="#9a9a9a", lw=2.4, label="measured")
+            upper.plot(x, curve["measured"], _mark(x), color=GREY, lw=2.4, label="measured")
         for label, (colour, line) in zip(models, cycle(_MODEL_STYLES)):
             upper.plot(x, curve[label], lw=1.3, color=colour, linestyle=line, label=label)
         upper.set_title(name if result is None else f"{short_name(result.name)}: {name}", fontsize=9)
         lower.set_xlabel(x_label)
         lower.xaxis.set_major_locator(MaxNLocator(5))
         upper.set_ylabel(y_label)
-        upper.grid(alpha=0.3)
         upper.legend(fontsize=8)
     if title or more > 0:
         figure.suptitle(title or f"the first {_MOST_CURVES} of {_MOST_CURVES + more} logs")
@@ -152,9 +153,8 @@ def _mark(x: np.ndarray) -> str:
 def _draw_residual(ax: Axes, x: np.ndarray, curve: Mapping[str, Any], model: str, y_label: str) -> None:
     """Measured minus model, in the unit of the curve."""
     residual = np.asarray(curve["measured"]) - np.asarray(curve[model])
-    ax.plot(x, residual, _mark(x), ms=3, lw=0.8, color="#5a5a5a")
-    ax.axhline(0.0, color="#9a9a9a", lw=0.8)
+    ax.plot(x, residual, _mark(x), ms=3, lw=0.8, color=GREY)
+    ax.axhline(0.0, color=GREY, lw=0.8)
     unit = y_label.rpartition(", ")[2] if ", " in y_label else ""
     ax.set_ylabel("residual" + (f", {unit}" if unit else ""), fontsize=8)
     ax.tick_params(axis="y", labelsize=7)
-    ax.grid(alpha=0.3)

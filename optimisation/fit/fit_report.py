@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +16,19 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_figures import figures_of
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names, short_name
-from aerodima.workbench.atomic_write import make_folder, write_atomically
 from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.report.report_page import (
+    Bullets,
+    Content,
+    Finding,
+    Link,
+    Page,
+    Part,
+    Plot,
+    Section,
+    Table,
+    write_files,
+)
 
 SCHEMA = "aerodima/fit-report/1"
 _FEW = 2
@@ -41,16 +49,6 @@ _HEADINGS = {
     "qss_against_qss_am": "Per log: quasi-steady law (QSS) against the same with added mass (QSS-AM)",
 }
 """Table or figure -> heading; the others are headed by their name."""
-_LONG = 40
-"""Cells of more characters than this may wrap."""
-_STYLE = (
-    "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:72rem;padding:0 1rem;color:#1b1f24}"
-    "table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:1rem 0}"
-    "th,td{border-bottom:1px solid #d0d7de;padding:.25rem .7rem;text-align:right}"
-    "td{white-space:nowrap}th:first-child,td:first-child,td.words{text-align:left}"
-    "td.words{white-space:normal;min-width:32rem}"
-    ".table{overflow-x:auto}table{border:0}img{max-width:100%}.warn{color:#9a3412}"
-)
 
 
 def write_report(
@@ -74,31 +72,20 @@ def write_report(
     Returns:
         The files written.
     """
-    make_folder(folder, FitError)
     failed, tables = dict(failed or {}), dict(tables or {})
-    texts = {"fits.csv": pd.DataFrame([result.row() for result in results]).to_csv(index=False)}
-    texts["fits.yaml"] = _yaml(title, results, failed, notes, tables)
     budget = budget_table(results)
-    if len(budget):
-        texts["budget.csv"] = budget.to_csv(index=False)
-    texts |= {f"{name}.csv": table.to_csv(index=False) for name, table in tables.items()}
-    pictures = {}
-    for name, figure in {**figures_of(results), **(figures or {})}.items():
-        buffer = BytesIO()
-        figure.savefig(buffer, dpi=110)
-        pictures[name] = buffer.getvalue()
-    texts["report.html"] = _page(title, results, failed, tables, notes, pictures)
-    # All of it is made before any of it replaces what is there.
-    content = {name: text.encode() for name, text in texts.items()}
-    content |= {f"{name}.png": data for name, data in pictures.items()}
-    return [_put(folder / name, data) for name, data in content.items()]
-
-
-def _put(path: Path, data: bytes) -> Path:
-    def write(place: Path) -> None:
-        place.write_bytes(data)
-
-    return write_atomically(path, write, True, FitError)
+    plots = {
+        name: Plot(figure, "", _heading(name)) for name, figure in {**figures_of(results), **(figures or {})}.items()
+    }
+    contents: dict[str, Content] = {
+        "fits.csv": pd.DataFrame([result.row() for result in results]),
+        "fits.yaml": _yaml(title, results, failed, notes, tables),
+        **({"budget.csv": budget} if len(budget) else {}),
+        **{f"{name}.csv": table for name, table in tables.items()},
+        "report.html": _page(title, results, failed, tables, notes, plots),
+        **{f"{name}.png": plot.data for name, plot in plots.items()},
+    }
+    return write_files(folder, contents, error=FitError)
 
 
 def _yaml(
@@ -148,36 +135,22 @@ def _page(
     failed: Mapping[str, str],
     tables: Mapping[str, pd.DataFrame],
     notes: Sequence[str],
-    pictures: Mapping[str, bytes],
-) -> str:
-    parts = [
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>',
-        f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>",
-        *(f"<p>{html.escape(note)}</p>" for note in notes),
-    ]
+    plots: Mapping[str, Plot],
+) -> Page:
+    sections = [Section("Notes", notes)] if notes else []
     if failed:
-        parts.append(f"<h2>{len(failed)} could not be fitted</h2><ul class=warn>")
-        parts += [f"<li>{html.escape(name)}: {html.escape(reason)}</li>" for name, reason in failed.items()]
-        parts.append("</ul>")
+        reasons = [f"{name}: {reason}" for name, reason in failed.items()]
+        sections.append(Section(f"{len(failed)} could not be fitted", [Finding([Bullets(reasons)])]))
     if results:
-        parts += ["<h2>Results</h2>", _results_table(results)]
-        warned = [(result.name, result.warnings) for result in results if result.warnings]
-        if warned:
-            parts.append("<h2>Warnings</h2><ul class=warn>")
-            parts += [f"<li>{html.escape(name)}: {html.escape('; '.join(words))}</li>" for name, words in warned]
-            parts.append("</ul>")
-    parts += [*_budget(results), *_rig(results)]
+        sections.append(Section("Results", [_results_table(results)]))
+    warned = [f"{result.name}: {'; '.join(result.warnings)}" for result in results if result.warnings]
+    if warned:
+        sections.append(Section("Warnings", [Finding([Bullets(warned)])]))
+    sections += [*_budget(results), *_rig(results)]
     for name, table in tables.items():
-        parts += [
-            f"<h2>{html.escape(_heading(name))}</h2>",
-            _frame(table),
-            f"<p>The same in <code>{html.escape(name)}.csv</code>.</p>",
-        ]
-    for name, data in pictures.items():
-        code = base64.b64encode(data).decode()
-        words = html.escape(_heading(name))
-        parts.append(f'<h2>{words}</h2><img alt="{words}" src="data:image/png;base64,{code}">')
-    return "\n".join(parts) + "</html>\n"
+        sections.append(Section(_heading(name), [_frame(table), ("The same in", Link(f"{name}.csv"))]))
+    sections += [Section(plot.alternative, [plot]) for plot in plots.values()]
+    return Page(title, "", sections)
 
 
 def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
@@ -190,7 +163,7 @@ def budget_table(results: Sequence[FitResult]) -> pd.DataFrame:
     return pd.DataFrame(rows).fillna(0.0)
 
 
-def _budget(results: Sequence[FitResult]) -> list[str]:
+def _budget(results: Sequence[FitResult]) -> list[Section]:
     """What the intervals are made of: per parameter the median of the shares over the fits, in percent."""
     table = budget_table(results)
     if not len(table):
@@ -198,25 +171,22 @@ def _budget(results: Sequence[FitResult]) -> list[str]:
     shares = table.drop(columns="fit").groupby("parameter", sort=False).median()
     seen = shares.loc[:, shares.max() >= _LEAST_SHARE]
     rows = [[str(name), *(f"{100.0 * value:.0f} %" for value in row)] for name, row in seen.iterrows()]
-    return [
-        "<h2>What the intervals are made of</h2>",
-        "<p>Share of the variance that noise and each uncertain constant of the rig have, median over the fits. The "
-        "uncertainties are those of the scenario's section <code>uncertainty</code>; per fit in "
-        "<code>budget.csv</code>.</p>",
-        _table(["parameter", *map(str, seen.columns)], rows),
-    ]
+    words = (
+        "Share of the variance that noise and each uncertain constant of the rig have, median over the fits. The "
+        "uncertainties are those of the scenario's section uncertainty; per fit in"
+    )
+    parts: list[Part] = [(words, Link("budget.csv")), Table(["parameter", *map(str, seen.columns)], rows)]
+    return [Section("What the intervals are made of", parts)]
 
 
-def _rig(results: Sequence[FitResult]) -> list[str]:
+def _rig(results: Sequence[FitResult]) -> list[Section]:
     """What of the rig was not that of `models/`, over all fits."""
     known: dict[str, dict[str, None]] = {}
     for result in results:
         for key, value in result.rig.items():
             known.setdefault(key, {})[_short(value)] = None
-    if not known:
-        return []
     rows = [[key, ", ".join(values)] for key, values in known.items()]
-    return ["<h2>What of the rig is not as in models/</h2>", _table(["key", "value"], rows)]
+    return [Section("What of the rig is not as in models/", [Table(["key", "value"], rows)])] if rows else []
 
 
 def _heading(name: str) -> str:
@@ -225,17 +195,17 @@ def _heading(name: str) -> str:
     return _HEADINGS.get(name, name.replace("_", " "))
 
 
-def _frame(table: pd.DataFrame) -> str:
+def _frame(table: pd.DataFrame) -> Table:
     """A further table; of a few wide rows each becomes a column, which needs no scrolling."""
     heads = list(map(str, table.columns))
     rows = [[_short(value) for value in row] for row in table.to_numpy(object)]
     if len(rows) > _FEW or len(heads) <= _FEW + 1:
-        return _table(heads, rows)
+        return Table(heads, rows)
     first, *turned = zip(heads, *rows, strict=True)
-    return _table(first, turned)
+    return Table(first, turned)
 
 
-def _results_table(results: Sequence[FitResult]) -> str:
+def _results_table(results: Sequence[FitResult]) -> Table:
     """A row per fit; of a few fits a row per parameter, which needs no scrolling."""
     if len(results) <= _FEW:
         rows = [
@@ -245,7 +215,7 @@ def _results_table(results: Sequence[FitResult]) -> str:
         ]
         rows += [[short_name(r.name), key, _short(value), ""] for r in results for key, value in r.facts.items()]
         rows += [[short_name(r.name), "search ended", r.status, ""] for r in results]
-        return _table(["fit", "quantity", "value (95 % interval)", "unit"], rows)
+        return Table(["fit", "quantity", "value (95 % interval)", "unit"], rows)
     names = parameter_names(results)
     units = {e.name: e.unit for result in results for e in result.estimates}
     facts = list(dict.fromkeys(key for result in results for key in result.facts))
@@ -256,19 +226,7 @@ def _results_table(results: Sequence[FitResult]) -> str:
         by_name = {e.name: e for e in result.estimates}
         cells = [short_name(result.name), *(in_words(by_name[name]) if name in by_name else "" for name in names)]
         rows.append([*cells, *(_short(result.facts.get(fact, "")) for fact in facts), result.status])
-    return _table(heads, rows)
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """An HTML table that scrolls sideways when it is wide; long text may wrap."""
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
-    body = "".join("<tr>" + "".join(_cell(text) for text in row) + "</tr>" for row in rows)
-    return f'<div class="table"><table><tr>{head}</tr>{body}</table></div>'
-
-
-def _cell(text: str) -> str:
-    words = ' class="words"' if len(text) > _LONG else ""
-    return f"<td{words}>{html.escape(text)}</td>"
+    return Table(heads, rows)
 
 
 def _short(value: Any) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -122,9 +121,5 @@ def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
     for stem, content in sets.items():
         path, text = folder / f"{stem}.yaml", yaml.safe_dump(content, sort_keys=False, width=200)
         coefficients_from_dict(yaml.safe_load(text), str(path))
-        paths.append(write_atomically(path, partial(_write, text), True, FitError))
+        paths.append(write_atomically(path, text, True, FitError))
     return paths
-
-
-def _write(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

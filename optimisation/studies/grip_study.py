@@ -11,12 +11,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.study_reading import band, ran, steps_of_members
-from aerodima.optimisation.studies.study_report import Findings, Picture
+from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
 from aerodima.optimisation.sweep.study import Block, Range, Study
 from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.run_summary import KM_PER_H
+from aerodima.workbench.report.report_page import Plot
 
 CASE_SPEED = 16 / KM_PER_H
 """m/s; the published tailed car survived it (section 7.1.2)."""
@@ -85,7 +86,7 @@ def friction_rows(frame: pd.DataFrame, setups: Mapping[str, Setup]) -> list[dict
 
 
 def read_friction(
-    frame: pd.DataFrame, setups: Mapping[str, Setup], sentences: Sequence[str], more: Sequence[Picture] = ()
+    frame: pd.DataFrame, setups: Mapping[str, Setup], sentences: Sequence[str], more: Sequence[Plot] = ()
 ) -> Findings:
     """The cases in order of their critical friction, and the plot."""
     rows = friction_rows(frame, setups)
@@ -101,12 +102,12 @@ def read_friction(
         "turns less far survives more easily.",
         *sentences,
     )
-    picture = Picture(
-        "critical_friction",
+    picture = Plot(
         friction_figure(frame, setups, rows),
         "Critical friction of each case. Bar: from the last friction survived to the first flip, over an ensemble 5 to "
         "95 %. Small crosses: frictions beyond the first flip that are survived again (islands).",
         "Critical friction of each case",
+        "critical_friction",
     )
     columns = ("block", FRICTION, "outcome", "clean", "heading_change_rad", "peak_roll_rad", "swing_trigger_time_s")
     return Findings(rows, said, (picture, *more), columns)

@@ -10,11 +10,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.study_reading import ran, rollover_probability
-from aerodima.optimisation.studies.study_report import Findings, Picture
+from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
 from aerodima.optimisation.sweep.study import Block, Normal, Sample, Study, Uniform
 from aerodima.workbench.figures.figure_style import FLIPPED_MARKER, MODE_STYLES, new_figure, styled
 from aerodima.workbench.metrics.run_summary import KM_PER_H
+from aerodima.workbench.report.report_page import Plot
 
 FACTORS: dict[str, Uniform | Normal] = {
     FRICTION: Normal(mean=0.62, deviation=0.05),
@@ -56,12 +57,12 @@ def read_monte_carlo(frame: pd.DataFrame) -> Findings:
                 "effective_runs": found.effective,
             }
         )
-    picture = Picture(
-        "rollover",
+    picture = Plot(
         _figure(frame, rows),
         "Left: probability with its 95 % interval. Beside: the samples of each tail mode over speed and friction; open "
         "marks survived, crosses flipped.",
         "Rollover probability of each tail mode, and the samples",
+        "rollover",
     )
     said = tuple(
         f"{MODE_STYLES[row['tail_mode']].words}: {row['rollover_probability']:.0%} "

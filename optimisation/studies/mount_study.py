@@ -12,12 +12,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.study_reading import band, by_value, ran, survived_share
-from aerodima.optimisation.studies.study_report import Findings, Picture
+from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study import Block, Range, Study, Value
 from aerodima.optimisation.sweep.study_engine import SweepError
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, new_figure, styled
+from aerodima.workbench.report.report_page import Plot
 
 MOUNTS = (-0.06, -0.03, 0.03, 0.09, 0.15)
 """Tail joints ahead of the rear axle, m; the range that keeps the gearbox on the car."""
@@ -99,19 +100,19 @@ def read_mount(frame: pd.DataFrame) -> Findings:
             }
         )
     pictures = (
-        Picture(
-            "heading",
+        Plot(
             _heading_figure(rows, published),
             "Heading change over the duration of the steering, where the car survived; dashed: the tailless car with "
             "the published 0.5 s.",
             "Heading change of each case over the steering duration",
+            "heading",
         ),
-        Picture(
-            "yaw_impulse",
+        Plot(
             _impulse_figure(rows),
             "Angular impulse of the tail on the car about the vertical through its centre of mass over the turn, with "
             "the published steering. Negative: out of the turn.",
             "Yaw impulse of the tail by cause and case",
+            "yaw_impulse",
         ),
     )
     columns = ("block", HOLD, "outcome", "clean", "average_yaw_rate_rad_per_s", "heading_change_rad", "peak_roll_rad")

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.grip_study import Setup, friction_study, read_friction
 from aerodima.optimisation.studies.shape_goals import mean_drag
-from aerodima.optimisation.studies.study_report import Findings, Picture
+from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.study import Study
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.figures.figure_style import BLACK, GREY, new_figure, styled
+from aerodima.workbench.report.report_page import Plot
 
 MOST_ON_THE_CAR = 8
 """Shapes, from the largest drag on, that are tried on the car."""
@@ -45,12 +46,12 @@ def read_shapes(goals: pd.DataFrame, frame: pd.DataFrame) -> Findings:
         said.append("The table has no lift coefficients, so none are compared.")
     if goals["speed"].isna().all():
         said.append("The table has one drag coefficient per shape without a speed (Table 2.1 of the thesis).")
-    picture = Picture(
-        "shapes",
+    picture = Plot(
         _figure(goals, drag),
         "Drag (and lift where given) of each shape; grey: the robot tail in the tunnel, its line over the relative "
         "speed (tables of the thesis, ERRATA E26).",
         "Drag coefficient of each shape beside the tunnel's",
+        "shapes",
     )
     return read_friction(frame, _setups(goals), said, (picture,))
 

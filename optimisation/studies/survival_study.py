@@ -10,12 +10,13 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.studies.study_reading import by_value, ran, step_along, survived_share
-from aerodima.optimisation.studies.study_report import Findings, Picture, make_report
+from aerodima.optimisation.studies.study_report import Findings, make_report
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
 from aerodima.optimisation.sweep.run_study import Say
 from aerodima.optimisation.sweep.study import Block, Range, Study
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.figures.figure_style import GREY, new_figure, styled
+from aerodima.workbench.report.report_page import Plot
 
 SURVIVED_COLOURS = "cividis"
 
@@ -55,12 +56,12 @@ def read_survival(frame: pd.DataFrame) -> Findings:
         if islands
         else "No row or column has survivors beyond its first flip on this grid; between its lines there may be some.",
     )
-    picture = Picture(
-        "survival",
+    picture = Plot(
         survival_figure(frame),
         "Survived (bright) and flipped (dark) over speed and tyre friction; a dot: survived, but cage, board or tail "
         "touched the ground. Over an ensemble the share of its weight that survived.",
         "Map of survival over speed and tyre friction",
+        "survival",
     )
     return Findings(rows, sentences, (picture,), (SPEED, FRICTION, "outcome", "clean", "peak_roll_rad"))
 

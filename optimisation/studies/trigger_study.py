@@ -10,12 +10,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.grip_study import Setup, friction_study, read_friction
-from aerodima.optimisation.studies.study_report import Findings, Picture
+from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.study import Study
 from aerodima.workbench.config.log_columns import WHEELS
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
 from aerodima.workbench.metrics.published_figures import flip_bracket
+from aerodima.workbench.report.report_page import Plot
 
 
 def _setup(**controller: float | str) -> Setup:
@@ -55,7 +56,7 @@ def read_trigger(frame: pd.DataFrame) -> Findings:
         f"Tailless turn at {speed:.2f} m/s: yaw rate and lateral acceleration, and the share of the load that "
         "the inner wheels carry. Dotted: the yaw rate of the published trigger, and inner wheels without load."
     )
-    picture = Picture("signals", _signals_figure(log), caption, "Yaw rate and wheel load over time in a turn")
+    picture = Plot(_signals_figure(log), caption, "Yaw rate and wheel load over time in a turn", "signals")
     return read_friction(frame, SETUPS, sentences, (picture,))
 
 

@@ -20,13 +20,14 @@ from aerodima.optimisation.studies.study_reading import (
     tipped,
     weights_of,
 )
-from aerodima.optimisation.studies.study_report import Findings, Picture
+from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study import Block, Range, Study, Value
 from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.figures.figure_style import FLIPPED_MARKER, GREY, MODE_STYLES, new_figure, styled
 from aerodima.workbench.metrics.published_figures import published_figures
 from aerodima.workbench.metrics.run_summary import KM_PER_H
+from aerodima.workbench.report.report_page import Plot
 
 TAIL_SPEED = "controller.swing_speed"
 
@@ -90,20 +91,20 @@ def read_turn(frame: pd.DataFrame) -> Findings:
             }
         )
     pictures = (
-        Picture(
-            "survival",
+        Plot(
             _survival_figure(frame),
             "Outcome of every speed: open marker survived, cross flipped in the turn, bar tipped over before it; over "
             "an ensemble the share that survived.",
             "Outcome over speed for each tail mode and tail speed",
+            "survival",
         ),
-        Picture(
-            "metrics",
+        Plot(
             _metrics_figure(frame),
             "Metrics over the speed at the start of the turn, raw signals. Line: tail speed of 8 rad/s where the tail "
             "swings; the other tail speeds are the small marks. Crosses: runs that flipped. Stars: published "
             "(Tables 7.1 and 7.2, simulated). Band: 5 to 95 % of an ensemble.",
             "Four metrics over speed for each tail mode",
+            "metrics",
         ),
     )
     return Findings(

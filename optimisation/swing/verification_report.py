@@ -14,7 +14,6 @@ from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.full_car import LEAST_HEADING
 from aerodima.optimisation.swing.tip_path import plot_tip_path
 from aerodima.optimisation.swing.verification import Verification
-from aerodima.workbench.atomic_write import make_folder, write_atomically
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
@@ -22,7 +21,7 @@ from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
 from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.metrics.turn_signals import turn_window
-from aerodima.workbench.report.report_page import Markup, Section, bullets, figure, page, paragraph, preformatted, table
+from aerodima.workbench.report.report_page import Bullets, Page, Plot, Preformatted, Section, Table, write_files
 
 SCHEMA = "aerodima/verification/1"
 RUNS, VERDICT, PAGE = "verification.csv", "verification.yaml", "report.html"
@@ -30,20 +29,9 @@ RUNS, VERDICT, PAGE = "verification.csv", "verification.yaml", "report.html"
 
 def write_verification(folder: Path, swing: SwingFile, found: Verification, *, force: bool = False) -> list[Path]:
     """Writes the three files; SwingError when one exists and `force` is not set, or cannot be written."""
-    make_folder(folder, SwingError)
     verdict = yaml.safe_dump(_verdict(swing, found), sort_keys=False, width=110)
-    contents = {
-        RUNS: found.rows.to_csv(index=False),
-        VERDICT: verdict,
-        PAGE: _page(swing, found, verdict),
-    }
-    for name, text in contents.items():
-        write_atomically(folder / name, lambda path, text=text: _write(path, text), force, SwingError)  # type: ignore[misc]
-    return [folder / name for name in contents]
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+    page = _page(swing, found, verdict)
+    return write_files(folder, {RUNS: found.rows, VERDICT: verdict, PAGE: page}, force=force, error=SwingError)
 
 
 def _verdict(swing: SwingFile, found: Verification) -> dict[str, Any]:
@@ -74,10 +62,9 @@ def _number(value: Any) -> Any:
     return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
-def _page(swing: SwingFile, found: Verification, verdict: str) -> str:
+def _page(swing: SwingFile, found: Verification, verdict: str) -> Page:
     errors = found.errors
-    good = not found.complaints
-    result = "Verified." if good else "Not verified:"
+    result = ["Not verified:", Bullets(found.complaints)] if found.complaints else ["Verified."]
     step = 1000 * found.own.scenario["simulation"]["step"]
     lead = f"Forward simulation of the full car at a step of {step:g} ms, and of the cars of the ensemble."
     share = ", ".join(f"{who} {value:.0%}" for who, value in found.survival.items())
@@ -91,36 +78,27 @@ def _page(swing: SwingFile, found: Verification, verdict: str) -> str:
         f"(needed: {LEAST_HEADING:.0%})",
         f"share of the ensemble that survives clean: {share}",
     ]
-    drawing = plot_verification(swing, found)
+    motion = Plot(
+        plot_verification(swing, found),
+        "The turn on the car that the swing was made for, with the swing and with that of the thesis "
+        "(8 rad/s). Shaded: the turn; dotted: the knots, and the limit of the torque.",
+        "Three curves over time: tail roll, car roll, torque of the roll motor",
+    )
+    path = Plot(
+        plot_tip_path(swing, scenario_from_dict(found.own.scenario)),
+        "Planned path of the tail's tip in the axes of the car, with a mark every 0.1 s; grey: the tail at "
+        "rest before and after; shaded: track, wheelbase and height of the joints.",
+        "Path of the tip from behind and from above",
+    )
     sections = [
-        Section(
-            "verdict",
-            "Verdict",
-            (
-                paragraph(result),
-                bullets(found.complaints) if found.complaints else Markup(""),
-                bullets(facts),
-                figure(
-                    drawing,
-                    "The turn on the car that the swing was made for, with the swing and with that of the thesis "
-                    "(8 rad/s). Shaded: the turn; dotted: the knots, and the limit of the torque.",
-                    "Three curves over time: tail roll, car roll, torque of the roll motor",
-                ),
-                figure(
-                    plot_tip_path(swing, scenario_from_dict(found.own.scenario)),
-                    "Planned path of the tail's tip in the axes of the car, with a mark every 0.1 s; grey: the tail at "
-                    "rest before and after; shaded: track, wheelbase and height of the joints.",
-                    "Path of the tip from behind and from above",
-                ),
-            ),
-        ),
-        Section("ensemble", "Ensemble", (_members(found),)),
-        Section("provenance", "Provenance", (preformatted(verdict),)),
+        Section("Verdict", [*result, Bullets(facts), motion, path]),
+        Section("Ensemble", [_members(found)]),
+        Section("Provenance", [Preformatted(verdict)]),
     ]
-    return page(f"Verification of {swing.name}", lead, sections)
+    return Page(f"Verification of {swing.name}", lead, sections)
 
 
-def _members(found: Verification) -> Markup:
+def _members(found: Verification) -> Table:
     rows = []
     for row in found.rows.to_dict("records"):
         failed = isinstance(row["error"], str) and row["error"] != ""
@@ -131,7 +109,7 @@ def _members(found: Verification) -> Markup:
         outcome = row["error"] if failed else row["outcome"]
         rows.append([row["member"], f"{row['weight']:.3f}", row["who"], outcome, clean, *numbers])
     header = ["member", "weight", "controller", "outcome", "", "peak roll [deg]", "heading change [deg]"]
-    return table(header, rows, numbers=(1, 5, 6))
+    return Table(header, rows)
 
 
 def plot_verification(swing: SwingFile, found: Verification) -> Figure:

@@ -17,16 +17,15 @@ from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.fit.fit_report import write_report
 from aerodima.workbench.figures.figure_style import new_figure
 from aerodima.workbench.report.report_page import (
+    Bullets,
+    Finding,
+    Folded,
+    Link,
+    Page,
+    Plot,
+    Preformatted,
     Section,
-    bullets,
-    figure,
-    finding,
-    folded,
-    link,
-    page,
-    paragraph,
-    preformatted,
-    table,
+    Table,
 )
 from tests.browser.contrast import contrasts, too_faint
 from tests.hardware.console.test_console_server import Served, eventually
@@ -169,15 +168,15 @@ def test_the_console_is_worked_by_keyboard_alone(console: Any, served: Served) -
 def report_page() -> str:
     drawing, axes = new_figure(4.0, 3.0)
     axes[0, 0].plot([0, 1], [0, 1])
-    parts = (
-        finding(paragraph("What it comes to.")),
-        paragraph("See ", link("other.html", "the other page"), "."),
-        bullets(["a point"]),
-        table(["run", "peak roll [deg]"], [["a", "1.0"], ["b", "2.0"]], numbers=(1,), marked=(1,)),
-        figure(drawing, "A caption.", "A line"),
-        folded("More", preformatted("{}")),
-    )
-    return page("A report", "What it is about.", [Section("one", "One", parts), Section("two", "Two", parts)])
+    parts = [
+        Finding(["What it comes to."]),
+        ("See", Link("other.html", "the other page")),
+        Bullets(["a point"]),
+        Table(["run", "peak roll [deg]"], [["a", "1.0"], ["b", "2.0"]], marked=(1,)),
+        Plot(drawing, "A caption.", "A line"),
+        Folded("More", [Preformatted("{}")]),
+    ]
+    return Page("A report", "What it is about.", [Section("One", parts), Section("Two", parts)]).html()
 
 
 def fit_page(folder: Path) -> str:

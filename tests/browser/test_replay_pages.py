@@ -14,8 +14,8 @@ from matplotlib.image import imread
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay import write_replay_html
 from aerodima.workbench.report.comparison_page import comparison_page
+from aerodima.workbench.report.replay_page import write_replay_html
 from aerodima.workbench.simulate.simulation import simulate
 from tests.browser.contrast import too_faint
 
@@ -120,7 +120,7 @@ def test_browser_without_webgl_is_told_so(page: Any, failures: list[str], replay
 
 def test_comparison_keeps_both_replays_in_step(page: Any, runs: dict[str, RunLog], tmp_path: Path) -> None:
     path = tmp_path / "comparison.html"
-    path.write_text(comparison_page([runs["none"], runs["held"]], ["none", "held"]), encoding="utf-8")
+    path.write_text(comparison_page([runs["none"], runs["held"]], ["none", "held"]).html(), encoding="utf-8")
     open_offline(page, path)
     page.locator("#both").get_by_role("slider").fill("0.3")
     lines = [frame.locator("#run-now") for frame in page.frames[1:]]

@@ -4,25 +4,32 @@ import math
 import re
 from collections.abc import Sequence
 from html.parser import HTMLParser
+from pathlib import Path
 
+import pandas as pd
 import pytest
+from jinja2 import UndefinedError
 
+from aerodima.workbench.figures.figure_style import new_figure
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.published_figures import FlipBracket, flip_bracket, published_figures, tyre_damping
 from aerodima.workbench.metrics.run_summary import RunSummary, summarise
-from aerodima.workbench.report import ReportFiles, turn_report
 from aerodima.workbench.report import turn_findings as findings
 from aerodima.workbench.report.report_page import (
+    Bullets,
+    Finding,
+    Folded,
+    Heading,
+    Link,
+    Noted,
+    Page,
+    Plot,
+    Preformatted,
     Section,
-    bullets,
-    folded,
-    link,
-    page,
-    paragraph,
-    picture,
-    preformatted,
-    table,
+    Table,
+    write_files,
 )
+from aerodima.workbench.report.turn_report import ReportFiles, turn_report
 from tests.workbench.made_up_summaries import made_up_summary
 
 PUBLISHED = FlipBracket(survived=3.33, flipped=3.61)
@@ -186,18 +193,41 @@ def _read(text: str) -> _Reader:
 
 def test_text_is_escaped_once_wherever_it_stands() -> None:
     odd = '<script>"a" & b</script>'
-    parts = (
-        paragraph(odd),
-        bullets([odd]),
-        link(odd, odd),
-        table([odd], [[odd]]),
-        picture("a.png", odd, odd),
-        folded(odd, preformatted(odd)),
-    )
-    text = page(odd, odd, [Section("one", odd, parts)])
+    parts = [
+        odd,
+        ("see", Link(odd, odd)),
+        Heading(odd),
+        Finding([Bullets([odd])]),
+        Table([odd], [[odd], [Noted(odd, odd)]]),
+        Plot("a.png", odd, odd),
+        Folded(odd, [Preformatted(odd)]),
+    ]
+    text = Page(odd, odd, [Section(odd, parts)]).html()
     assert "<script" not in text
     assert "&amp;amp;" not in text
-    assert _read(text).text.count(odd) == 13  # title, heading, lead and navigation count too
+    assert _read(text).text.count(odd) == 16  # title, heading, lead and navigation count too
+
+
+def test_columns_of_numbers_are_set_to_the_right() -> None:
+    rows = [["a", "1.5", "-", "1 to 2", "+3 %", "nan"], ["2 b", "2e-05", "-4.0", "", "12.0° (11.0 .. 13.0)", "1.2 kg"]]
+    assert Table(list("nabcde"), rows).numbers == [False, True, True, True, True, False]
+    assert Table(["empty"], []).numbers == [False]
+
+
+def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) -> None:
+    drawing, axes = new_figure(4.0, 3.0)
+    axes[0, 0].plot([0, 1])
+    plot = Plot(drawing, "A caption.", "A line", "line")
+    page = Page("A page", "", [Section("One", [plot])])
+    table = pd.DataFrame({"a": [1, 2]})
+    written = write_files(tmp_path, {"a.csv": table, "a.parquet": table, "index.html": page, "a.txt": "é"})
+    assert [path.name for path in written] == ["a.csv", "a.parquet", "line.png", "index.html", "a.txt"]
+    assert (tmp_path / "line.png").read_bytes() == plot.data
+    assert 'src="line.png"' in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert pd.read_parquet(tmp_path / "a.parquet").equals(pd.read_csv(tmp_path / "a.csv"))
+    with pytest.raises(UndefinedError):
+        write_files(tmp_path, {"a.txt": "new", "index.html": Page("A", "", [Section("One", [None])])})  # type: ignore[list-item]
+    assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "é"
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +240,7 @@ def report(standard_runs: dict[str, RunLog]) -> str:
         replays={"swing_3.33": "replay_swing_3.33.html"},
         strips={"swing_3.33": "strip_swing_3.33.png"},
     )
-    return turn_report(summaries, logs, ["none_3.33", "swing_3.33"], files)
+    return turn_report(summaries, logs, ["none_3.33", "swing_3.33"], files).html()
 
 
 def test_the_page_is_well_formed_and_needs_no_network(report: str) -> None:
@@ -247,12 +277,12 @@ def test_tyre_damping_that_is_not_representable_is_stated(report: str) -> None:
 
 
 def test_words_of_the_thesis_are_explained_beside_its_figures(report: str) -> None:
-    assert "Kohut is the thesis&#x27; measure of a turn" in report
+    assert "Kohut is the thesis' measure of a turn" in _read(report).text
     assert "E with a number is an entry of models/published/ERRATA.md" in report
 
 
 def test_parameters_that_are_published_nowhere_stand_out(report: str) -> None:
-    calibrated = r'<tr class="marked"><td >com_height</td>.*?◆ calibrated: calibration/car\.yaml.*?0\.12\xa0to\xa00\.32'
+    calibrated = r'<tr class="marked"><td>com_height</td>.*?◆ calibrated: calibration/car\.yaml.*?0\.12\xa0to\xa00\.32'
     assert re.search(calibrated, report)
-    assert re.search(r'<tr class="marked"><td >knuckle_mass</td>.*?◆ assumed.*?0\.02\xa0to\xa00\.1', report)
-    assert not re.search(r'<tr class="marked"><td >tyre_stiffness_front</td>', report)
+    assert re.search(r'<tr class="marked"><td>knuckle_mass</td>.*?◆ assumed.*?0\.02\xa0to\xa00\.1', report)
+    assert not re.search(r'<tr class="marked"><td>tyre_stiffness_front</td>', report)

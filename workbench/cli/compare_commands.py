@@ -25,7 +25,7 @@ def compare(
 
     Example: aerodima compare none.parquet swing.parquet --html compare.html
     """
-    from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+    from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.errors import LogError, UserError
     from aerodima.workbench.logs.schema import read_run_log
     from aerodima.workbench.text_table import shown_value, text_table
@@ -42,6 +42,7 @@ def compare(
         metrics_rows,
         scenario_differences,
     )
+    from aerodima.workbench.report.report_page import write_files
 
     if not 2 <= len(runs) <= MOST_RUNS:
         raise LogError(f"{len(runs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
@@ -57,12 +58,8 @@ def compare(
     if other:
         typer.echo(f"note: these are different cars: {', '.join(other)}")
     if html is not None:
-        text = comparison_page(run_logs, names)
-        typer.echo(f"page: {write_atomically(html, lambda file: _write(file, text), force, UserError)}")
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+        (written,) = write_files(html.parent, {html.name: comparison_page(run_logs, names)}, force=force)
+        typer.echo(f"page: {written}")
 
 
 def _names(runs: list[Path]) -> list[str]:

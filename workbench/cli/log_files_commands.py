@@ -93,9 +93,12 @@ def condition(
     result = apply_recipe(before, load_recipe(recipe))
     write_run_log(result.run_log, out, force)
     if plot is not None:
-        from aerodima.workbench.logs.conditioning_plot import plot_conditioning, save_plot
+        from aerodima.workbench.figures.conditioning_figure import plot_conditioning
+        from aerodima.workbench.figures.figure_style import png
+        from aerodima.workbench.report.report_page import write_files
 
-        save_plot(plot_conditioning(before, result.run_log, result.rest), plot, force)
+        picture = png(plot_conditioning(before, result.run_log, result.rest))
+        write_files(plot.parent, {plot.name: picture}, force=force, error=LogError)
     typer.echo(f"{out}: {len(result.run_log.table)} rows, {len(result.run_log.table.columns)} columns")
     for note in result.notes:
         typer.echo(note)

@@ -33,12 +33,13 @@ def range_of_motion(
     """
     from math import degrees
 
-    from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+    from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.errors import UserError
     from aerodima.workbench.figures.clearance_figure import plot_range_of_motion
     from aerodima.workbench.figures.figure_style import png
     from aerodima.workbench.plants.clearance import PARTS, make_range_of_motion, write_range_of_motion
+    from aerodima.workbench.report.report_page import write_files
 
     picture = out.with_suffix(".png")
     if picture == out:
@@ -47,8 +48,7 @@ def range_of_motion(
         refuse_existing(path, force, UserError)
     motion = make_range_of_motion(load_scenario(scenario, settings or []), pitch_nodes, roll_nodes)
     write_range_of_motion(motion, out, force=force)
-    image = png(plot_range_of_motion(motion, margin))
-    write_atomically(picture, lambda path: _write(path, image), force, UserError)
+    write_files(picture.parent, {picture.name: png(plot_range_of_motion(motion, margin))}, force=force)
     free = motion.clearance(motion.pitch[:, None], motion.roll[None, :]) >= margin
     low, high = motion.allowed_roll(0.0, margin)
     typer.echo(f"free by {1000 * margin:g} mm: {free.mean():.0%} of the range; upright pitch: roll "
@@ -61,7 +61,3 @@ def range_of_motion(
             f"{degrees(motion.roll[roll]):.0f} deg"
         )
     typer.echo(f"map: {out}, picture: {picture}")
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.write_bytes(content)

@@ -46,7 +46,7 @@ def replay(
 
     run_log = replayable(run_log)
     if html is not None:
-        from aerodima.workbench.replay.replay_page import write_replay_html
+        from aerodima.workbench.report.replay_page import write_replay_html
 
         typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
     if strip is not None:

@@ -73,9 +73,5 @@ def export(
     if out is None:
         typer.echo(text, nl=False)
         return
-
-    def write(temporary: Path) -> None:
-        temporary.write_text(text, encoding="utf-8")
-
-    write_atomically(out, write, force, UserError)
+    write_atomically(out, text, force, UserError)
     typer.echo(f"scenario: {out}")

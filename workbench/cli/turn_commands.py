@@ -174,7 +174,7 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
     if log is not None:
         typer.echo(f"log: {log}{new_folder}")
     if replay is not None:
-        from aerodima.workbench.replay.replay_page import write_replay_html
+        from aerodima.workbench.report.replay_page import write_replay_html
 
         write_replay_html(run_log, replay, force=options.force)
         typer.echo(f"replay: {replay}")

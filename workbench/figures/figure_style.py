@@ -76,7 +76,7 @@ FLIPPED_MARKER = "X"
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The settings of all figures; settings of a notebook outside are left as they are."""
+    """The settings of all figures, also as a decorator; settings of a notebook outside are left as they are."""
     with matplotlib.rc_context(RC):
         yield
 

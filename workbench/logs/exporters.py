@@ -28,8 +28,8 @@ def export_log(run_log: RunLog, path: Path | str, form: Format, force: bool = Fa
     if form == "csv":
         beside = sidecar(path)
         refuse_existing(beside, force, LogError)
-        write_atomically(path, lambda temporary: run_log.table.to_csv(temporary, index=False), force, LogError)
-        write_atomically(beside, lambda temporary: _write_text(temporary, metadata), force, LogError)
+        write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
+        write_atomically(beside, metadata + "\n", force, LogError)
         return [path, beside]
     from aerodima.workbench.logs.mcap_files import write_mcap
 
@@ -65,7 +65,3 @@ def _topic(column: str) -> str:
 def _exported(run_log: RunLog) -> dict[str, Any]:
     metadata = run_log.metadata()
     return {**metadata, "extra": {**metadata["extra"], "exported_columns": list(run_log.table.columns)}}
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text + "\n", encoding="utf-8")

@@ -257,11 +257,7 @@ def write_range_of_motion(motion: RangeOfMotion, path: Path, *, force: bool = Fa
     columns = {"pitch_rad": p.ravel(), "roll_rad": r.ravel()}
     columns |= {f"{part}_clearance_m": motion.clearances[:, :, i].ravel() for i, part in enumerate(PARTS)}
     text = f"# {json.dumps({'schema': SCHEMA, 'car': motion.car})}\n" + pd.DataFrame(columns).to_csv(index=False)
-    return write_atomically(path, lambda temporary: _write(temporary, text), force, UserError)
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+    return write_atomically(path, text, force, UserError)
 
 
 def read_range_of_motion(path: Path | str) -> RangeOfMotion:

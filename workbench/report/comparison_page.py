@@ -1,6 +1,5 @@
 """Runs beside one another as one page: what was set differently, the metrics, the signals, the replays in step."""
 
-import html
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,34 +8,14 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.overlay_figures import RUN_STYLES, plot_overlay
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.controls import CONTROLS_SCRIPT, CONTROLS_STYLE, controls_bar
 from aerodima.workbench.replay.reckoned_motion import replayable
-from aerodima.workbench.replay.replay_page import replay_page
-from aerodima.workbench.report.report_page import Markup, Section, figure, finding, page, paragraph, table
+from aerodima.workbench.report.replay_page import replay_page
+from aerodima.workbench.report.report_page import Finding, Page, Part, Plot, Section, Table, Templated
 from aerodima.workbench.text_table import shown_value
 
 MOST_RUNS = len(RUN_STYLES)
 _CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
 """Sections of a scenario that say which car it is; a difference in one of them is named first."""
-
-_REPLAY_STYLE = """
-<style>
-  .replays { display: grid; grid-template-columns: repeat(auto-fit, minmax(480px, 1fr)); gap: 8px; margin: 12px 0; }
-  .replays iframe { width: 100%; aspect-ratio: 16 / 11; border: 1px solid #c8ccd2; }
-  #both.replay-bar { position: static; border: 1px solid #c8ccd2; }
-</style>
-"""
-_REPLAY_SCRIPT = """
-<script>
-  window.addEventListener("load", () => {
-    const frames = [...document.querySelectorAll(".replays iframe")];
-    const replays = frames.map((frame) => frame.contentWindow.eval("replay"));
-    for (const replay of replays) { replay.follow(); }
-    const duration = Math.max(...replays.map((replay) => replay.duration));
-    replayClock(document.getElementById("both"), duration, (seconds) => replays.forEach((r) => r.show(seconds)));
-  });
-</script>
-"""
 
 
 def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
@@ -76,8 +55,8 @@ def different_cars(differences: Mapping[str, Sequence[Any]]) -> list[str]:
     return [key for key in differences if key.split(".")[0] in _CAR_SECTIONS and key != "tail.mode"]
 
 
-def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> str:
-    """The page as text; it needs no other file.
+def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
+    """The page; it needs no other file.
 
     Args:
         run_logs: 2 to `MOST_RUNS` runs with a turn.
@@ -89,55 +68,34 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> str:
     if not 2 <= len(run_logs) <= MOST_RUNS:
         raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
     differences = scenario_differences(run_logs)
-    columns = list(range(1, len(names) + 1))
-    sections = (
-        Section("settings", "What was set differently", _settings(differences, names)),
-        Section(
-            "metrics",
-            "Metrics",
-            (
-                paragraph("Raw metrics of each run; units are at the end of the names. The turn is positive."),
-                table(
-                    ["metric", *names],
-                    [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()],
-                    numbers=columns,
-                ),
-            ),
-        ),
-        Section(
-            "signals",
-            "Signals",
-            (
-                figure(
-                    plot_overlay(run_logs, names),
-                    "IMU signals after the car's zero-phase filter; roll and torque as logged.",
-                    "Yaw rate, lateral acceleration, speed, roll, tail angle and tail torque of the runs over time",
-                ),
-            ),
-        ),
-        Section("replay", "Replays in step", (_replays(run_logs, names),)),
+    metrics = [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()]
+    signals = Plot(
+        plot_overlay(run_logs, names),
+        "IMU signals after the car's zero-phase filter; roll and torque as logged.",
+        "Yaw rate, lateral acceleration, speed, roll, tail angle and tail torque of the runs over time",
     )
-    return page("Comparison of runs: " + ", ".join(names), "", sections)
+    replays = [(name, replay_page(replayable(run_log))) for name, run_log in zip(names, run_logs, strict=True)]
+    sections = (
+        Section("What was set differently", _settings(differences, names)),
+        Section(
+            "Metrics",
+            [
+                "Raw metrics of each run; units are at the end of the names. The turn is positive.",
+                Table(["metric", *names], metrics),
+            ],
+        ),
+        Section("Signals", [signals]),
+        Section("Replays in step", [Templated("replays.html", {"replays": replays})]),
+    )
+    return Page("Comparison of runs: " + ", ".join(names), "", sections)
 
 
-def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str]) -> tuple[Markup, ...]:
+def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str]) -> list[Part]:
     if not differences:
-        return (paragraph("Nothing: the scenarios are equal, the seed included."),)
-    rows = table(["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()])
+        return ["Nothing: the scenarios are equal, the seed included."]
+    rows = Table(["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()])
     other = different_cars(differences)
     if not other:
-        return (rows,)
+        return [rows]
     warning = f"These are different cars: {', '.join(other)}. What differs between the runs may come from that alone."
-    return finding(paragraph(warning)), rows
-
-
-def _replays(run_logs: Sequence[RunLog], names: Sequence[str]) -> Markup:
-    frames = "".join(
-        f'<iframe title="replay of {html.escape(name, quote=True)}" '
-        f'srcdoc="{html.escape(replay_page(replayable(run_log)), quote=True)}"></iframe>'
-        for run_log, name in zip(run_logs, names, strict=True)
-    )
-    bar = controls_bar("both")
-    return Markup(
-        f'{_REPLAY_STYLE}{CONTROLS_STYLE}<div class="replays">{frames}</div>{bar}{CONTROLS_SCRIPT}{_REPLAY_SCRIPT}'
-    )
+    return [Finding([warning]), rows]

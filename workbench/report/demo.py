@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
@@ -16,6 +16,7 @@ from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import read_run_log, software_versions
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise, write_summary
+from aerodima.workbench.report.report_page import write_files
 
 DEMO_SCHEMA = "aerodima/demo/1"
 REPORT, SUMMARY, MARK = "index.html", "summary.csv", "demo.json"
@@ -136,7 +137,7 @@ def do_run(run: DemoRun) -> RunSummary:
         journal_path(run.log).unlink(missing_ok=True)  # of a demo that was killed
         log = simulate(scenario_from_dict(run.scenario), run.log)
     if run.replay is not None and not run.replay.exists():
-        from aerodima.workbench.replay.replay_page import write_replay_html
+        from aerodima.workbench.report.replay_page import write_replay_html
 
         write_replay_html(log, run.replay)
     if run.strip is not None and not run.strip.exists():
@@ -188,16 +189,11 @@ def _refuse_other_run(run: DemoRun) -> None:
 
 
 def _write_mark(out: Path, finished: bool) -> None:
-    text = json.dumps({"schema": DEMO_SCHEMA, "finished": finished}) + "\n"
-    write_atomically(out / MARK, lambda temporary: _write_text(temporary, text), True, UserError)
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+    write_files(out, {MARK: json.dumps({"schema": DEMO_SCHEMA, "finished": finished}) + "\n"})
 
 
 def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
-    from aerodima.workbench.report import ReportFiles, turn_report
+    from aerodima.workbench.report.turn_report import ReportFiles, turn_report
 
     modes = list(MODE_STYLES)
     ordered = sorted(summaries, key=lambda s: (modes.index(s.tail_mode), s.commanded_speed))
@@ -214,8 +210,8 @@ def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSum
         replays={run.name: beside(run.replay) for run in runs if run.replay is not None},
         strips={run.name: beside(run.strip) for run in runs if run.strip is not None},
     )
-    text = turn_report(ordered, {run.name: read_run_log(run.log) for run in drawn}, standard, files)
-    write_atomically(out / REPORT, lambda temporary: _write_text(temporary, text), True, UserError)
+    page = turn_report(ordered, {run.name: read_run_log(run.log) for run in drawn}, standard, files)
+    write_files(out, {REPORT: page})
 
 
 def _how_to_go_on(out: Path, plan: DemoPlan, runs: Sequence[DemoRun]) -> str:

@@ -1,161 +1,230 @@
-"""The HTML of a report: page, sections, tables, figures. Plain strings; every text passes `html.escape` once."""
+"""Pages: what stands on one as plain objects; `templates/` says how it looks, `write_files` puts it in a folder.
+
+A part of a page is a text (a paragraph) or one of the classes below; a text is a string, a `Link`, or a tuple of these,
+which a blank separates.
+The templates escape every text once.
+"""
 
 import base64
-import html
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from matplotlib.figure import Figure
 
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.figures.figure_style import png
 
-_STYLE = """
-body { margin: 0 auto; max-width: 1120px; padding: 24px 28px 80px; color: #1c2430; background: #fff;
-       font: 16px/1.55 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; }
-h1 { font-size: 30px; line-height: 1.2; margin: 8px 0 4px; } h2 { font-size: 22px; margin: 48px 0 8px;
-     padding-top: 10px; border-top: 2px solid #1c2430; } h3 { font-size: 17px; margin: 26px 0 6px; }
-p, li { max-width: 860px; } .lead { font-size: 18px; color: #3a4656; }
-nav { margin: 18px 0; padding: 10px 16px; background: #f4f2ec; border-radius: 6px; } nav a { margin-right: 16px; }
-a { color: #0b5394; } a:focus, summary:focus { outline: 2px solid #0b5394; outline-offset: 2px; }
-figure { margin: 18px 0; } figure img { max-width: 100%; height: auto; display: block; }
-figcaption { font-size: 14px; color: #4a5565; max-width: 900px; margin-top: 4px; }
-.scroll { overflow-x: auto; margin: 12px 0; }
-table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
-th, td { padding: 4px 10px; border-bottom: 1px solid #d8d8d8; text-align: left; vertical-align: top; }
-td.number, th.number { text-align: right; white-space: nowrap; } thead th { border-bottom: 2px solid #1c2430; }
-tr.marked td { background: #fbf3dc; } td small { display: block; color: #4a5565; font-size: 13px; }
-.finding { border-left: 4px solid #1c2430; background: #f4f2ec; padding: 8px 16px; margin: 16px 0; }
-.finding p { margin: 6px 0; }
-details { margin: 14px 0; } summary { cursor: pointer; font-weight: 600; }
-pre { font-size: 13px; line-height: 1.4; background: #f6f6f6; padding: 12px; overflow-x: auto; }
-@media print { nav { display: none; } h2 { break-before: auto; } figure, tr { break-inside: avoid; } }
-"""
-
+if TYPE_CHECKING:
+    import jinja2
+    import pandas as pd
 
 _PIXELS_PER_INCH = 95
 """Of figures on the page, so that their letters are equally large; one of 11 inches fills it."""
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( ?%|°)?(\s(to\s|\().*)?|nan|[-–]?")
+"""Cells that are set to the right: a number, a range, or none."""
 
 
 @dataclass(frozen=True)
-class Markup:
-    """HTML that needs no escaping any more."""
+class Link:
+    """A link to a file beside the page or to an anchor; its words are the address when there are no others."""
+
+    target: str
+    words: str = ""
+
+
+Text: TypeAlias = str | Link | tuple[str | Link, ...]
+
+
+@dataclass(frozen=True)
+class Noted:
+    """A cell with a smaller note below its text."""
 
     text: str
-
-
-Cell = str | Markup
+    note: str
 
 
 @dataclass(frozen=True)
-class Section:
-    """One chapter: its anchor, its heading, what stands in it."""
-
-    anchor: str
-    heading: str
-    parts: tuple[Markup, ...]
-
-
-def escaped(text: Cell) -> str:
-    """Text of a page; `Markup` as it is."""
-    return text.text if isinstance(text, Markup) else html.escape(text)
-
-
-def page(title: str, lead: Cell, sections: Sequence[Section]) -> str:
-    """The whole document."""
-    links = "".join(f'<a href="#{section.anchor}">{html.escape(section.heading)}</a> ' for section in sections)
-    body = "\n".join(
-        f'<section id="{section.anchor}">\n<h2>{html.escape(section.heading)}</h2>\n'
-        + "\n".join(part.text for part in section.parts)
-        + "\n</section>"
-        for section in sections
-    )
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html.escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        f'<h1>{html.escape(title)}</h1>\n<p class="lead">{escaped(lead)}</p>\n'
-        f'<nav aria-label="Chapters">{links}</nav>\n{body}\n</body>\n</html>\n'
-    )
-
-
-def paragraph(*sentences: Cell) -> Markup:
-    """Sentences of one paragraph; empty ones are left out."""
-    return Markup("<p>" + " ".join(escaped(sentence) for sentence in sentences if sentence != "") + "</p>")
-
-
-def heading(text: str) -> Markup:
+class Heading:
     """A heading inside a chapter."""
-    return Markup(f"<h3>{html.escape(text)}</h3>")
+
+    words: str
 
 
-def finding(*paragraphs: Markup) -> Markup:
+@dataclass(frozen=True)
+class Finding:
     """What a chapter comes to, set off from the rest."""
-    return Markup('<div class="finding">' + "".join(part.text for part in paragraphs) + "</div>")
+
+    parts: Sequence["Part"]
 
 
-def bullets(items: Iterable[Cell]) -> Markup:
+@dataclass(frozen=True)
+class Bullets:
     """A list."""
-    return Markup("<ul>" + "".join(f"<li>{escaped(item)}</li>" for item in items) + "</ul>")
+
+    items: Sequence[Text]
 
 
-def link(target: str, text: str) -> Markup:
-    """A link to a file beside the page or to an anchor."""
-    return Markup(f'<a href="{html.escape(target, quote=True)}">{html.escape(text)}</a>')
-
-
-def table(
-    header: Sequence[str], rows: Iterable[Sequence[Cell]], numbers: Sequence[int] = (), marked: Sequence[int] = ()
-) -> Markup:
-    """A table.
+@dataclass(frozen=True)
+class Table:
+    """A table; columns of numbers are set to the right.
 
     Args:
         header: names of the columns, with their units.
         rows: cells.
-        numbers: columns that hold numbers and are set to the right.
         marked: rows that stand out.
     """
-    aligned = ['class="number"' if column in numbers else "" for column in range(len(header))]
-    head = "".join(f'<th scope="col" {a}>{html.escape(name)}</th>' for name, a in zip(header, aligned, strict=True))
-    lines = []
-    for number, row in enumerate(rows):
-        cells = "".join(f"<td {a}>{escaped(cell)}</td>" for cell, a in zip(row, aligned, strict=True))
-        lines.append(f'<tr class="marked">{cells}</tr>' if number in marked else f"<tr>{cells}</tr>")
-    body = "\n".join(lines)
-    return Markup(f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>')
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[Text | Noted]]
+    marked: Sequence[int] = ()
+
+    @property
+    def numbers(self) -> list[bool]:
+        """Which columns hold numbers alone."""
+        if not self.rows:
+            return [False] * len(self.header)
+        columns = zip(*self.rows, strict=True)
+        return [all(isinstance(cell, str) and _NUMBER.fullmatch(cell) for cell in column) for column in columns]
 
 
-def figure(drawing: Figure, caption: Cell, alternative: str) -> Markup:
-    """A figure inside the page.
+@dataclass(frozen=True)
+class Plot:
+    """A figure inside the page, or an image beside it.
 
     Args:
-        drawing: the figure.
+        drawing: the figure, or the relative address of an image that is there.
         caption: below it.
         alternative: what it shows, for those who cannot see it.
+        name: of the figure's PNG beside the page, without ending; "" for one inside.
     """
-    data = base64.b64encode(png(drawing)).decode("ascii")
-    width = round(_PIXELS_PER_INCH * drawing.get_figwidth())
-    return picture(f"data:image/png;base64,{data}", caption, alternative, width)
+
+    drawing: Figure | str
+    caption: Text
+    alternative: str
+    name: str = ""
+
+    @cached_property
+    def data(self) -> bytes:
+        """The PNG of a figure."""
+        assert isinstance(self.drawing, Figure)
+        return png(self.drawing)
+
+    @property
+    def source(self) -> str:
+        """Address of the image."""
+        if isinstance(self.drawing, str):
+            return self.drawing
+        return f"{self.name}.png" if self.name else f"data:image/png;base64,{base64.b64encode(self.data).decode()}"
+
+    @property
+    def width(self) -> int | None:
+        """In pixels of the page; an image beside it has its own."""
+        if isinstance(self.drawing, str) or self.name:
+            return None
+        return round(_PIXELS_PER_INCH * self.drawing.get_figwidth())
 
 
-def picture(source: str, caption: Cell, alternative: str, width: int | None = None) -> Markup:
-    """An image by its address relative to the page; `width` in pixels of the page, None for its own."""
-    shown = "" if width is None else f' width="{width}"'
-    return Markup(
-        f'<figure><img src="{html.escape(source, quote=True)}" alt="{html.escape(alternative, quote=True)}"{shown}>'
-        f"<figcaption>{escaped(caption)}</figcaption></figure>"
-    )
-
-
-def noted(text: str, note: str) -> Markup:
-    """A cell with a smaller note below its text."""
-    return Markup(f"{html.escape(text)}<small>{html.escape(note)}</small>" if note else html.escape(text))
-
-
-def folded(summary: str, *parts: Markup) -> Markup:
+@dataclass(frozen=True)
+class Folded:
     """Content that opens on a click."""
-    return Markup(f"<details><summary>{html.escape(summary)}</summary>{''.join(part.text for part in parts)}</details>")
+
+    summary: str
+    parts: Sequence["Part"]
 
 
-def preformatted(text: str) -> Markup:
+@dataclass(frozen=True)
+class Preformatted:
     """Text in columns, such as JSON."""
-    return Markup(f"<pre>{html.escape(text)}</pre>")
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Templated:
+    """What has a template of its own, with the values that it names."""
+
+    template: str
+    values: Mapping[str, Any]
+
+
+Part: TypeAlias = Text | Heading | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
+
+
+@dataclass(frozen=True)
+class Section:
+    """One chapter: its title and what stands in it."""
+
+    title: str
+    parts: Sequence[Part]
+
+    @property
+    def anchor(self) -> str:
+        """Of links to it."""
+        return re.sub(r"\W+", "_", self.title.lower()).strip("_")
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole document: title, what it is about, chapters."""
+
+    title: str
+    lead: Text
+    sections: Sequence[Section]
+
+    def html(self) -> str:
+        """The document; equal pages give equal text."""
+        return render("page.html", page=self)
+
+    def plots(self) -> Iterator[Plot]:
+        """The figures that lie beside the page."""
+        return (part for section in self.sections for part in section.parts if isinstance(part, Plot) and part.name)
+
+
+Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
+
+
+def render(template: str, **values: Any) -> str:
+    """A template of `templates/` with values; every text in them is escaped."""
+    return _templates().get_template(template).render(values)
+
+
+@cache
+def _templates() -> "jinja2.Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    loader = FileSystemLoader(Path(__file__).parent / "templates")
+    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    made.tests["a"] = lambda part, name: type(part).__name__ == name
+    return made
+
+
+def write_files(
+    folder: Path,
+    contents: Mapping[str, Content],
+    *,
+    force: bool = True,
+    error: type[UserError] = UserError,
+) -> list[Path]:
+    """Writes files into a folder, each in one step, and none of them before all are made.
+
+    Args:
+        folder: made when it is not there.
+        contents: name -> content; a table becomes CSV or Parquet by the name, a page brings the plots beside it.
+        force: replace files that exist.
+        error: class of the errors raised: a file exists, or cannot be written.
+    """
+    made: dict[str, str | bytes] = {}
+    for name, content in contents.items():
+        if isinstance(content, Page):
+            made |= {f"{plot.name}.png": plot.data for plot in content.plots()}
+            made[name] = content.html()
+        elif isinstance(content, str | bytes):
+            made[name] = content
+        else:
+            made[name] = content.to_csv(index=False) if name.endswith(".csv") else content.to_parquet(index=False)
+    return [write_atomically(folder / name, content, force, error) for name, content in made.items()]

@@ -26,17 +26,7 @@ from aerodima.workbench.metrics.run_summary import RunSummary, published_for
 from aerodima.workbench.metrics.turn_metrics import compare_to_published, published_figures
 from aerodima.workbench.report import turn_findings as findings
 from aerodima.workbench.report.number_words import degrees, metric_name, metric_unit, percent
-from aerodima.workbench.report.report_page import (
-    Cell,
-    Markup,
-    Section,
-    figure,
-    finding,
-    folded,
-    heading,
-    paragraph,
-    table,
-)
+from aerodima.workbench.report.report_page import Finding, Folded, Heading, Part, Plot, Section, Table
 
 CLOSE = 0.1
 """Metrics within this share of the published figure are counted as met in the text."""
@@ -49,27 +39,22 @@ _WORDS = (
 
 def outcomes(summaries: Sequence[RunSummary]) -> Section:
     """Outcome map, and the speeds of the flip beside the published ones."""
-    parts = [
-        figure(
-            plot_outcomes(summaries),
-            "Outcome of every run. Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel "
-            "in the air. Clean: survived, and neither cage nor tail touched the ground, nor the anti-ramp board from "
-            "the start of the turn on.",
-            "Map of outcomes over commanded speed and tail mode",
-        ),
-        finding(*(paragraph(*_bracket_sentences(summaries, mode)) for mode in _modes(summaries))),
-        _outcome_table(summaries),
-    ]
-    return Section("outcomes", "Who stays upright", tuple(parts))
+    outcome_map = Plot(
+        plot_outcomes(summaries),
+        "Outcome of every run. Flipped: the body tilts beyond 75 degrees, or ends beyond 20 degrees with a wheel "
+        "in the air. Clean: survived, and neither cage nor tail touched the ground, nor the anti-ramp board from "
+        "the start of the turn on.",
+        "Map of outcomes over commanded speed and tail mode",
+    )
+    said = [_bracket_sentences(summaries, mode) for mode in _modes(summaries)]
+    return Section("Who stays upright", [outcome_map, Finding(said), _outcome_table(summaries)])
 
 
-def _bracket_sentences(summaries: Sequence[RunSummary], mode: str) -> list[Cell]:
+def _bracket_sentences(summaries: Sequence[RunSummary], mode: str) -> str:
     bracket = findings.bracket_of([s for s in summaries if s.tail_mode == mode])
-    said: list[Cell] = [f"{MODE_STYLES[mode].words.capitalize()}: {findings.bracket_in_words(bracket)}."]
     published = _published_bracket(mode)
-    if published is None:
-        return [*said, "The thesis simulated no such car."]
-    return [*said, findings.bracket_verdict(bracket, published)]
+    beside = findings.bracket_verdict(bracket, published) if published else "The thesis simulated no such car."
+    return f"{MODE_STYLES[mode].words.capitalize()}: {findings.bracket_in_words(bracket)}. {beside}"
 
 
 def _published_bracket(mode: str) -> FlipBracket | None:
@@ -79,7 +64,7 @@ def _published_bracket(mode: str) -> FlipBracket | None:
     return flip_bracket("tailed") if mode == "swing" else None
 
 
-def _outcome_table(summaries: Sequence[RunSummary]) -> Markup:
+def _outcome_table(summaries: Sequence[RunSummary]) -> Folded:
     header = ("speed [m/s]", "tail", "outcome", "peak roll [deg]", "mean yaw rate [rad/s]", "heading change [deg]",
               "two wheels or fewer [s]", "tail energy [J]")  # fmt: skip
     rows = [
@@ -96,7 +81,7 @@ def _outcome_table(summaries: Sequence[RunSummary]) -> Markup:
         for s in sorted(summaries, key=lambda s: (s.commanded_speed, list(MODE_STYLES).index(s.tail_mode)))
     ]
     marked = [place for place, row in enumerate(rows) if "flipped" in row[2]]
-    return folded("All runs as a table", table(header, rows, numbers=(0, 3, 4, 5, 6, 7), marked=marked))
+    return Folded("All runs as a table", [Table(header, rows, marked)])
 
 
 def _outcome_words(summary: RunSummary) -> str:
@@ -109,33 +94,33 @@ def _outcome_words(summary: RunSummary) -> str:
 def beside_published(summaries: Sequence[RunSummary], scenario: dict) -> Section:
     """Metrics of the runs that the thesis made too, with the differences and what cannot be met at the same time."""
     pairs = [(run, row) for run in summaries for row in published_for(run).values()]
-    parts: list[Markup] = []
+    parts: list[Part] = []
     if not pairs:
-        parts.append(paragraph("None of these runs was made by the thesis too."))
+        parts.append("None of these runs was made by the thesis too.")
     for run, row in pairs:
         comparisons = compare_to_published(run.metrics, row.configuration, row.platform)  # type: ignore[arg-type]
         parts += _beside(run, row, comparisons)
     if pairs:
-        parts.append(paragraph(_WORDS))
+        parts.append(_WORDS)
     parts += _together(pairs, scenario)
     missing = [row for row in published_figures() if row not in [found for _, found in pairs]]
     if missing:
         named = "; ".join(
             f"{r.source} ({r.platform}, {r.configuration}, {r.metrics.speed_m_per_s:.2f} m/s)" for r in missing
         )
-        parts.append(paragraph(f"No run corresponds to {named}: the figures show these as stars only."))
+        parts.append(f"No run corresponds to {named}: the figures show these as stars only.")
     for platform, signals in SIGNALS.items():
-        drawn = figure(
+        drawn = Plot(
             plot_metrics(summaries, platform),
             f"Metrics of the runs over the speed at the start of the turn, from the signals of the {platform} rows: "
             f"{signals}. Stars: the {platform} rows. The roll integral of flipped runs is off the scale.",
             f"Seven metrics over speed for every run, published figures of the {platform} car as stars",
         )
-        parts.append(drawn if platform == "simulated" else folded("The same with the signals of the real car", drawn))
-    return Section("published", "Beside the published figures", tuple(parts))
+        parts.append(drawn if platform == "simulated" else Folded("The same with the signals of the real car", [drawn]))
+    return Section("Beside the published figures", parts)
 
 
-def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Comparison]) -> list[Markup]:
+def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Comparison]) -> list[Part]:
     header = ("metric", "unit", "published", "run", "difference", "in %")
     rows = []
     for c in comparisons:
@@ -154,41 +139,34 @@ def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Compar
     eight = comparisons[: len(fields(TurnMetrics))]
     close = findings.close_metrics(eight, CLOSE)
     return [
-        heading(named + f"{run.commanded_speed:.2f} m/s commanded"),
-        table(header, rows, numbers=range(2, len(header))),
-        paragraph(
-            f"{close} of the {len(eight)} metrics lie within {100 * CLOSE:.0f} % of the published figure. "
-            f"Furthest off: {findings.misses_in_words(eight)}. Signals, as the thesis took them for {row.source}: "
-            f"{SIGNALS[row.platform]}."
-        ),
+        Heading(named + f"{run.commanded_speed:.2f} m/s commanded"),
+        Table(header, rows),
+        f"{close} of the {len(eight)} metrics lie within {100 * CLOSE:.0f} % of the published figure. "
+        f"Furthest off: {findings.misses_in_words(eight)}. Signals, as the thesis took them for {row.source}: "
+        f"{SIGNALS[row.platform]}.",
     ]
 
 
-def _together(pairs: Sequence[tuple[RunSummary, PublishedFigures]], scenario: dict) -> list[Markup]:
+def _together(pairs: Sequence[tuple[RunSummary, PublishedFigures]], scenario: dict) -> list[Part]:
     """What cannot be met at the same time, by how much."""
     for run, row in pairs:
         if (row.platform, row.configuration) == ("simulated", "tailless"):
             gravity = float(scenario["environment"]["gravity"])
             sentences = findings.tipping_sentences(scenario["car"], gravity, row, run)
-            return [
-                finding(
-                    paragraph(
-                        "The parameters were set for the speeds of the tailless flip; the metrics follow from them."
-                    ),
-                    paragraph(*sentences),
-                    paragraph(
-                        "The printed roll sums carry no time step (E35); they are compared as radians with a "
-                        "step of 1 ms (simulated) or 10 ms (physical), which is inferred."
-                    ),
-                )
+            said = [
+                "The parameters were set for the speeds of the tailless flip; the metrics follow from them.",
+                " ".join(sentences).strip(),
+                "The printed roll sums carry no time step (E35); they are compared as radians with a "
+                "step of 1 ms (simulated) or 10 ms (physical), which is inferred.",
             ]
+            return [Finding(said)]
     return []
 
 
 def tail_beside_none(summaries: Sequence[RunSummary]) -> Section:
     """Held and swinging tail beside no tail over the speed, and which claims hold."""
-    parts = [
-        figure(
+    parts: list[Part] = [
+        Plot(
             plot_comparison(summaries),
             "Held and swinging tail beside no tail. Flipped runs are crosses at the top: they have no heading change "
             "or peak roll worth the name.",
@@ -197,22 +175,18 @@ def tail_beside_none(summaries: Sequence[RunSummary]) -> Section:
     ]
     reference = findings.reference_run(summaries)
     if reference is None:
-        parts.append(finding(paragraph("No run without tail is clean, so there is no reference to be faster than.")))
+        parts.append(Finding(["No run without tail is clean, so there is no reference to be faster than."]))
     else:
-        parts.append(
-            finding(
-                paragraph(
-                    "One car turns faster than another only if its run is clean and it changes its heading by at "
-                    f"least {100 * findings.REFERENCE_SHARE:.0f} % of the other's. Reference: no tail at "
-                    f"{reference.commanded_speed:.2f} m/s, {degrees(reference.metrics.heading_change_rad)}."
-                ),
-                *(paragraph(findings.faster_claim(summaries, m, reference)) for m in _modes(summaries) if m != "none"),
-                paragraph(findings.held_beside_swing(summaries)),
-            )
-        )
+        said = [
+            "One car turns faster than another only if its run is clean and it changes its heading by at "
+            f"least {100 * findings.REFERENCE_SHARE:.0f} % of the other's. Reference: no tail at "
+            f"{reference.commanded_speed:.2f} m/s, {degrees(reference.metrics.heading_change_rad)}.",
+            *(findings.faster_claim(summaries, mode, reference) for mode in _modes(summaries) if mode != "none"),
+            findings.held_beside_swing(summaries),
+        ]
+        parts.append(Finding(list(filter(None, said))))
     jolts = findings.jolt_sentence(summaries)
-    parts += [paragraph(jolts)] if jolts else []
-    return Section("comparison", "With and without tail", tuple(parts))
+    return Section("With and without tail", [*parts, jolts] if jolts else parts)
 
 
 def what_the_tail_does(summaries: Sequence[RunSummary], explained: Mapping[str, RunLog]) -> Section:
@@ -225,35 +199,29 @@ def what_the_tail_does(summaries: Sequence[RunSummary], explained: Mapping[str, 
     """
     tailed = [s for s in summaries if s.over_window is not None]
     if not tailed:
-        return Section("tail", "What the tail does", (paragraph("No run has a tail."),))
-    modes = [m for m in _modes(tailed) if m != "none"]
+        return Section("What the tail does", ["No run has a tail."])
     said = [
-        paragraph(
-            f"{MODE_STYLES[mode].words.capitalize()}, impulse over the turn against rolling outwards: "
-            f"{findings.impulse_sentence([s for s in tailed if s.tail_mode == mode])}."
-        )
-        for mode in modes
+        f"{MODE_STYLES[mode].words.capitalize()}, impulse over the turn against rolling outwards: "
+        f"{findings.impulse_sentence([s for s in tailed if s.tail_mode == mode])}."
+        for mode in _modes(tailed)
+        if mode != "none"
     ]
-    parts = [
-        paragraph(
-            "The tail acts on the car through three causes, found from the logged motion and forces of the tail "
-            "alone: the air on the sail, the tail's weight beside the car, and the reaction to accelerating its mass. "
-            "Positive works against rolling outwards; the moment is taken about the car's heading, at the ground "
-            "below the rear axle."
-        ),
-        figure(
+    parts: list[Part] = [
+        "The tail acts on the car through three causes, found from the logged motion and forces of the tail "
+        "alone: the air on the sail, the tail's weight beside the car, and the reaction to accelerating its mass. "
+        "Positive works against rolling outwards; the moment is taken about the car's heading, at the ground "
+        "below the rear axle.",
+        Plot(
             plot_impulses(tailed),
             "Impulse of the tail over the turn by cause, and the sum.",
             "Stacked bars of aerodynamic, weight and inertial impulse over speed for held and swinging tail",
         ),
-        finding(*said),
+        Finding(said),
     ]
-    parts += _moment_figures(tailed, explained)
-    parts += _triggers(tailed, explained)
-    return Section("tail", "What the tail does", tuple(parts))
+    return Section("What the tail does", [*parts, *_moment_figures(tailed, explained), *_triggers(tailed, explained)])
 
 
-def _moment_figures(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog]) -> list[Markup]:
+def _moment_figures(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog]) -> list[Part]:
     shown = [s for s in tailed if s.name in explained]
     chosen = [s for s in shown if s.tail_mode == "held"][-1:]
     swings = [s for s in shown if s.tail_mode == "swing"]
@@ -263,7 +231,7 @@ def _moment_figures(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog
         return []
     titles = [f"{MODE_STYLES[s.tail_mode].words.capitalize()}, {s.commanded_speed:.2f} m/s" for s in chosen]
     return [
-        figure(
+        Plot(
             plot_moments([explained[s.name] for s in chosen], titles),
             "Moment of the tail on the car by cause. The swing begins and ends with a blow of inertia; in between the "
             "air on the sail holds the car down, while the weight goes from helping to hindering.",
@@ -272,7 +240,7 @@ def _moment_figures(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog
     ]
 
 
-def _triggers(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog]) -> list[Markup]:
+def _triggers(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog]) -> list[Part]:
     swings = [s for s in tailed if s.tail_mode == "swing" and s.name in explained]
     if not swings:
         return []
@@ -280,13 +248,13 @@ def _triggers(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog]) -> 
     back = float(scenario["manoeuvre"]["turn_start"]) + float(scenario["manoeuvre"]["turn_hold"])
     sentences = findings.trigger_sentences(swings, float(scenario["controller"]["trigger_yaw_rate"]), back)
     return [
-        heading("When the swing begins"),
-        figure(
+        Heading("When the swing begins"),
+        Plot(
             plot_triggers([explained[s.name] for s in swings]),
             "Yaw rate of the IMU in the runs of the swinging tail, and when the controller begins to swing.",
             "Yaw rate around the turn for each speed with the time of the trigger",
         ),
-        finding(paragraph(*sentences)),
+        Finding([" ".join(sentences)]),
     ]
 
 

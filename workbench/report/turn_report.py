@@ -18,20 +18,18 @@ from aerodima.workbench.report import turn_chapters as chapters
 from aerodima.workbench.report import turn_findings as findings
 from aerodima.workbench.report.number_words import degrees
 from aerodima.workbench.report.report_page import (
-    Cell,
-    Markup,
+    Bullets,
+    Finding,
+    Folded,
+    Heading,
+    Link,
+    Page,
+    Part,
+    Plot,
+    Preformatted,
     Section,
-    bullets,
-    figure,
-    finding,
-    folded,
-    heading,
-    link,
-    page,
-    paragraph,
-    picture,
-    preformatted,
-    table,
+    Table,
+    Text,
 )
 
 
@@ -54,8 +52,8 @@ class ReportFiles:
 
 def turn_report(
     summaries: Sequence[RunSummary], run_logs: Mapping[str, RunLog], standard: Sequence[str], files: ReportFiles
-) -> str:
-    """The report as HTML text; equal runs give equal text.
+) -> Page:
+    """The report; equal runs give equal text.
 
     Args:
         summaries: all runs.
@@ -80,7 +78,7 @@ def turn_report(
         "as it was built held on the inside of the turn and swung over the top to the outside, and with a larger one, "
         "openly designed, that swings alike."
     )
-    return page("The car turns, with and without its tail", lead, sections)
+    return Page("The car turns, with and without its tail", lead, sections)
 
 
 def _what_was_simulated(
@@ -89,26 +87,27 @@ def _what_was_simulated(
     scenario = run_logs[standard[0]].scenario
     manoeuvre, controller = scenario["manoeuvre"], scenario["controller"]
     speeds = sorted({s.commanded_speed for s in summaries})
-    parts = [
-        _in_short(summaries),
-        paragraph(
-            f"Each run takes {manoeuvre['duration']:g} s. The car reaches its speed within "
-            f"{manoeuvre['speed_ramp']:g} s; at {manoeuvre['turn_start']:g} s it is steered "
-            f"{degrees(manoeuvre['steer_angle'])} to the {manoeuvre['direction']}, {manoeuvre['turn_hold']:g} s later "
-            f"straight ahead again, while the drive holds the speed of the wheels. There are {len(speeds)} speeds "
-            f"from {speeds[0]:.2f} to {speeds[-1]:.2f} m/s."
-        ),
-        bullets(_mode_words(summaries, controller)),
+    strips = [
+        Plot(files.strips[name], _strip_caption(name, files), f"Five pictures of the run {name}")
+        for name in standard
+        if name in files.strips
     ]
-    for name in standard:
-        if name in files.strips:
-            parts.append(picture(files.strips[name], _strip_caption(name, files), f"Five pictures of the run {name}"))
-    return Section("simulated", "What was simulated", tuple(parts))
+    parts: list[Part] = [
+        _in_short(summaries),
+        f"Each run takes {manoeuvre['duration']:g} s. The car reaches its speed within "
+        f"{manoeuvre['speed_ramp']:g} s; at {manoeuvre['turn_start']:g} s it is steered "
+        f"{degrees(manoeuvre['steer_angle'])} to the {manoeuvre['direction']}, {manoeuvre['turn_hold']:g} s later "
+        f"straight ahead again, while the drive holds the speed of the wheels. There are {len(speeds)} speeds "
+        f"from {speeds[0]:.2f} to {speeds[-1]:.2f} m/s.",
+        Bullets(_mode_words(summaries, controller)),
+        *strips,
+    ]
+    return Section("What was simulated", parts)
 
 
-def _in_short(summaries: Sequence[RunSummary]) -> Markup:
+def _in_short(summaries: Sequence[RunSummary]) -> Finding:
     """What came out, before how."""
-    said: list[Cell] = []
+    said = []
     for mode in MODE_STYLES:
         runs = [s for s in summaries if s.tail_mode == mode]
         if runs:
@@ -122,10 +121,10 @@ def _in_short(summaries: Sequence[RunSummary]) -> Markup:
             for mode in ("held", "swing", "designed")
             if any(s.tail_mode == mode for s in summaries)
         ]
-    return finding(paragraph("In short:"), bullets(said))
+    return Finding(["In short:", Bullets(said)])
 
 
-def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) -> list[Cell]:
+def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) -> list[str]:
     said = {
         "none": "No tail: the arm is taken off; its gearbox stays on the car.",
         "held": f"Tail held: it lies {degrees(controller['hold_angle'])} to the inside all the time.",
@@ -142,27 +141,27 @@ def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) 
     return [words for mode, words in said.items() if any(s.tail_mode == mode for s in summaries)]
 
 
-def _strip_caption(name: str, files: ReportFiles) -> Cell:
+def _strip_caption(name: str, files: ReportFiles) -> Text:
     text = (
         "Before, during and after the turn; arrows are forces of the ground on the wheels and of the air on the tail."
     )
     if name not in files.replays:
         return text
-    return Markup(f"{text} {link(files.replays[name], 'Watch this run in 3D').text}.")
+    return text, Link(files.replays[name], "Watch this run in 3D.")
 
 
 def _signals(run_logs: Mapping[str, RunLog], standard: Sequence[str], files: ReportFiles) -> Section:
-    parts = []
+    parts: list[Part] = []
     for name in standard:
         log = run_logs[name]
         mode, speed = MODE_STYLES[tail_mode_of(log.scenario)].words, log.scenario["manoeuvre"]["speed"]
         title = f"{mode.capitalize()}, {speed:.2f} m/s"
-        links = [
-            link(at[name], words).text for at, words in ((files.logs, "log"), (files.replays, "replay")) if name in at
+        caption: list[str | Link] = ["IMU and GPS as the car would log them, and after its filters."]
+        caption += [
+            Link(at[name], words) for at, words in ((files.logs, "log"), (files.replays, "replay")) if name in at
         ]
-        caption = "IMU and GPS as the car would log them, and after its filters. " + " · ".join(links)
-        parts += [heading(title), figure(plot_turn(log), Markup(caption), f"Signals over time: {title}")]
-    return Section("signals", "Runs over time", tuple(parts))
+        parts += [Heading(title), Plot(plot_turn(log), tuple(caption), f"Signals over time: {title}")]
+    return Section("Runs over time", parts)
 
 
 def _limits(summaries: Sequence[RunSummary], scenario: dict[str, Any]) -> Section:
@@ -175,26 +174,20 @@ def _limits(summaries: Sequence[RunSummary], scenario: dict[str, Any]) -> Sectio
     lowest, highest = front / (0.25 * prior[1] * gravity), rear / (0.25 * prior[0] * gravity)
     used, most = float(car["tyre_dissipation"]), _largest_allowed(CarParameters, "tyre_dissipation")
     parts = [
-        paragraph(
-            f"Tyre damping. Published are {front:g} N s/m (front) and {rear:g} N s/m (rear). Contact is damped by the "
-            "law of Hunt and Crossley, force = k x (1 + d v); at the static wheel load a damping c equals d = c / "
-            f"load, here {front / loads[0]:.0f} s/m in front ({loads[0]:.1f} N) and {rear / loads[1]:.0f} s/m behind "
-            f"({loads[1]:.1f} N), and {lowest:.0f} to {highest:.0f} s/m over the masses that the car may have "
-            f"({prior[0]:g} to {prior[1]:g} kg). Above {most:g} s/m the outcome depends on the step of the "
-            f"simulation, so {used:g} s/m is used: {used * loads[0]:.0f} and {used * loads[1]:.0f} N s/m at these "
-            f"loads, {100 * used * loads[0] / front:.0f} % and {100 * used * loads[1] / rear:.0f} % of the published "
-            "damping. The published damping is not representable."
-        ),
-        paragraph(
-            "Tyres follow Coulomb's law with one coefficient: beyond it the side force no longer grows, so that "
-            "survival depends more on grip and height of the centre of mass than on the speed."
-        ),
-        paragraph(
-            "A flipped car lands on a roll cage with an assumed stiffness: what happens after the first contact of "
-            "the cage decides nothing here and should not be trusted."
-        ),
+        f"Tyre damping. Published are {front:g} N s/m (front) and {rear:g} N s/m (rear). Contact is damped by the "
+        "law of Hunt and Crossley, force = k x (1 + d v); at the static wheel load a damping c equals d = c / "
+        f"load, here {front / loads[0]:.0f} s/m in front ({loads[0]:.1f} N) and {rear / loads[1]:.0f} s/m behind "
+        f"({loads[1]:.1f} N), and {lowest:.0f} to {highest:.0f} s/m over the masses that the car may have "
+        f"({prior[0]:g} to {prior[1]:g} kg). Above {most:g} s/m the outcome depends on the step of the "
+        f"simulation, so {used:g} s/m is used: {used * loads[0]:.0f} and {used * loads[1]:.0f} N s/m at these "
+        f"loads, {100 * used * loads[0] / front:.0f} % and {100 * used * loads[1] / rear:.0f} % of the published "
+        "damping. The published damping is not representable.",
+        "Tyres follow Coulomb's law with one coefficient: beyond it the side force no longer grows, so that "
+        "survival depends more on grip and height of the centre of mass than on the speed.",
+        "A flipped car lands on a roll cage with an assumed stiffness: what happens after the first contact of "
+        "the cage decides nothing here and should not be trusted.",
     ]
-    return Section("limits", "What the model cannot show", tuple(parts))
+    return Section("What the model cannot show", parts)
 
 
 def _largest_allowed(model: type[BaseModel], key: str) -> float:
@@ -205,7 +198,7 @@ def _largest_allowed(model: type[BaseModel], key: str) -> float:
 
 def _parameters(scenario: dict[str, Any]) -> Section:
     """Every number with unit and source; those that are published nowhere stand out."""
-    parts: list[Markup] = []
+    tables = []
     unknown = calibrated = total = 0
     for section in SECTIONS:
         rows: list[tuple[str, ...]] = []
@@ -233,18 +226,14 @@ def _parameters(scenario: dict[str, Any]) -> Section:
             )
         unknown, total = unknown + len(marked), total + len(rows)
         header = ("parameter", "value", "unit", "source", "prior range", "reason")
-        parts.append(
-            folded(f"{section} ({len(marked)} of {len(rows)} published nowhere)", table(header, rows, (1,), marked))
-        )
-    parts.insert(
-        0,
-        paragraph(
-            f"{unknown} of {total} parameters are published nowhere and marked with ◆: {calibrated} of them are "
-            f"calibrated to the published flips, {unknown - calibrated} assumed within a prior range. Tail mode and "
-            "speed differ from run to run."
-        ),
+        words = f"{section} ({len(marked)} of {len(rows)} published nowhere)"
+        tables.append(Folded(words, [Table(header, rows, marked)]))
+    counts = (
+        f"{unknown} of {total} parameters are published nowhere and marked with ◆: {calibrated} of them are "
+        f"calibrated to the published flips, {unknown - calibrated} assumed within a prior range. Tail mode and "
+        "speed differ from run to run."
     )
-    return Section("parameters", "Parameters and their sources", tuple(parts))
+    return Section("Parameters and their sources", [counts, *tables])
 
 
 def _provenance(
@@ -257,18 +246,18 @@ def _provenance(
     rows += [("step of the plant", f"{first.scenario['simulation']['step']:g} s")]
     runs = []
     for s in summaries:
-        log = link(files.logs[s.name], "log") if s.name in files.logs else ""
-        replay = link(files.replays[s.name], "replay") if s.name in files.replays else ""
+        log = Link(files.logs[s.name], "log") if s.name in files.logs else ""
+        replay = Link(files.replays[s.name], "replay") if s.name in files.replays else ""
         runs.append((s.name, MODE_STYLES[s.tail_mode].words, f"{s.commanded_speed:.4f}", log, replay))
-    scenario = json.dumps(first.scenario, indent=2, sort_keys=True)
-    parts = [
-        table(("what", "value"), rows),
-        paragraph(
-            "The same scenario and seed give the same bits in every signal. Each log holds its resolved scenario, its "
-            "seed and these versions."
+    parts: list[Part] = [
+        Table(("what", "value"), rows),
+        "The same scenario and seed give the same bits in every signal. Each log holds its resolved scenario, its "
+        "seed and these versions.",
+        *([("Numbers of every run:", Link(files.summary))] if files.summary else []),
+        Folded("Runs and their files", [Table(("run", "tail", "speed [m/s]", "log", "replay"), runs)]),
+        Folded(
+            f"Resolved scenario of {standard[0]}",
+            [Preformatted(json.dumps(first.scenario, indent=2, sort_keys=True))],
         ),
-        *([paragraph("Numbers of every run: ", link(files.summary, files.summary))] if files.summary else []),
-        folded("Runs and their files", table(("run", "tail", "speed [m/s]", "log", "replay"), runs, (2,))),
-        folded(f"Resolved scenario of {standard[0]}", preformatted(scenario)),
     ]
-    return Section("provenance", "Provenance", tuple(parts))
+    return Section("Provenance", parts)

@@ -117,7 +117,7 @@ def _claim(out: Path, tasks: Sequence[RigTask], force: bool) -> None:
     if not path.exists() and not force and (names := sorted(other.name for other in out.iterdir())):
         raise UserError(f"{out}: holds other files ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})")
     if force or not path.exists():
-        _write_text(path, text)
+        write_atomically(path, text, True, UserError)
 
 
 def _write_table(out: Path, tasks: Sequence[RigTask]) -> None:
@@ -138,11 +138,4 @@ def _write_table(out: Path, tasks: Sequence[RigTask]) -> None:
                 **{f"true_{name}": value for name, value in known_truth(scenario).items()},
             }
         )
-    _write_text(out / TABLE, pd.DataFrame(rows).to_csv(index=False))
-
-
-def _write_text(path: Path, text: str) -> None:
-    def write(temporary: Path) -> None:
-        temporary.write_text(text, encoding="utf-8")
-
-    write_atomically(path, write, True, UserError)
+    write_atomically(out / TABLE, pd.DataFrame(rows).to_csv(index=False), True, UserError)

@@ -79,7 +79,7 @@ def _identity() -> dict[str, Any]:
 
 
 def _replays(out: Path, board: Leaderboard, plan: Plan, say: Say) -> dict[str, str]:
-    from aerodima.workbench.replay.replay_page import write_replay_html
+    from aerodima.workbench.report.replay_page import write_replay_html
     from aerodima.workbench.simulate.simulation import simulate
 
     films = {}

@@ -13,9 +13,7 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.studies.leaderboard.leaderboard_runs import Leaderboard
 from aerodima.optimisation.studies.leaderboard.leaderboard_summary import summarise_board
 from aerodima.optimisation.swing.full_car import LEAST_HEADING, SPIN
-from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.ensemble import weighted_quantiles
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.figures.figure_style import (
     BLACK,
     BLUE,
@@ -28,7 +26,7 @@ from aerodima.workbench.figures.figure_style import (
     new_figure,
     styled,
 )
-from aerodima.workbench.report.report_page import Markup, Section, bullets, figure, link, page, paragraph, table
+from aerodima.workbench.report.report_page import Bullets, Link, Page, Plot, Section, Table, write_files
 
 _COLOURS = (BLACK, BLUE, VERMILION, ORANGE, GREEN, PURPLE, SKY, GREY)
 _MARKERS = "osd^vP*X"
@@ -36,6 +34,12 @@ PAGE = "leaderboard.html"
 HOLLOW = "A hollow mark has turned less than 95 % as far as with 8 rad/s and is no faster turn."
 CLAIMED = f"Highest tyre friction of an unbroken row survived clean. {HOLLOW}"
 POSSIBLE = f"The same over the cars of the ensemble. Large marks: median, dots: each car. {HOLLOW}"
+COUNTS = (
+    "Medians and shares over the cars, at the ordinary step. Critical friction: highest tyre friction of an "
+    "unbroken row survived clean. A gain over the 8 rad/s swing counts where the heading change is at least 95 % "
+    "of that swing's, compared at the highest friction that both survive. A car that spins with the 8 rad/s swing "
+    f"(heading change above {SPIN:g} rad there) has no turn to compare with; it counts all the same."
+)
 ALTERNATIVE = "Critical friction of each controller over the speed of the turn"
 
 
@@ -48,78 +52,49 @@ def write_leaderboard(folder: Path, board: Leaderboard, replays: Mapping[str, st
         replays: controller -> file beside the page.
         how: one line about members, speeds and step.
     """
-    paths = []
-    tables = {field.name: getattr(board, field.name) for field in fields(board)} | {"summary": summarise_board(board)}
-    for name, frame in tables.items():
-        if isinstance(frame, pd.DataFrame) and len(frame):
-            path = folder / f"{name}.csv"
-            write_atomically(path, lambda p, frame=frame: frame.to_csv(p, index=False), True, UserError)  # type: ignore[misc]
-            paths.append(path)
-    text = leaderboard_page(board, replays, how)
-    write_atomically(folder / PAGE, lambda p: _write(p, text), True, UserError)
-    return [*paths, folder / PAGE]
+    frames = {field.name: getattr(board, field.name) for field in fields(board)} | {"summary": summarise_board(board)}
+    tables = {f"{name}.csv": t for name, t in frames.items() if isinstance(t, pd.DataFrame) and len(t)}
+    return write_files(folder, {**tables, PAGE: leaderboard_page(board, replays, how)})
 
 
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
-
-
-def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -> str:
-    """The page as text."""
+def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -> Page:
+    """What was measured, as a page."""
+    possible = plot_frictions(_shares(board.frictions))
+    maps = "On the own car. Green: survived clean; hatched: something touched the ground; red: flipped."
     sections = [
         Section(
-            "claims",
             "The car that the swings were made for, at the fine step",
-            (paragraph(how), _claims(board.claims), figure(plot_frictions(board.claims), CLAIMED, ALTERNATIVE)),
+            [how, _claims(board.claims), Plot(plot_frictions(board.claims), CLAIMED, ALTERNATIVE)],
         ),
         Section(
-            "ensemble",
             "Possible cars",
-            (
-                _summary(summarise_board(board)),
-                _what_counts(),
-                figure(plot_frictions(_shares(board.frictions)), POSSIBLE, ALTERNATIVE),
-            ),
+            [_summary(summarise_board(board)), COUNTS, Plot(possible, POSSIBLE, ALTERNATIVE)],
         ),
         Section(
-            "map",
             "Survival over speed and friction",
-            (
-                figure(
-                    plot_maps(board.map),
-                    "On the own car. Green: survived clean; hatched: something touched the ground; red: flipped.",
-                    "One map of outcomes per controller",
-                ),
-            ),
+            [Plot(plot_maps(board.map), maps, "One map of outcomes per controller")],
         ),
     ]
     if len(board.robustness):
-        wide = board.robustness.pivot(index="controller", columns="change", values="critical_friction")
-        order = list(dict.fromkeys(board.robustness["controller"]))
-        changes = list(dict.fromkeys(board.robustness["change"]))
-        rows = [[change, *(_cell("friction", wide.loc[name, change]) for name in order)] for change in changes]
-        speed = board.robustness["speed_m_per_s"].iloc[0]
-        words = f"Critical friction at {speed:g} m/s on the own car, as planned and with something otherwise."
-        numbers = tuple(range(1, len(order) + 1))
-        sections.append(Section("robustness", "Robustness", (paragraph(words), table(["", *order], rows, numbers))))
+        sections.append(_robustness(board.robustness))
     if replays:
-        links = bullets(Markup(link(target, name).text) for name, target in replays.items())
-        sections.append(Section("replays", "Replays", (links,)))
-    return page(
+        sections.append(Section("Replays", [Bullets([Link(target, name) for name, target in replays.items()])]))
+    return Page(
         "Tail controllers on the same turns", "Who keeps the car on its wheels, clean, and still turns.", sections
     )
 
 
-def _what_counts() -> Markup:
-    return paragraph(
-        "Medians and shares over the cars, at the ordinary step. Critical friction: highest tyre friction of an "
-        "unbroken row survived clean. A gain over the 8 rad/s swing counts where the heading change is at least 95 % "
-        "of that swing's, compared at the highest friction that both survive. A car that spins with the 8 rad/s swing "
-        f"(heading change above {SPIN:g} rad there) has no turn to compare with; it counts all the same."
-    )
+def _robustness(robustness: pd.DataFrame) -> Section:
+    wide = robustness.pivot(index="controller", columns="change", values="critical_friction")
+    order = list(dict.fromkeys(robustness["controller"]))
+    changes = list(dict.fromkeys(robustness["change"]))
+    rows = [[change, *(_cell("friction", wide.loc[name, change]) for name in order)] for change in changes]
+    speed = robustness["speed_m_per_s"].iloc[0]
+    words = f"Critical friction at {speed:g} m/s on the own car, as planned and with something otherwise."
+    return Section("Robustness", [words, Table(["", *order], rows)])
 
 
-def _claims(claims: pd.DataFrame) -> Markup:
+def _claims(claims: pd.DataFrame) -> Table:
     """One row per speed and controller."""
     header = ["m/s", "controller", "critical friction", "over 8 rad/s", "heading", "at friction", "faster turn"]
     header += ["peak roll [deg]", "energy [J]", "torque [N m]"]
@@ -137,7 +112,7 @@ def _claims(claims: pd.DataFrame) -> Markup:
             cells = [_cell(kind, row[name]) for kind, name in shown]
             edge = [_cell(kind, row[f"{name}_at_critical"]) for kind, name in more]
             rows.append([f"{speed:g}", row["controller"], *cells, "yes" if faster else "no", *edge])
-    return table(header, rows, numbers=(0, 2, 3, 4, 5, 7, 8, 9))
+    return Table(header, rows)
 
 
 def _shares(frictions: pd.DataFrame) -> pd.DataFrame:
@@ -146,13 +121,13 @@ def _shares(frictions: pd.DataFrame) -> pd.DataFrame:
     return members if len(members) else frictions
 
 
-def _summary(summary: pd.DataFrame) -> Markup:
+def _summary(summary: pd.DataFrame) -> Table:
     """One column per controller: there are more measures than controllers, and a page is taller than wide."""
     shown = [name for name in summary.columns if name != "controller"]
     columns = summary.to_dict("records")
     rows = [[_words(name), *(_cell(name, column[name]) for column in columns)] for name in shown]
     header = ["", *(column["controller"] for column in columns)]
-    return table(header, rows, numbers=tuple(range(1, len(header))))
+    return Table(header, rows)
 
 
 def _words(name: str) -> str:

@@ -28,8 +28,10 @@ from aerodima.workbench.figures.figure_style import (
     SKY,
     VERMILION,
     new_figure,
+    png,
     styled,
 )
+from aerodima.workbench.report.report_page import write_files
 
 SPEEDS = (3.6, 4.5, 5.25, 6.0)
 """m/s."""
@@ -107,7 +109,4 @@ def plot_passivity(table: pd.DataFrame) -> Figure:
 
 def write_passivity(table: pd.DataFrame, folder: Path) -> list[Path]:
     """`passivity.csv` and `passivity.png`; earlier ones are replaced."""
-    paths = [folder / "passivity.csv", folder / "passivity.png"]
-    table.to_csv(paths[0], index=False)
-    plot_passivity(table).savefig(paths[1], dpi=110)
-    return paths
+    return write_files(folder, {"passivity.csv": table, "passivity.png": png(plot_passivity(table))})

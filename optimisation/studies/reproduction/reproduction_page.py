@@ -24,19 +24,7 @@ from aerodima.workbench.config.ensemble import Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
 from aerodima.workbench.report.number_words import metric_name, metric_unit
-from aerodima.workbench.report.report_page import (
-    Cell,
-    Markup,
-    Section,
-    bullets,
-    figure,
-    finding,
-    link,
-    noted,
-    page,
-    paragraph,
-    table,
-)
+from aerodima.workbench.report.report_page import Bullets, Finding, Link, Noted, Page, Part, Plot, Section, Table
 
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "direction only", "not reproduced", "not computable")
 SHOWN = (
@@ -55,8 +43,8 @@ def reproduction_page(
     ensemble: Ensemble,
     replays: Mapping[str, str],
     survival: pd.DataFrame | None = None,
-) -> str:
-    """The whole page as HTML text.
+) -> Page:
+    """The whole page.
 
     Args:
         rows: of the report.
@@ -70,14 +58,15 @@ def reproduction_page(
         f"{len(rows)} claims of the thesis beside {len(evidence.members)} of {len(ensemble.members)} cars of the "
         f"ensemble {ensemble.name!r}, drawn by weight. How it was made: {method}."
     )
-    sections = (
+    sections = [
         _verdicts(rows),
-        *(() if survival is None else (survival_section(survival),)),
-        Section("figures", "Figures", _figures(evidence)),
-        Section("rows", "Every row", (_table(rows),)),
-        Section("replays", "Replays", (bullets([link(file, words) for words, file in replays.items()]),)),
-    )
-    return page("What of the thesis is reproduced", lead, sections if replays else sections[:-1])
+        *([] if survival is None else [survival_section(survival)]),
+        Section("Figures", _figures(evidence)),
+        Section("Every row", [_table(rows)]),
+    ]
+    if replays:
+        sections.append(Section("Replays", [Bullets([Link(file, words) for words, file in replays.items()])]))
+    return Page("What of the thesis is reproduced", lead, sections)
 
 
 def _verdicts(rows: Sequence[Row]) -> Section:
@@ -88,46 +77,36 @@ def _verdicts(rows: Sequence[Row]) -> Section:
     held, fitted = (counted["reproduced", basis] for basis in ("prediction", "calibrated to"))
     direction = sum(row.verdict == "direction only" for row in shown)
     predicted = sum(row.basis == "prediction" for row in shown)
-    counts: list[Sequence[Cell]] = [
+    counts = [
         (verdict, *(str(counted[verdict, basis]) for basis in bases), str(totals[verdict])) for verdict in VERDICTS
     ]
-    parts = (
-        finding(
-            paragraph(
+    parts: list[Part] = [
+        Finding(
+            [
                 f"Of {len(shown)} claims about runs of the car {held} are reproduced as predictions (of {predicted}), "
                 f"{fitted} are reproduced because the cars were calibrated to them (of {len(shown) - predicted}), "
                 f"which is no evidence, and {len(shown) - held - fitted} are not reproduced ({direction} of these in "
-                "the direction of a change only)."
-            ),
-            paragraph("Arithmetic on printed numbers says nothing about the car."),
+                "the direction of a change only).",
+                "Arithmetic on printed numbers says nothing about the car.",
+            ]
         ),
-        table(("verdict", *bases, "all"), counts, numbers=range(1, len(bases) + 2)),
-        paragraph(
-            f"Reproduced: the published figure lies in the band of {LEVELS[2] - LEVELS[0]:.0%} of the weight and the "
-            f"band is at most {WIDEST:.0%} of it wide, or the median is within {CLOSE:.0%}; a claim about an outcome "
-            f"holds in at least {SURE:.0%} of the weight. Direction only: a change has the published sign in "
-            f"{SURE:.0%} of the weight, not its size. Numbers are those of cars that survive the run, as the "
-            f"published one did; where less than {SURE:.0%} of the weight does, nothing counts as reproduced."
-        ),
-    )
-    return Section("verdicts", "Verdicts", parts)
+        Table(("verdict", *bases, "all"), counts),
+        f"Reproduced: the published figure lies in the band of {LEVELS[2] - LEVELS[0]:.0%} of the weight and the "
+        f"band is at most {WIDEST:.0%} of it wide, or the median is within {CLOSE:.0%}; a claim about an outcome "
+        f"holds in at least {SURE:.0%} of the weight. Direction only: a change has the published sign in "
+        f"{SURE:.0%} of the weight, not its size. Numbers are those of cars that survive the run, as the "
+        f"published one did; where less than {SURE:.0%} of the weight does, nothing counts as reproduced.",
+    ]
+    return Section("Verdicts", parts)
 
 
-def _table(rows: Sequence[Row]) -> Markup:
-    header = (
-        "place",
-        "claim, with evidence or what is missing",
-        "unit",
-        "published",
-        "ours",
-        "band",
-        "verdict",
-        "basis",
-    )
-    cells: list[Sequence[Cell]] = [
+def _table(rows: Sequence[Row]) -> Table:
+    claim = "claim, with evidence or what is missing"
+    header = ("place", claim, "unit", "published", "ours", "band", "verdict", "basis")
+    cells = [
         (
             row.place,
-            noted(row.claim, row.evidence),
+            Noted(row.claim, row.evidence),
             row.unit,
             _number(row.published),
             _number(row.ours),
@@ -138,28 +117,28 @@ def _table(rows: Sequence[Row]) -> Markup:
         for row in rows
     ]
     marked = [place for place, row in enumerate(rows) if row.verdict == "not reproduced"]
-    return table(header, cells, numbers=(3, 4, 5), marked=marked)
+    return Table(header, cells, marked)
 
 
-def _figures(evidence: Evidence) -> tuple[Markup, ...]:
-    return (
-        figure(
+def _figures(evidence: Evidence) -> list[Plot]:
+    return [
+        Plot(
             plot_metrics(evidence),
             "Bars: median and band of the ensemble; stars: Tables 7.1 to 7.4. "
             f"Simulated: {SIGNALS['simulated']}. Physical: {SIGNALS['physical']}.",
             "Six metrics of the four published runs beside the ensemble",
         ),
-        figure(
+        Plot(
             plot_kohut(evidence),
             "Largest Kohut figure. Other robots as printed in Table 3.1.",
             "Kohut figures of robots",
         ),
-        figure(
+        Plot(
             plot_acceleration(evidence),
             "Largest lateral acceleration, with the inertial tail of Dima as printed (section 2), another robot.",
             "Lateral acceleration beside Dima",
         ),
-    )
+    ]
 
 
 def plot_metrics(evidence: Evidence) -> Figure:

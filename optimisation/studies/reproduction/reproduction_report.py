@@ -13,11 +13,10 @@ from aerodima.optimisation.studies.reproduction.evidence import Evidence, gather
 from aerodima.optimisation.studies.reproduction.reproduction_page import reproduction_page
 from aerodima.optimisation.studies.reproduction.survival_curves import PAIRS, survival_table
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.ensemble import Ensemble
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.published_figures import flip_bracket
 from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.report.report_page import write_files
 
 PAGE, TABLE, FIGURES, SURVIVAL = "index.html", "rows.csv", "figures.csv", "survival.csv"
 
@@ -53,30 +52,22 @@ def write_report(
     with closing(RunStore(out, varied, force=force)) as store:
         evidence = gather(members, fitted, store, engine, say, settings, PAIRS if survival else ())
     rows = all_rows(evidence)
-    _write_csv(out / TABLE, pd.DataFrame([row.as_row() for row in rows]))
     compared = [compare(d, evidence.rows[d.turn.tail_mode, d.turn.speed], evidence.weights) for d in evidence.data]
-    _write_csv(out / FIGURES, as_table(compared))
     shares = survival_table(evidence) if survival else None
+    tables = {TABLE: pd.DataFrame([row.as_row() for row in rows]), FIGURES: as_table(compared)}
     if shares is not None:
-        _write_csv(out / SURVIVAL, shares)
+        tables[SURVIVAL] = shares
+    write_files(out, tables)
     made = _replays(ensemble, evidence, out, say, settings) if replays else {}
-    page = reproduction_page(rows, evidence, ensemble, made, shares)
-
-    def write(path: Path) -> None:
-        path.write_text(page, encoding="utf-8")
-
-    return write_atomically(out / PAGE, write, True, UserError)
-
-
-def _write_csv(path: Path, frame: pd.DataFrame) -> None:
-    write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False, lineterminator="\n"), True, UserError)
+    write_files(out, {PAGE: reproduction_page(rows, evidence, ensemble, made, shares)})
+    return out / PAGE
 
 
 def _replays(
     ensemble: Ensemble, evidence: Evidence, out: Path, say: Callable[[str], None], settings: tuple[str, ...]
 ) -> dict[str, str]:
     """Replays of the best member: both sides of the tailless bracket, the swung tail, the held one; words -> file."""
-    from aerodima.workbench.replay.replay_page import write_replay_html
+    from aerodima.workbench.report.replay_page import write_replay_html
     from aerodima.workbench.simulate.simulation import simulate
 
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")

@@ -8,7 +8,7 @@ import pandas as pd
 from aerodima.optimisation.calibration.calibration_runs import flips_in_the_turn, survives
 from aerodima.optimisation.studies.reproduction.evidence import Evidence
 from aerodima.workbench.figures.figure_style import MODE_STYLES
-from aerodima.workbench.report.report_page import Section, finding, paragraph, table
+from aerodima.workbench.report.report_page import Finding, Part, Section, Table
 
 MODES = ("none", "held", "swing")
 SPEEDS = (3.33, 3.61, 4.0, 4.44, 4.72, 5.28, 6.1)
@@ -46,9 +46,9 @@ def survival_section(found: pd.DataFrame) -> Section:
         for place, mode in enumerate(MODES)
     ]
     worst = int(found["members_tipped_before_turn"].max())
-    parts = (
-        finding(paragraph(f"At most {worst} of {found['members'].max()} members tip over before their turn.")),
-        table(("", *(f"{speed:g} m/s" for speed in SPEEDS)), cells, numbers=range(1, 1 + len(SPEEDS))),
-        paragraph("Share of the weight that survives; in brackets, with nothing but wheels on the ground."),
-    )
-    return Section("survival", "Survival over speed", parts)
+    parts: list[Part] = [
+        Finding([f"At most {worst} of {found['members'].max()} members tip over before their turn."]),
+        Table(("", *(f"{speed:g} m/s" for speed in SPEEDS)), cells),
+        "Share of the weight that survives; in brackets, with nothing but wheels on the ground.",
+    ]
+    return Section("Survival over speed", parts)

@@ -80,7 +80,7 @@ def test_tail_of_a_car_without_one_is_not_drawn(runs: dict[str, RunLog]) -> None
 
 
 def test_page_holds_both_replays_and_one_bar(runs: dict[str, RunLog]) -> None:
-    page = comparison_page([runs["none"], runs["held"]], ["none", "held"])
+    page = comparison_page([runs["none"], runs["held"]], ["none", "held"]).html()
     assert page.count("<iframe") == 2
     assert page.count('id="both"') == 1
     assert page.count("<iframe title=") == page.count('srcdoc="&lt;!DOCTYPE') == 2

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from aerodima.workbench.errors import LogError
+from aerodima.workbench.figures.conditioning_figure import changed_columns, plot_conditioning
 from aerodima.workbench.logs.conditioning import (
     OFFSETS,
     WRENCH,
@@ -21,7 +22,6 @@ from aerodima.workbench.logs.conditioning import (
     remove_drift,
     resampled,
 )
-from aerodima.workbench.logs.conditioning_plot import changed_columns, plot_conditioning
 from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
 from aerodima.workbench.logs.resting import resting_parts
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata

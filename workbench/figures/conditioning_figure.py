@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.log_columns import TIME
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.figures.figure_style import new_figure, styled
 from aerodima.workbench.logs.conditioning import is_held
 from aerodima.workbench.logs.resting import Interval
 from aerodima.workbench.logs.schema import RunLog
@@ -21,6 +19,7 @@ MOST_ROWS = 12
 _BEFORE, _AFTER, _REST, _GAP = "#9aa0a6", "#b3261e", "#cfe8d5", "#f3c77a"
 
 
+@styled()
 def plot_conditioning(before: RunLog, after: RunLog, rest: Sequence[Interval] = ()) -> Figure:
     """One row per changed column: before in grey, after in red, resting parts green, gaps of the first log yellow.
 
@@ -30,9 +29,8 @@ def plot_conditioning(before: RunLog, after: RunLog, rest: Sequence[Interval] = 
         rest: resting parts, s.
     """
     names = changed_columns(before, after)[:MOST_ROWS]
-    figure = Figure(figsize=(10.0, 1.2 + 1.7 * max(1, len(names))), layout="constrained")
-    FigureCanvasAgg(figure)
-    rows = figure.subplots(max(1, len(names)), 1, sharex=True, squeeze=False)[:, 0]
+    figure, grid = new_figure(10.0, 1.2 + 1.7 * max(1, len(names)), max(1, len(names)), sharex=True)
+    rows = grid[:, 0]
     shift = _shift(after)
     for axes, name in zip(rows, names, strict=False):
         for start, end in rest:
@@ -44,18 +42,12 @@ def plot_conditioning(before: RunLog, after: RunLog, rest: Sequence[Interval] = 
             axes.plot(time, values, color=_BEFORE, lw=1.0, label="before")
         axes.plot(after.time + shift, after.signal(name), color=_AFTER, lw=1.0, label="after")
         axes.set_ylabel(name, fontsize=8)
-        axes.grid(alpha=0.3)
     handles = {label: handle for handle, label in zip(*rows[0].get_legend_handles_labels(), strict=True)}
     if handles:
-        figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=4, fontsize=8)
+        figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=4)
     rows[-1].set_xlabel("time, s")
     figure.suptitle(Path(before.source).name or "run log", x=0.01, ha="left", fontsize=10)
     return figure
-
-
-def save_plot(figure: Figure, path: Path, force: bool = False) -> Path:
-    """Writes the figure as PNG; LogError when the file exists and `force` is not set."""
-    return write_atomically(path, lambda temporary: figure.savefig(temporary, format="png", dpi=120), force, LogError)
 
 
 def changed_columns(before: RunLog, after: RunLog) -> list[str]:

@@ -1,0 +1,29 @@
+// A clock of its own: `show` is told the seconds since the beginning, for ever anew from 0 to `duration`.
+function replayClock(bar, duration, show) {
+  const [button, slider, rate, output] = ["button", "input", "select", "output"].map((tag) => bar.querySelector(tag));
+  let time = 0, playing = true, last = performance.now();
+  slider.max = duration;
+  function draw() {
+    slider.value = time;
+    output.textContent = `${time.toFixed(2)} of ${duration.toFixed(2)} s`;
+    show(time);
+  }
+  function play(on) {
+    playing = on;
+    last = performance.now();
+    button.textContent = on ? "Pause" : "Play";
+  }
+  function tick(now) {
+    if (playing) {
+      time = (time + Math.max(0, now - last) / 1000 * Number(rate.value)) % duration;
+      draw();
+    }
+    last = now;
+    requestAnimationFrame(tick);
+  }
+  button.addEventListener("click", () => play(!playing));
+  slider.addEventListener("input", () => { play(false); time = Number(slider.value); draw(); });
+  play(true);
+  requestAnimationFrame(tick);
+  return { play, get time() { return time; } };
+}
