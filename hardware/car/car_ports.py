@@ -14,24 +14,20 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile, firmware_profile
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.hardware.protocol.xbee import BROADCAST
 from aerodima.hardware.transport.can_settings import BITRATE, CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
-from aerodima.workbench.config.quantity import explain
+from aerodima.workbench.config.checked_files import StrictModel, checked
 from aerodima.workbench.errors import HardwareError
 
 SCHEMA = "aerodima/ports/1"
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
-
-
-class CanPort(_Part):
+class CanPort(StrictModel):
     """A CAN adapter as python-can names it, see `aerodima.hardware.transport.can_settings.CanSettings`."""
 
     interface: str
@@ -45,7 +41,7 @@ class CanPort(_Part):
         return CanSettings(self.interface, self.channel, self.bitrate, self.options)
 
 
-class SerialDevice(_Part):
+class SerialDevice(StrictModel):
     """A serial device; rate in bit/s, which a USB port ignores."""
 
     path: str = Field(min_length=1)
@@ -77,7 +73,7 @@ class ConsoleDevice(SerialDevice):
     escaped: bool = False
 
 
-class MountedMotor(_Part):
+class MountedMotor(StrictModel):
     """One tail motor: id on the bus, motor angle at joint angle 0 (rad), sign of its angle against the joint's."""
 
     motor_id: int
@@ -86,7 +82,7 @@ class MountedMotor(_Part):
     """None: as in the table of signs."""
 
 
-class CarPorts(_Part):
+class CarPorts(StrictModel):
     """Where everything is plugged in; a device that is None is not fitted.
 
     `can` is needed by `direct_can` and `watched_can` only, `console` by `aerodima console` only. `car` is the number of
@@ -147,13 +143,7 @@ def read_ports(path: Path) -> CarPorts:
 
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
     """The ports in plain data; see `read_ports`."""
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
-        raise HardwareError(f"{where}: schema: {found!r} cannot be read; allowed: {SCHEMA!r}")
-    try:
-        ports = CarPorts.model_validate(data)
-    except ValidationError as error:
-        raise HardwareError(str(explain(error, where, CarPorts))) from None
+    ports = checked(CarPorts, data, where, HardwareError, schema=SCHEMA)
     devices = {"teensy": ports.teensy, "imu": ports.imu, "gps": ports.gps, "radio": ports.radio}
     if ports.console is not None:
         devices["console"] = ports.console

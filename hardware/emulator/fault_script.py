@@ -21,11 +21,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.parameter_files import load_section, read_yaml
-from aerodima.workbench.config.quantity import QuantityModel, explain, quantity
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
+from aerodima.workbench.config.parameter_files import load_section
+from aerodima.workbench.config.quantity import QuantityModel, quantity
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 
@@ -68,9 +69,7 @@ _OF_A_MOTOR = tuple(Fault)[: tuple(Fault).index(Fault.BUS_OFF)]
 _OF_A_DEVICE = (Fault.SILENT, Fault.UNPLUGGED, Fault.SERIAL_NOISE)
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
+class _Entry(StrictModel):
     time: float = Field(ge=0.0, description="s, on the clock of the script")
 
 
@@ -119,10 +118,8 @@ class OperatorEntry(_Entry):
         return OperatorCommand(mode, self.throttle, self.steering, self.pitch_tail, self.roll_tail)
 
 
-class Script(BaseModel):
+class Script(StrictModel):
     """The whole script."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
     schema_: Literal["aerodima/emulation/1"] = Field(default="aerodima/emulation/1", alias="schema")
     clock: Clock = "entered"
@@ -137,13 +134,7 @@ def no_faults() -> Script:
 
 def read_script(path: Path) -> Script:
     """Reads a script. Raises `ScenarioError` or `HardwareError` that names file, key, value and what is allowed."""
-    data = read_yaml(path)
-    if data.get("schema") != SCHEMA:
-        raise HardwareError(f"{path}: schema: {data.get('schema')!r} cannot be read; allowed: {SCHEMA!r}")
-    try:
-        return Script.model_validate(data)
-    except ValidationError as error:
-        raise HardwareError(str(explain(error, str(path), Script))) from None
+    return checked(Script, read_yaml(path), str(path), HardwareError, schema=SCHEMA)
 
 
 class EmulatorNumbers(QuantityModel):

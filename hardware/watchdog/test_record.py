@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.emulator_files import is_emulated_port
@@ -18,7 +18,7 @@ from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.hardware.firmware.core_build import firmware_hash
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.quantity import explain
+from aerodima.workbench.config.checked_files import StrictModel, checked
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.resources import model_path
@@ -26,7 +26,7 @@ from aerodima.workbench.resources import model_path
 SCHEMA = "aerodima/watchdog_test/1"
 
 
-class WatchdogTest(BaseModel):
+class WatchdogTest(StrictModel):
     """What a watchdog test has shown.
 
     Attributes:
@@ -36,8 +36,6 @@ class WatchdogTest(BaseModel):
         firmware: `teensy_hash`. watchdog: `watchdog_hash` of the process.
         ports: as `CarPorts`.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
 
     schema_: Literal["aerodima/watchdog_test/1"] = Field(default="aerodima/watchdog_test/1", alias="schema")
     wiring: WiringName
@@ -98,12 +96,7 @@ def read_record(path: Path) -> WatchdogTest:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise HardwareError(f"{path}: schema: is no watchdog test; allowed: {SCHEMA!r}")
-    try:
-        return WatchdogTest.model_validate(data)
-    except ValidationError as error:
-        raise HardwareError(str(explain(error, str(path), WatchdogTest))) from None
+    return checked(WatchdogTest, data, str(path), HardwareError, schema=SCHEMA)
 
 
 def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | None = None) -> WatchdogTest:

@@ -10,14 +10,14 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from aerodima.workbench.config.parameter_files import ParameterEntry, read_yaml
-from aerodima.workbench.config.quantity import explain, nearest
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.config.parameter_files import ParameterEntry
+from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.metrics.published_figures import TurnMetrics
-from aerodima.workbench.resources import model_path, models_dir
 
 PLAN_SCHEMA = "aerodima/calibration-plan/2"
 
@@ -37,7 +37,7 @@ FIGURES = {
 """What a plan must say of each place of the thesis."""
 
 
-class Figure(BaseModel):
+class Figure(StrictModel):
     """What the calibration does with one published figure.
 
     Attributes:
@@ -46,42 +46,34 @@ class Figure(BaseModel):
         reason: for both.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     use: Literal["fitted", "held out"]
     discrepancy: float = Field(gt=0, le=10)
     reason: str = Field(min_length=1)
 
 
-class Outcomes(BaseModel):
+class Outcomes(StrictModel):
     """What the calibration does with published outcomes; only the tailless bracket can be fitted."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     tailless_bracket: Literal["fitted"]
     tailed_bracket: Literal["held out"]
     real_car_with_tail: Literal["held out"]
 
 
-class Limit(BaseModel):
+class Limit(StrictModel):
     """One bound of what is plausible."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     value: float
     unit: str
     reason: str = Field(min_length=1)
 
 
-class Plausible(BaseModel):
+class Plausible(StrictModel):
     """What a car cannot be, whatever it would explain.
 
     Attributes:
         lowest_chassis_com, highest_chassis_com: of the chassis without wheels and gearbox above the ground, m.
         lowest_group, highest_group: friction x height of the centre of mass / half track.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     lowest_chassis_com: Limit
     highest_chassis_com: Limit
@@ -92,7 +84,7 @@ class Plausible(BaseModel):
 Pilots = tuple[Annotated[int, Field(ge=1, le=12)], Annotated[int, Field(ge=1, le=12)]]
 
 
-class Round(BaseModel):
+class Round(StrictModel):
     """Cars that are drawn for weights.
 
     Attributes:
@@ -100,13 +92,11 @@ class Round(BaseModel):
         pilots: most runs of the search for the window of each, at the slow and at the fast speed.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     cars: int = Field(ge=4, le=4096)
     pilots: Pilots
 
 
-class Size(BaseModel):
+class Size(StrictModel):
     """How many runs a calibration may take.
 
     Attributes:
@@ -118,8 +108,6 @@ class Size(BaseModel):
         enough: effective sample size that ends the rounds, and that an ensemble needs.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     points: int = Field(ge=4, le=4096)
     pilots: Pilots
     step: float = Field(gt=0, le=0.005)
@@ -128,19 +116,15 @@ class Size(BaseModel):
     enough: float = Field(ge=2, le=4096)
 
 
-class CheckSize(BaseModel):
+class CheckSize(StrictModel):
     """The check at a fine step: how many members, and the step (s)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     members: int = Field(ge=1, le=4096)
     step: float = Field(gt=0, le=0.002)
 
 
-class CalibrationPlan(BaseModel):
+class CalibrationPlan(StrictModel):
     """A plan as its file has it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
     schema_: Literal["aerodima/calibration-plan/2"] = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
@@ -176,17 +160,8 @@ def load_plan(name_or_path: str | Path = "car") -> CalibrationPlan:
     Raises:
         ScenarioError: names the file, the key and what is allowed.
     """
-    path = Path(name_or_path)
-    if not path.suffix and path.name == str(name_or_path) and not path.exists():
-        names = sorted(found.stem for found in (models_dir() / "calibration/plans").glob("*.yaml"))
-        if path.name not in names:
-            raise ScenarioError(f"calibration plan {path.name!r}: there is no such plan; {nearest(path.name, names)}")
-        path = model_path(f"calibration/plans/{path.name}.yaml")
-    data = read_yaml(path)
-    try:
-        plan = CalibrationPlan.model_validate(data)
-    except ValidationError as error:
-        raise explain(error, str(path), CalibrationPlan) from None
+    path = find_file(name_or_path, "calibration/plans", "calibration plan")
+    plan = checked(CalibrationPlan, read_yaml(path), str(path))
     prior_ranges((*plan.car, *plan.tail), str(path))
     return plan
 

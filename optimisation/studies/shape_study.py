@@ -17,7 +17,8 @@ from aerodima.optimisation.studies.grip_study import Setup, friction_study, read
 from aerodima.optimisation.studies.shape_goals import mean_drag
 from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.study import Study
-from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.coefficient_files import NormalLine, load_coefficients
+from aerodima.workbench.aero.coefficient_functions import SpeedLine
 from aerodima.workbench.figures.figure_style import BLACK, GREY, new_figure, styled
 from aerodima.workbench.report.report_page import Plot
 
@@ -64,9 +65,15 @@ def _setups(goals: pd.DataFrame) -> dict[str, Setup]:
     return setups
 
 
+def _tunnel_line() -> SpeedLine:
+    coefficients = load_coefficients("robot_tail_line")
+    assert isinstance(coefficients, NormalLine)
+    return coefficients.line
+
+
 def _tunnel_mean() -> float:
-    line = load_coefficients("robot_tail_line")
-    return float(line.content["cn_intercept"] + line.content["cn_slope_s_per_m"] * np.mean(line.speed_range))
+    line = _tunnel_line()
+    return float(line(np.mean(line.speed_range)))
 
 
 def _figure(goals: pd.DataFrame, drag: pd.Series) -> Figure:
@@ -83,10 +90,15 @@ def _figure(goals: pd.DataFrame, drag: pd.Series) -> Figure:
             return figure
         figure, axes = new_figure(9.0, 3.8, 1, 2 if has_lift else 1)
         _curves(axes[0, 0], goals, drag, "c_d", "drag coefficient broadside")
-        line = load_coefficients("robot_tail_line")
-        speeds = np.array(line.speed_range)
-        tunnel = line.content["cn_intercept"] + line.content["cn_slope_s_per_m"] * speeds
-        axes[0, 0].plot(speeds, tunnel, color=GREY, linewidth=3, alpha=0.6, label="robot tail, tunnel")
+        line = _tunnel_line()
+        axes[0, 0].plot(
+            line.speed_range,
+            [line(speed) for speed in line.speed_range],
+            color=GREY,
+            linewidth=3,
+            alpha=0.6,
+            label="robot tail, tunnel",
+        )
         if has_lift:
             _polar(axes[0, 1], goals, drag)
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper")

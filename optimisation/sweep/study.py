@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.optimisation.sweep.study_engine import SweepError
 from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
-from aerodima.workbench.config.parameter_files import read_yaml
-from aerodima.workbench.config.quantity import explain, nearest
+from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import ScenarioError
 
@@ -24,13 +24,11 @@ MOST_RUNS = 100_000
 """A study of more is a slip of the pen: a day and a half on two cores."""
 
 Value = float | int | bool | str
-_FROZEN = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Range(BaseModel):
+class Range(StrictModel):
     """Evenly spaced values, both ends included."""
 
-    model_config = _FROZEN
     first: float
     last: float
     number: int = Field(description="of values", ge=1, le=10_000)
@@ -40,10 +38,9 @@ class Range(BaseModel):
         return [float(f"{value:.12g}") for value in np.linspace(self.first, self.last, self.number)]
 
 
-class Uniform(BaseModel):
+class Uniform(StrictModel):
     """Any value between two, alike."""
 
-    model_config = _FROZEN
     low: float
     high: float
 
@@ -58,10 +55,9 @@ class Uniform(BaseModel):
         return self.low + (self.high - self.low) * share
 
 
-class Normal(BaseModel):
+class Normal(StrictModel):
     """Around a mean."""
 
-    model_config = _FROZEN
     mean: float
     deviation: float = Field(gt=0)
 
@@ -70,10 +66,9 @@ class Normal(BaseModel):
         return norm.ppf(np.clip(share, 1e-9, 1.0 - 1e-9), self.mean, self.deviation)
 
 
-class Sample(BaseModel):
+class Sample(StrictModel):
     """Scattered values of several factors at once (scipy.stats.qmc), the same for the same seed."""
 
-    model_config = _FROZEN
     method: Literal["sobol", "lhs"] = "sobol"
     number: int = Field(description="of samples; a power of 2 balances Sobol's", ge=1, le=MOST_RUNS)
     seed: int = Field(default=1, description="of the scattering", ge=0)
@@ -97,14 +92,13 @@ class Sample(BaseModel):
         return rows
 
 
-class Block(BaseModel):
+class Block(StrictModel):
     """One scenario with factors: every combination of the grid, with every sample."""
 
-    model_config = _FROZEN
     name: str = Field(default="", description="of the block within the study", max_length=40)
     scenario: str = Field(description="name or path")
     settings: tuple[str, ...] = Field(default=(), description="overrides of every run, such as car.mass=5.5")
-    grid: dict[str, Annotated[list[Value], Field(min_length=1)] | Range] = {}
+    grid: dict[str, Annotated[list[Value], Field(min_length=1)] | Range] = Field(default={})
     sample: Sample | None = None
 
     def points(self) -> Iterator[dict[str, Value]]:
@@ -129,10 +123,9 @@ class Block(BaseModel):
         return [*self.grid, *sampled]
 
 
-class Study(BaseModel):
+class Study(StrictModel):
     """Everything that is to be run. A file with one block may write its keys at the top level."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
     schema_: Literal["aerodima/study/1"] = Field(default="aerodima/study/1", alias="schema")
     name: str = Field(description="of the study, in its page", min_length=1, max_length=80)
     signals: Literal["all", "outcome"] = Field(default="outcome", description="all: the impulses of the tail too")
@@ -160,18 +153,9 @@ def load_study(path: Path) -> Study:
     Raises:
         SweepError: no such file, wrong key, value or factor; names the place, the value and what is allowed.
     """
-    try:
-        data = read_yaml(path)
-        found = data.get("schema", STUDY_SCHEMA)
-        if found != STUDY_SCHEMA:
-            raise SweepError(f"{path}: schema: {found!r} is not read by this version; allowed is {STUDY_SCHEMA!r}")
-        data.setdefault("name", path.stem)
-        _refuse_empty_factors(path, data)
-        study = Study.model_validate(_in_blocks(data))
-    except ScenarioError as error:
-        raise SweepError(str(error)) from None
-    except ValidationError as error:
-        raise SweepError(str(explain(error, str(path), Study))) from None
+    data = {"schema": STUDY_SCHEMA, "name": path.stem} | read_yaml(path, SweepError)
+    _refuse_empty_factors(path, data)
+    study = checked(Study, _in_blocks(data), str(path), SweepError, schema=STUDY_SCHEMA)
     check_factors(study, str(path))
     return study
 

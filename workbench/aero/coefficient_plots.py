@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aerodima.workbench.aero.coefficient_files import CoefficientSet
+from aerodima.workbench.aero.coefficient_files import CoefficientSet, PolarTable
 from aerodima.workbench.aero.coefficient_functions import PolynomialSurface
 from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
 
@@ -86,7 +86,7 @@ def _plot_polar(coefficients: CoefficientSet) -> Figure:
     grid = figure.subplots(2, 2)
     figure.subplots_adjust(top=0.88, bottom=0.08, left=0.07, right=0.97, hspace=0.28, wspace=0.2)
     for column, name in enumerate(("cd", "cl")):
-        if not coefficients.nodes.empty:
+        if isinstance(coefficients, PolarTable):
             _plot_curves(grid[0, column], coefficients, name)
             surface = coefficients.fitted_surface(name)
         else:
@@ -103,10 +103,9 @@ def _plot_polar(coefficients: CoefficientSet) -> Figure:
     return figure
 
 
-def _plot_curves(axes: Axes, coefficients: CoefficientSet, name: str) -> None:
-    assert coefficients.angle_range is not None
+def _plot_curves(axes: Axes, coefficients: PolarTable, name: str) -> None:
     table = coefficients.table(name)
-    highest = max(coefficients.nodes.angle_rad.max(), coefficients.angle_range[1])
+    highest = max(coefficients.nodes.angle_rad.max(), coefficients.range.angle_rad[1])
     angles = np.linspace(0.0, highest, 200)
     for i, speed in enumerate(sorted(set(coefficients.nodes.speed_m_per_s))):
         nodes = coefficients.nodes[coefficients.nodes.speed_m_per_s == speed]
@@ -123,7 +122,7 @@ def _plot_curves(axes: Axes, coefficients: CoefficientSet, name: str) -> None:
                 color=colour,
                 alpha=0.2,
             )
-    edge = math.degrees(coefficients.angle_range[1])
+    edge = math.degrees(coefficients.range.angle_rad[1])
     axes.axvspan(edge, math.degrees(highest), color="0.93", zorder=0)
     axes.set(xlabel=r"angle of attack $|\gamma|$ [deg]", ylabel=_LABELS[name])
     axes.plot([], [], "ko", label="measured")
@@ -142,7 +141,7 @@ def _plot_surface(
     values = np.array([[surface(v, g) for v in speeds] for g in angles])
     filled = axes.contourf(speeds, np.degrees(angles), values, levels=20, cmap="viridis")
     figure.colorbar(filled, ax=axes, label=_LABELS[name])
-    if not coefficients.nodes.empty:
+    if isinstance(coefficients, PolarTable):
         nodes = coefficients.measured_nodes()
         axes.plot(nodes.speed_m_per_s, np.degrees(nodes.angle_rad), "wo", markeredgecolor="k", clip_on=False)
     p, q = surface.degree

@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from aerodima.workbench.config.parameter_files import read_yaml
-from aerodima.workbench.config.quantity import explain, nearest
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml, shipped_names
+from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import EnsembleError, ScenarioError
-from aerodima.workbench.resources import model_path, models_dir
 
 ENSEMBLE_SCHEMA = "aerodima/ensemble/1"
 _SCHEMA_FAMILY = ENSEMBLE_SCHEMA.rpartition("/")[0]
@@ -125,18 +124,10 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
         EnsembleError: missing, of another schema, unknown parameter, value out of range, weights that are no weights;
             names the file, the member, the value and what is allowed.
     """
-    path = Path(name_or_path)
-    if not path.suffix and path.name == str(name_or_path) and not path.exists():
-        path = _named(path.name)
-    try:
-        data = read_yaml(path)
-    except ScenarioError as error:
-        raise EnsembleError(str(error)) from None
+    path = find_file(name_or_path, "calibration", "ensemble", EnsembleError)
+    data = read_yaml(path, EnsembleError)
     _check_schema(path, data.get("schema"))
-    try:
-        content = _EnsembleFile.model_validate(data)
-    except ValidationError as error:
-        raise EnsembleError(str(explain(error, str(path), _EnsembleFile))) from None
+    content = checked(_EnsembleFile, data, str(path), EnsembleError)
     total = math.fsum(member.weight for member in content.members)
     members = tuple(Member(m.name, m.weight / total, _checked(path, m)) for m in content.members)
     named = {member.name: member for member in members}
@@ -147,7 +138,7 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
 
 def ensemble_names() -> list[str]:
     """Names of the ensembles that ship in `models/calibration`."""
-    return sorted(path.stem for path in (models_dir() / "calibration").glob("*.yaml"))
+    return shipped_names("calibration")
 
 
 def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[float]) -> NDArray[np.float64]:
@@ -171,17 +162,13 @@ def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[f
     return numbers[kept][order][np.minimum(places, len(order) - 1)]
 
 
-class _MemberEntry(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
+class _MemberEntry(StrictModel):
     name: str = Field(min_length=1, max_length=80)
     weight: float = Field(gt=0)
     values: dict[str, Value]
 
 
-class _EnsembleFile(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
-
+class _EnsembleFile(StrictModel):
     schema_: str = Field(alias="schema")
     name: str = Field(min_length=1, max_length=80)
     provenance: dict[str, Any]
@@ -195,12 +182,6 @@ class _EnsembleFile(BaseModel):
         if twice:
             raise ValueError(f"members: {twice[0]!r} stands there twice; allowed: one member per name")
         return self
-
-
-def _named(name: str) -> Path:
-    if name not in ensemble_names():
-        raise EnsembleError(f"ensemble {name!r}: there is none of this name; {nearest(name, ensemble_names())}")
-    return model_path(f"calibration/{name}.yaml")
 
 
 def _check_schema(path: Path, schema: object) -> None:

@@ -6,24 +6,20 @@ only what differs from the parameters.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, model_validator
 
-from aerodima.workbench.config.quantity import explain, nearest, unit_of
-from aerodima.workbench.config.unique_keys import UniqueKeyLoader
+from aerodima.workbench.config.checked_files import ModelT, StrictModel, checked, read_yaml
+from aerodima.workbench.config.quantity import nearest, unit_of
 from aerodima.workbench.errors import ScenarioError
 
 PARAMETER_SCHEMA = "aerodima/parameters/1"
 
-ModelT = TypeVar("ModelT", bound=BaseModel)
 
-
-class ParameterEntry(BaseModel):
+class ParameterEntry(StrictModel):
     """One number of `models/parameters`: value, unit, source, and for assumed ones the prior range and the reason."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     value: float | int | bool | str
     unit: str
@@ -84,10 +80,7 @@ def load_section(path: Path, model: type[ModelT], changes: Mapping[str, Any] | N
         ScenarioError: as `load_parameter_file`; or a value is out of range.
     """
     values = {key: entry.value for key, entry in load_parameter_file(path, model).items()}
-    try:
-        return model.model_validate({**values, **(changes or {})})
-    except ValidationError as error:
-        raise explain(error, str(path), model) from None
+    return checked(model, {**values, **(changes or {})}, str(path))
 
 
 def load_entries_without_model(path: Path) -> dict[str, ParameterEntry]:
@@ -103,10 +96,7 @@ def _raw_entries(path: Path) -> dict[str, Any]:
 
 
 def _entry(path: Path, key: str, raw: Any) -> ParameterEntry:
-    try:
-        return ParameterEntry.model_validate(raw)
-    except ValidationError as error:
-        raise explain(error, f"{path}: {key}", ParameterEntry) from None
+    return checked(ParameterEntry, raw, f"{path}: {key}")
 
 
 def resolve(
@@ -136,29 +126,7 @@ def resolve(
             merged[key] |= value
         else:
             merged[key] = value
-    if merged.get("schema", schema) != schema:
-        raise ScenarioError(f"{where}: schema: {merged['schema']!r} is not read by this version; allowed is {schema!r}")
-    try:
-        return scenario.model_validate(_floats(merged, scenario))
-    except ValidationError as error:
-        raise explain(error, where, scenario) from None
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Reads a YAML mapping. Raises `ScenarioError` for a missing file, bad syntax or another kind of content."""
-    try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
-    if data is None:
-        return {}
-    if not isinstance(data, dict):
-        raise ScenarioError(f"{path}: holds a {type(data).__name__}; allowed is a mapping of sections")
-    return data
+    return checked(scenario, {"schema": schema} | _floats(merged, scenario), where, schema=schema)
 
 
 def apply_setting(data: dict[str, Any], setting: str, sections: Mapping[str, type[BaseModel]], example: str) -> None:

@@ -3,9 +3,7 @@
 import difflib
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-
-from aerodima.workbench.errors import ScenarioError
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 NO_UNIT = "1"
 """Unit of a dimensionless number, a name, a flag or a count."""
@@ -65,37 +63,3 @@ def nearest(name: str, known: list[str]) -> str:
     """Tail of an error about an unknown name: the closest known one, or all of them."""
     close = difflib.get_close_matches(name, known, n=1)
     return f"did you mean {close[0]!r}?" if close else "allowed: " + ", ".join(sorted(known))
-
-
-def explain(error: ValidationError, where: str, model: type[BaseModel]) -> ScenarioError:
-    """Turns pydantic's report into one line that names file, key, value and what is allowed."""
-    return ScenarioError("; ".join(f"{where}: {_line(item, model)}" for item in error.errors()))
-
-
-def _line(item: Any, model: type[BaseModel]) -> str:
-    path = [str(part) for part in item["loc"]]
-    key = ".".join(path)
-    if item["type"] == "extra_forbidden":
-        known = [field.alias or name for name, field in _model_at(model, path[:-1]).model_fields.items()]
-        sections = [name for name in known if path[-1] in getattr(_model_at(model, [name]), "model_fields", {})]
-        if len(path) == 1 and sections:
-            return f"{key}: unknown key; did you mean {' or '.join(f'{name}.{key}' for name in sections)}?"
-        return f"{key}: unknown key; {nearest(path[-1], known)}"
-    if item["type"] == "missing":
-        return f"{key}: missing"
-    if item["type"] == "value_error":
-        return ".".join([*path, str(item["ctx"]["error"])])
-    owner = _model_at(model, path[:-1])
-    unit = unit_of(owner, path[-1]) if path and path[-1] in owner.model_fields else NO_UNIT
-    allowed = item["msg"][0].lower() + item["msg"][1:]
-    return f"{key}: {item['input']!r} is not allowed; {allowed}" + ("" if unit == NO_UNIT else f" ({unit})")
-
-
-def _model_at(model: type[BaseModel], path: list[str]) -> type[BaseModel]:
-    for part in path:
-        field = model.model_fields.get(part)
-        annotation = None if field is None else field.annotation
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            return model
-        model = annotation
-    return model

@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from aerodima.workbench.config.file_errors import StrictModel
-from aerodima.workbench.config.parameter_files import read_yaml
-from aerodima.workbench.config.quantity import explain, nearest, unit_of
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml, shipped_names
+from aerodima.workbench.config.quantity import nearest, unit_of
 from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
 from aerodima.workbench.config.units import unit_to
 from aerodima.workbench.errors import LogError, ScenarioError
-from aerodima.workbench.resources import model_path, models_dir
 
 CAMPAIGN_SCHEMA = "aerodima/rig-campaign/1"
 MOST_LOGS = 10000
@@ -95,15 +93,8 @@ def load_campaign(name_or_path: str | Path) -> RigCampaign:
     Raises:
         ScenarioError: names file, key, value and what is allowed.
     """
-    path = Path(name_or_path)
-    if not path.suffix:
-        if str(name_or_path) not in campaign_names():
-            raise ScenarioError(f"campaign {str(name_or_path)!r}: {nearest(str(name_or_path), campaign_names())}")
-        path = model_path(f"campaigns/{name_or_path}.yaml")
-    try:
-        campaign = RigCampaign.model_validate(read_yaml(path))
-    except ValidationError as error:
-        raise explain(error, str(path), RigCampaign) from None
+    path = find_file(name_or_path, "campaigns", "campaign")
+    campaign = checked(RigCampaign, read_yaml(path), str(path), schema=CAMPAIGN_SCHEMA)
     for part in ("grid", "draw", "scatter"):
         for key, entry in getattr(campaign, part).items():
             _si_factor(key, entry, f"{path}: {part}: {key}")
@@ -112,7 +103,7 @@ def load_campaign(name_or_path: str | Path) -> RigCampaign:
 
 def campaign_names() -> list[str]:
     """Names of the campaigns that ship in `models/campaigns`."""
-    return sorted(path.stem for path in (models_dir() / "campaigns").glob("*.yaml"))
+    return shipped_names("campaigns")
 
 
 def campaign_tasks(

@@ -14,11 +14,11 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.swing_curve import SwingPoint, gains_at, hermite, swing_at
-from aerodima.workbench.config.unique_keys import UniqueKeyLoader
 from aerodima.workbench.errors import SwingFileError
 
 __all__ = [
@@ -46,8 +46,8 @@ FEEDBACK_STATES: tuple[str, ...] = get_args(FeedbackState)
 """rad and rad/s; roll positive to the right."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
+class _Strict(StrictModel):
+    model_config = ConfigDict(strict=True)
 
 
 class Knots(_Strict):
@@ -249,28 +249,12 @@ def read_swing(path: Path | str) -> SwingFile:
         SwingFileError: missing file, bad YAML, a key named twice, another schema, unknown key, value not allowed, NaN;
             names file, key and value.
     """
-    path = Path(path)
-    try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
-    except FileNotFoundError:
-        raise SwingFileError(f"{path}: no such swing file") from None
-    except (OSError, UnicodeDecodeError) as cause:
-        raise SwingFileError(f"{path}: cannot be read: {cause}") from None
-    except yaml.YAMLError as cause:
-        raise SwingFileError(f"{path}: not valid YAML: {' '.join(str(cause).split())}") from None
-    return swing_from_dict(data, str(path))
+    return swing_from_dict(read_yaml(Path(path), SwingFileError), str(path))
 
 
 def swing_from_dict(data: Any, where: str = "swing") -> SwingFile:
     """A swing from plain data; `where` is the file named in errors (SwingFileError)."""
-    if not isinstance(data, dict):
-        raise SwingFileError(f"{where}: holds {type(data).__name__}; allowed: a mapping with schema {SCHEMA!r}")
-    if data.get("schema") != SCHEMA:
-        raise SwingFileError(f"{where}: schema: {data.get('schema')!r} cannot be read; allowed: {SCHEMA!r}")
-    try:
-        return SwingFile.model_validate(data)
-    except ValidationError as error:
-        raise SwingFileError("; ".join(f"{where}: {_line(item)}" for item in error.errors())) from None
+    return checked(SwingFile, data, where, SwingFileError, schema=SCHEMA)
 
 
 def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path:
@@ -300,16 +284,3 @@ def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any], tolerance: flo
         elif not math.isclose(float(value), made_for, rel_tol=tolerance, abs_tol=1e-12):
             lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
     return lines
-
-
-def _line(item: Any) -> str:
-    """One of pydantic's errors as `key: value is not allowed; what is`."""
-    key = ".".join(str(part) for part in item["loc"])
-    if item["type"] == "value_error":
-        text = str(item["ctx"]["error"])
-        return text if not key else f"{key}.{text}"
-    if item["type"] == "missing":
-        return f"{key}: missing"
-    message = item["msg"][0].lower() + item["msg"][1:]
-    shown = "unknown key" if item["type"] == "extra_forbidden" else f"{item['input']!r} is not allowed"
-    return f"{key}: {shown}; {message}"

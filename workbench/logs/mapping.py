@@ -6,9 +6,9 @@ Schema `aerodima/log-mapping/1`, YAML, strict; `workbench/logs/README.md` explai
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, StrictBool, StrictFloat, StrictInt, ValidationError, field_validator
+from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator
 
-from aerodima.workbench.config.file_errors import Place, StrictModel, explain_strictly, read_log_yaml
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.log_columns import (
     RIG_KINDS,
     TIME,
@@ -139,15 +139,12 @@ def load_mapping(path: Path | str) -> Mapping:
         LogError: missing, not YAML, unknown key or column, unit of another quantity; names file, key and what is
             allowed.
     """
-    return mapping_from(read_log_yaml(Path(path)), str(path))
+    return mapping_from(read_yaml(Path(path), LogError), str(path))
 
 
 def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
     """A mapping from the content of its file; LogError as for `load_mapping`."""
-    try:
-        mapping = Mapping.model_validate(data)
-    except ValidationError as error:
-        raise explain_strictly(error, where, _model_at) from None
+    mapping = checked(Mapping, data, where, LogError)
     known = known_columns()
     for name, source in mapping.columns.items():
         place = f"{where}: columns.{name}"
@@ -168,16 +165,3 @@ def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
     if mapping.kind in RIG_KINDS and "angle_rad" not in mapping.columns:
         raise LogError(f"{where}: columns: a log of kind {mapping.kind!r} needs angle_rad")
     return mapping
-
-
-def _model_at(place: Place) -> type[BaseModel] | None:
-    if not place:
-        return Mapping
-    sections: dict[Any, type[BaseModel]] = {
-        "time": TimeSource,
-        "columns": ColumnSource,
-        "metadata": MetadataValue,
-        "csv": CsvFormat,
-        "scenario": ScenarioSource,
-    }
-    return sections.get(place[0])

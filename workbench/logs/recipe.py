@@ -11,9 +11,9 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, StrictBool, ValidationError
+from pydantic import Field, StrictBool
 
-from aerodima.workbench.config.file_errors import Place, StrictModel, explain_strictly, read_log_yaml
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.log_columns import RIG_KINDS
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.errors import LogError
@@ -162,15 +162,12 @@ class RecipeResult:
 
 def load_recipe(path: Path | str) -> Recipe:
     """Reads a recipe; LogError names file, step, key and what is allowed."""
-    return recipe_from(read_log_yaml(Path(path)), str(path))
+    return recipe_from(read_yaml(Path(path), LogError), str(path))
 
 
 def recipe_from(data: dict[str, Any], where: str = "recipe") -> Recipe:
     """A recipe from the content of its file; LogError as for `load_recipe`."""
-    try:
-        recipe = Recipe.model_validate(data)
-    except ValidationError as error:
-        raise explain_strictly(error, where, _model_at) from None
+    recipe = checked(Recipe, data, where, LogError)
     for number, step in enumerate(recipe.steps):
         if isinstance(step, Filter) and (step.design is None) == (step.order is None or step.cutoff_hz is None):
             raise LogError(f"{where}: steps.{number}.filter: needs `design`, or `order` and `cutoff_hz`")
@@ -286,12 +283,3 @@ def _refuse_unfit(run_log: RunLog) -> None:
         raise LogError(
             f"{run_log.source or 'run log'}: after all steps: {error}; add a step `fill` or `keep_longest`"
         ) from None
-
-
-def _model_at(place: Place) -> type[BaseModel] | None:
-    if not place:
-        return Recipe
-    if place[0] == "rest":
-        return Rest
-    tags: dict[Any, type[BaseModel]] = {step.model_fields["step"].annotation.__args__[0]: step for step in STEPS}  # type: ignore[union-attr]
-    return tags.get(place[2]) if len(place) > 2 else None

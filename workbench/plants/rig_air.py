@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.coefficient_files import PolarTable, load_coefficients
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
@@ -35,4 +35,5 @@ def _measured_law(name: str, lift_blend: float) -> tuple[SectionLaw, float | Non
     found = load_coefficients(name)
     if name == "robot_tail_line":
         return found.law(), found.quasi_steady_limit
+    assert isinstance(found, PolarTable)
     return PolarLaw(found.table("cd"), found.table("cl"), lift_blend=lift_blend), found.quasi_steady_limit

@@ -9,11 +9,10 @@ longer fits is an error.
 from functools import cache
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from aerodima.workbench.config.file_errors import StrictModel
-from aerodima.workbench.config.parameter_files import ParameterEntry, load_entries_without_model, read_yaml
-from aerodima.workbench.config.quantity import explain
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
+from aerodima.workbench.config.parameter_files import ParameterEntry, load_entries_without_model
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.metrics.published_figures import table_rows
 from aerodima.workbench.resources import model_path
@@ -155,10 +154,7 @@ class StatementFile(StrictModel):
 def load_statements() -> StatementFile:
     """Reads the file; ModelError names the row, its value and what is allowed."""
     path = model_path(FILE)
-    try:
-        return StatementFile.model_validate(read_yaml(path))
-    except ValidationError as error:
-        raise ModelError(str(explain(error, str(path), StatementFile))) from None
+    return checked(StatementFile, read_yaml(path), str(path), ModelError)
 
 
 def parameter_entry(name: str) -> ParameterEntry:

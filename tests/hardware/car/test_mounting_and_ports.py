@@ -67,12 +67,12 @@ def test_motors_have_the_range_of_the_scenario_and_the_direction_of_the_table_or
 WRONG = {
     "unknown key": ({**PORTS, "gyro": {"path": "/dev/x"}}, "gyro: unknown key"),
     "missing device": ({"schema": PORTS["schema"], "imu": PORTS["imu"]}, "teensy: missing"),
-    "schema": ({**PORTS, "schema": "aerodima/ports/2"}, "allowed: 'aerodima/ports/1'"),
+    "schema": ({**PORTS, "schema": "aerodima/ports/2"}, "allowed is 'aerodima/ports/1'"),
     "device twice": ({**PORTS, "gps": {"path": "/dev/b"}}, "gps.path: /dev/b is that of imu too"),
     "profile": ({**PORTS, "firmware_profile": "ak70_10_v9"}, "is unknown; allowed: ak70_10_v1_0_8"),
     "v3": ({**PORTS, "firmware_profile": "V3.0"}, "V3 firmware"),
     "string form": ({**PORTS, "string_form": "new"}, "string_form"),
-    "list": ([], "schema"),
+    "list": ([], "holds a list; allowed is a mapping"),
     "rate": ({**PORTS, "imu": {"path": "/dev/b", "rate": 0}}, "imu.rate: 0 is not allowed"),
 }
 

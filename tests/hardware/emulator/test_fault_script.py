@@ -72,7 +72,7 @@ def test_a_wrong_script_is_one_line_that_names_the_file(tmp_path, content, messa
 
 
 def test_another_schema_and_a_missing_file_are_refused(tmp_path):
-    with pytest.raises(UserError, match="'aerodima/scenario/1' cannot be read"):
+    with pytest.raises(UserError, match="'aerodima/scenario/1' is not read"):
         read_script(script(tmp_path, schema="aerodima/scenario/1"))
     with pytest.raises(UserError, match="no such file"):
         read_script(tmp_path / "missing.yaml")

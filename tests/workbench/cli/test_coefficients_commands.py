@@ -78,7 +78,10 @@ def test_curve_and_limit_beyond_the_measured_speeds_stand_within_the_frame(tmp_p
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(["no_such_set"], "no set 'no_such_set'"), (["half_cylinder", "--out", "a.gif"], ".png, .svg or .pdf")],
+    [
+        (["no_such_set"], "'no_such_set': models/coefficients has none of this name"),
+        (["half_cylinder", "--out", "a.gif"], ".png, .svg or .pdf"),
+    ],
 )
 def test_wrong_calls_name_what_is_allowed(arguments, message) -> None:
     error = RUNNER.invoke(app(), ["coefficients", "plot", *arguments]).exception

@@ -6,7 +6,8 @@ from importlib import import_module
 import pytest
 
 from aerodima.workbench.config import scenario as scenario_module
-from aerodima.workbench.config.parameter_files import ParameterEntry, read_yaml
+from aerodima.workbench.config.checked_files import read_yaml
+from aerodima.workbench.config.parameter_files import ParameterEntry
 from aerodima.workbench.config.quantity import unit_of
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries, scenario_from_dict
 from aerodima.workbench.errors import ScenarioError

@@ -70,7 +70,7 @@ def test_a_wrong_file_is_one_line_that_says_what_is_allowed(tmp_path: Path, old:
 
 
 def test_an_unknown_name_and_a_missing_file_are_told() -> None:
-    with pytest.raises(EnsembleError, match="'carr': there is none of this name; did you mean 'car'"):
+    with pytest.raises(EnsembleError, match="'carr': models/calibration has none of this name; did you mean 'car'"):
         load_ensemble("carr")
     with pytest.raises(EnsembleError, match=r"nowhere\.yaml: no such file"):
         load_ensemble("nowhere.yaml")

@@ -1,0 +1,160 @@
+"""Files that people write, read into pydantic models: one loader, one explainer.
+
+Each mistake is one line with file, key, value and what is allowed; all mistakes of a file are told at once.
+"""
+
+import re
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from aerodima.workbench.config.quantity import NO_UNIT, nearest, unit_of
+from aerodima.workbench.errors import ScenarioError, UserError
+from aerodima.workbench.resources import models_dir
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+Place = tuple[str | int, ...]
+
+
+class StrictModel(BaseModel):
+    """Part of a file: frozen, unknown keys and NaN refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+
+class UniqueKeyLoader(yaml.SafeLoader):
+    """Safe loader that refuses a key named twice, of which plain YAML silently takes the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """One mapping; raises yaml.constructor.ConstructorError with the place of the second key."""
+        keys = [key.value for key, _ in node.value]
+        twice = sorted({str(key) for key in keys if keys.count(key) > 1})
+        if twice:
+            raise yaml.constructor.ConstructorError(None, None, f"key named twice: {', '.join(twice)}", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def shipped_names(folder: str) -> list[str]:
+    """Names of the YAML files in a folder of `models/`."""
+    return sorted(path.stem for path in (models_dir() / folder).glob("*.yaml"))
+
+
+def find_file(name_or_path: str | Path, folder: str, kind: str, error: type[UserError] = ScenarioError) -> Path:
+    """The path itself, or the file of that name in a folder of `models/`.
+
+    Raises:
+        UserError (of the class `error`): a bare name that is not there; names the nearest.
+    """
+    path = Path(name_or_path)
+    if path.suffix or path.name != str(name_or_path) or path.exists():
+        return path
+    names = shipped_names(folder)
+    if path.name not in names:
+        raise error(f"{kind} {path.name!r}: models/{folder} has none of this name; {nearest(path.name, names)}")
+    return models_dir() / folder / f"{path.name}.yaml"
+
+
+def read_yaml(path: Path, error: type[UserError] = ScenarioError) -> dict[str, Any]:
+    """Reads a YAML mapping; an empty file is an empty one.
+
+    Raises:
+        UserError (of the class `error`): a missing file, bad syntax, a key named twice or another kind of content.
+    """
+    try:
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=UniqueKeyLoader)
+    except FileNotFoundError:
+        raise error(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as cause:
+        raise error(f"{path}: cannot be read: {cause}") from None
+    except yaml.YAMLError as cause:
+        raise error(f"{path}: not YAML: {' '.join(str(cause).split())}") from None
+    return {} if data is None else require_mapping(data, str(path), error)
+
+
+def require_mapping(data: Any, where: str, error: type[UserError]) -> dict[str, Any]:
+    """The data, if they are keys with values."""
+    if not isinstance(data, dict):
+        raise error(f"{where}: holds a {type(data).__name__}; allowed is a mapping")
+    return data
+
+
+def checked(
+    model: type[ModelT], data: Any, where: str, error: type[UserError] = ScenarioError, *, schema: str | None = None
+) -> ModelT:
+    """The model of plain data; `schema` is what they must carry, if they must carry one.
+
+    Raises:
+        UserError (of the class `error`): unknown or missing key, value not allowed, another schema; names the place
+            after `where`, the value and what is allowed.
+    """
+    found = require_mapping(data, where, error).get("schema")
+    if schema is not None and found != schema:
+        raise error(f"{where}: schema: {found!r} is not read by this version; allowed is {schema!r}")
+    try:
+        return model.model_validate(data)
+    except ValidationError as report:
+        items: list[Any] = list(report.errors())
+    # A list whose entries are wrong is not told to be too short as well.
+    outer = {item["loc"][:depth] for item in items for depth in range(len(item["loc"]))}
+    told = [item for item in items if item["type"] != "too_short" or item["loc"] not in outer]
+    raise error("; ".join(f"{where}: {_line(item, model)}" for item in told))
+
+
+def keys_of(model: type[BaseModel]) -> list[str]:
+    """Keys of a section as they are written in the file."""
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _line(item: Any, model: type[BaseModel]) -> str:
+    """One of pydantic's errors as `key: value is not allowed; what is`."""
+    place, kind = item["loc"], item["type"]
+    key = ".".join(map(str, place))
+    if kind == "missing":
+        return f"{key}: missing"
+    if kind == "value_error":
+        text = str(item["ctx"]["error"])
+        return text if not key else key + ("." if re.match(r"[\w.]+: ", text) else ": ") + text
+    owners = _models_at(model, place[:-1])
+    if kind == "extra_forbidden":
+        return f"{key}: unknown key; {_nearest_key(place, owners)}"
+    allowed = item["msg"][0].lower() + item["msg"][1:]
+    if kind.startswith("union_tag"):
+        return f"{key}: {allowed}"
+    units = {unit_of(owner, place[-1]) for owner in owners if place and place[-1] in owner.model_fields} - {NO_UNIT}
+    return f"{key}: {item['input']!r} is not allowed; {allowed}" + "".join(f" ({unit})" for unit in units)
+
+
+def _nearest_key(place: Place, owners: list[type[BaseModel]]) -> str:
+    name = str(place[-1])
+    sections = [key for owner in owners for key in keys_of(owner) if name in _keys_within(owner, key)]
+    if len(place) == 1 and sections:
+        return f"did you mean {' or '.join(f'{section}.{name}' for section in sections)}?"
+    return nearest(name, [key for owner in owners for key in keys_of(owner)])
+
+
+def _keys_within(owner: type[BaseModel], key: str) -> set[str]:
+    return {name for model in _models_at(owner, (key,)) if model is not owner for name in keys_of(model)}
+
+
+def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
+    """The models that may hold the keys at a place: several where the file chooses and the place does not say."""
+    models = [model]
+    for part in place:
+        fields = [(name, field) for owner in models for name, field in owner.model_fields.items()]
+        tagged = [owner for owner in models if part == owner.__name__ or part in _tags(owner)]
+        named = [field for name, field in fields if part in (name, field.alias)]
+        inner = [found for field in named for found in _named_in(field.annotation)]
+        models = tagged or inner or models  # an index, or the key of a mapping, stays where it is
+    return models
+
+
+def _tags(model: type[BaseModel]) -> set[Any]:
+    return {tag for field in model.model_fields.values() for tag in get_args(field.annotation) if isinstance(tag, str)}
+
+
+def _named_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _named_in(part)]
