@@ -7,18 +7,16 @@ its mapping names, or of the one that the user names for the fit. The log's own 
 from __future__ import annotations
 
 import json
-from functools import cache, lru_cache
-from pathlib import Path
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 
 from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
-from aerodima.workbench.config.parameter_files import apply_setting, read_yaml
-from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, default_rig_values, rig_scenario_from_dict
+from aerodima.workbench.config.checked_files import find_file, read_yaml
+from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.resources import model_path
 
 CURRENT_SAMPLING = "current_sampling"
 """Key in a log's `extra`: whether a sample of the current is its value then or its mean since the sample before."""
@@ -68,10 +66,10 @@ def named_rig(rig: str, settings: tuple[str, ...]) -> dict[str, Any]:
     """What the user says of the rig: section -> key -> value; do not change it in place."""
     data: dict[str, Any] = {}
     if rig:
-        path = Path(rig) if Path(rig).suffix else model_path(f"scenarios/rig/{rig}.yaml")
+        path = find_file(rig, RigScenario.folder, "scenario")
         data = {key: value for key, value in read_yaml(path).items() if key not in ("schema", "name", "seed")}
     for setting in settings:
-        apply_setting(data, setting, RIG_SECTIONS, "maxon.torque_constant=0.35")
+        RigScenario.apply_setting(data, setting)
     return data
 
 
@@ -106,15 +104,10 @@ def differences(scenario: RigScenario) -> dict[str, Any]:
     """What of a rig differs from `models/`, as `section.key`; the experiment is left out."""
     return {
         f"{section}.{key}": value
-        for section, known in _known().items()
+        for section, known in RigScenario.defaults().items()
         for key, value in getattr(scenario, section).model_dump(mode="json").items()
         if section != "experiment" and value != known[key]
     }
-
-
-@cache
-def _known() -> dict[str, dict[str, Any]]:
-    return default_rig_values()
 
 
 def current_sampling(log: RunLog) -> CurrentSampling:

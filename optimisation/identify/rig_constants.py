@@ -21,7 +21,7 @@ from aerodima.optimisation.fit.robust_loss import huber
 from aerodima.optimisation.fit.uncertainty import Noise
 from aerodima.optimisation.identify.published_tables import static_rows
 from aerodima.optimisation.identify.static_balance import StaticBalance
-from aerodima.workbench.config.rig_scenario import load_rig_parameter_entries, rig_scenario_from_dict
+from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
 
 OUTLIER = 0.03
 """Relative error of a predicted current above which a row is listed."""
@@ -59,7 +59,7 @@ def constants_parameters() -> Parameters:
 
 
 def _unknown(section: str, key: str) -> Parameter:
-    entry = load_rig_parameter_entries(section)[key]
+    entry = RigScenario.parameters(section)[key]
     assert entry.prior is not None
     low, high = entry.prior
     name = key if section in ("maxon", "tunnel") else f"{section}_{key}"

@@ -22,7 +22,7 @@ from aerodima.optimisation.swing.planar_model import INPUTS, linearise
 from aerodima.optimisation.swing.planar_model import STATES as PLANAR_STATES
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import turn_profile
-from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import Feedback, FeedbackState, SwingFile
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.controllers.swing_reference import SwingReference
@@ -211,11 +211,8 @@ def _nominal_run(swing: SwingFile, scenario: Scenario) -> _Nominal:
 
 
 def _quiet(scenario: Scenario, direction: str) -> Scenario:
-    data = scenario.resolved()
-    data["tail"]["mode"] = "swing"
-    data["manoeuvre"]["direction"] = direction
-    data["imu"] |= dict.fromkeys(_NOISES, 0.0)
-    return scenario_from_dict(data)
+    quiet = dict.fromkeys(_NOISES, 0.0)
+    return scenario.varied(tail={"mode": "swing"}, manoeuvre={"direction": direction}, imu=quiet)
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from aerodima.optimisation.sweep.rollover_threshold import Search, Start, Threshold, search_rows
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import TurnProfile, turn_profile
-from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.logs.schema import RunLog
@@ -44,16 +43,7 @@ class Outcome:
     released: float | None
 
 
-def varied(scenario: Scenario, **sections: dict[str, Any]) -> Scenario:
-    """The scenario with other values: section -> key -> value.
-
-    Raises:
-        ScenarioError: a value is not allowed.
-    """
-    data = scenario.resolved()
-    for section, values in sections.items():
-        data[section] = data[section] | values
-    return scenario_from_dict(data)
+varied = Scenario.varied
 
 
 def drive(

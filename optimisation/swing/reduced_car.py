@@ -11,7 +11,7 @@ from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from aerodima.workbench.config.log_columns import AXLES
-from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.plants.car_model import wheel_rates
 from aerodima.workbench.stations.car_air import sail_law, sail_layout
@@ -94,8 +94,7 @@ class ReducedCar:
             ModelError: the full car does not load.
         """
         _refuse_unknown(scenario)
-        swinging = scenario_from_dict({**scenario.resolved(), "tail": {**scenario.resolved()["tail"], "mode": "swing"}})
-        built = add_car_plant(DiagramBuilder(), swinging)
+        built = add_car_plant(DiagramBuilder(), scenario.varied(tail={"mode": "swing"}))
         plant, tail, car = built.plant, scenario.tail, scenario.car
         context = plant.CreateDefaultContext()
         for name in ("tail_roll", "tail_pitch"):

@@ -11,21 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from aerodima.workbench.config.parameter_files import load_entries_without_model
-from aerodima.workbench.config.rig_scenario import (
-    RIG_SECTIONS,
-    SHARED_WITH_CAR,
-    load_rig_parameter_entries,
-    load_rig_scenario,
-    rig_scenario_from_dict,
-    rig_scenario_names,
-)
-from aerodima.workbench.config.scenario import (
-    SECTIONS,
-    load_parameter_entries,
-    load_scenario,
-    scenario_from_dict,
-    scenario_names,
-)
+from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_file import read_swing
 from aerodima.workbench.errors import ModelError, UserError
 from aerodima.workbench.plants.car import MODELS_PACKAGE
@@ -62,16 +49,13 @@ def check_shipped_models() -> Iterator[CheckResult]:
     root = models_dir()
     for path in sorted([*root.rglob("*.sdf"), *root.rglob("*.urdf")]):
         yield from check_model_file(path)
-    for section in SECTIONS:
-        yield _attempt(
-            f"parameters/{section}.yaml: unit and source of every number", partial(load_parameter_entries, section)
-        )
-    for section in RIG_SECTIONS:
-        if section not in SHARED_WITH_CAR:
-            yield _attempt(
-                f"parameters/rig/{section}.yaml: unit and source of every number",
-                partial(load_rig_parameter_entries, section),
-            )
+    for scenario in (Scenario, RigScenario):
+        for section in scenario.sections():
+            if section not in scenario.shared_with_car:
+                yield _attempt(
+                    f"{scenario.parameter_folder}/{section}.yaml: unit and source of every number",
+                    partial(scenario.parameters, section),
+                )
     for path in sorted((root / "parameters" / "hardware").glob("*.yaml")):
         yield _attempt(
             f"parameters/hardware/{path.name}: unit and source of every number",
@@ -83,10 +67,9 @@ def check_shipped_models() -> Iterator[CheckResult]:
         yield CheckResult(
             f"{model.path.relative_to(root)}: numbers equal the parameters", tuple(sdf_differences(model))
         )
-    for name in scenario_names():
-        yield _attempt(f"scenarios/{name}.yaml: resolves", partial(load_scenario, name))
-    for name in rig_scenario_names():
-        yield _attempt(f"scenarios/rig/{name}.yaml: resolves", partial(load_rig_scenario, name))
+    for scenario in (Scenario, RigScenario):
+        for name in scenario.names():
+            yield _attempt(f"{scenario.folder}/{name}.yaml: resolves", partial(scenario.load, name))
     for path in sorted((root / "swings").glob("*.yaml")):
         yield _attempt(f"swings/{path.name}: reads", partial(read_swing, path))
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.car_parameters import TailParameters
-from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import UserError
 
 SCHEMA = "aerodima/range-of-motion/1"
@@ -107,15 +107,15 @@ def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: 
     for name, count in (("pitch", pitch_count), ("roll", roll_count)):
         if not 3 <= count <= 1001:
             raise UserError(f"--{name}-nodes {count}: allowed: 3 to 1001")
-    with_tail = scenario.resolved()
-    with_tail["tail"]["mode"] = "swing"
-    query = _TailQuery(scenario_from_dict(with_tail))
+    query = _TailQuery(scenario.varied(tail={"mode": "swing"}))
     tail = scenario.tail
     pitch = np.linspace(-tail.pitch_limit, tail.pitch_limit, pitch_count)
     roll = np.linspace(-tail.roll_limit, tail.roll_limit, roll_count)
     clearances = np.array([[query.clearances(p, r) for r in roll] for p in pitch])
     car = {
-        f"{section}.{key}": float(with_tail[section][key]) for section, keys in _KEPT_PARAMETERS.items() for key in keys
+        f"{section}.{key}": float(getattr(getattr(scenario, section), key))
+        for section, keys in _KEPT_PARAMETERS.items()
+        for key in keys
     }
     return RangeOfMotion(pitch, roll, clearances, car)
 

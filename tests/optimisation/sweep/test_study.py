@@ -87,7 +87,7 @@ def test_missing_file_other_schema_and_missing_scenario_are_refused(tmp_path):
         load_study(old)
     other = tiny_study(tmp_path)
     other.write_text(other.read_text().replace("scenario: straight", "scenario: sideways"))
-    with pytest.raises(UserError, match=r"scenarios/sideways\.yaml"):
+    with pytest.raises(UserError, match=r"scenario 'sideways': models/scenarios has none of this name"):
         load_study(other)
 
 

@@ -50,4 +50,4 @@ def test_diagram_refuses_other_endings(refused: Callable, tmp_path: Path) -> Non
 
 
 def test_unknown_scenario_names_the_nearest(refused: Callable) -> None:
-    assert "scenarios/turn_none.yaml" in refused("export", "turn_nune")
+    assert "did you mean 'turn_none'?" in refused("export", "turn_nune")

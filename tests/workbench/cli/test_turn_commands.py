@@ -127,7 +127,7 @@ def test_log_below_a_file_is_refused(refused: Callable, untouched: Path) -> None
         (("--speed", "25"), ("25", "m/s")),  # beyond the throttle line
         (("--tail", "wagging"), ("with --tail wagging --set", "tail.mode", "'none', 'held' or 'swing'")),
         (("--set", "com_height=0.2"), ("com_height", "did you mean car.com_height?")),
-        (("--scenario", "turn_swin"), ("turn_swin", "nearest: scenarios/turn_swing")),
+        (("--scenario", "turn_swin"), ("turn_swin", "did you mean 'turn_swing'?")),
         (("--law", "nowhere.py:Law"), ("nowhere.py", "no such Python file")),
         (("--law", "nowhere.py:Law", "--tail", "none"), ("--law", "no tail")),
         (("--law", "nowhere.py:Law", "--swing", "thesis_8_rad_per_s"), ("--law", "--swing")),

@@ -5,7 +5,7 @@ from importlib import import_module
 
 import pytest
 
-from aerodima.workbench.config import scenario as scenario_module
+from aerodima.workbench.config import scenario_file
 from aerodima.workbench.config.checked_files import read_yaml
 from aerodima.workbench.config.parameter_files import ParameterEntry
 from aerodima.workbench.config.quantity import unit_of
@@ -87,7 +87,7 @@ def gps_file(tmp_path, monkeypatch):
     """A copy of the GPS parameters that a test may spoil."""
     path = tmp_path / "gps.yaml"
     path.write_text((models_dir() / "parameters" / "gps.yaml").read_text())
-    monkeypatch.setattr(scenario_module, "model_path", lambda relative: path)
+    monkeypatch.setattr(scenario_file, "model_path", lambda relative: path)
     return path
 
 

@@ -10,10 +10,9 @@ import pytest
 
 from aerodima.workbench.config.rig_scenario import (
     RIG_SECTIONS,
-    load_rig_parameter_entries,
+    RigScenario,
     load_rig_scenario,
     rig_scenario_from_dict,
-    rig_scenario_names,
 )
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import ScenarioError
@@ -76,12 +75,12 @@ def test_the_robot_tail_is_the_one_on_the_car() -> None:
 
 @pytest.mark.parametrize("section", sorted(RIG_SECTIONS))
 def test_every_number_has_unit_and_source(section: str) -> None:
-    assert set(load_rig_parameter_entries(section)) == set(RIG_SECTIONS[section].model_fields)
+    assert set(RigScenario.parameters(section)) == set(RIG_SECTIONS[section].model_fields)
 
 
 def test_shipped_scenarios_resolve_and_survive_a_round_trip() -> None:
-    assert rig_scenario_names() == ["bar", "flick", "robot", "static"]
-    for name in rig_scenario_names():
+    assert RigScenario.names() == ["bar", "flick", "robot", "static"]
+    for name in RigScenario.names():
         scenario = load_rig_scenario(name)
         assert rig_scenario_from_dict(scenario.resolved()) == scenario
         assert scenario.varied() == scenario
