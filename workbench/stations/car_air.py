@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import MatrixGain, Multiplexer
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw, facing_law
@@ -23,6 +22,7 @@ from aerodima.workbench.config.coefficient_names import CONSTANT
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import sail_inertial
+from aerodima.workbench.systems.connections import stacked, transformed
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:
@@ -133,11 +133,7 @@ def add_sail_force(
     shell, board = free_sail(scenario.tail, law).add_to_builder(
         builder, plant, "tail_sail", air=air, wind=port, quasi_steady_limit=limit
     )
-    both = builder.AddNamedSystem("sail_wrenches", Multiplexer([9, 9]))
-    for index, part in enumerate((shell, board)):
-        builder.Connect(part.GetOutputPort("wrench"), both.get_input_port(index))
+    both = stacked(builder, "sail_wrenches", [part.GetOutputPort("wrench") for part in (shell, board)])
     # Forces and moments add; the origin of the body, about which both moments are, does not.
     sum_of_both = np.hstack([np.eye(9), np.diag([1.0] * 6 + [0.0] * 3)])
-    total = builder.AddNamedSystem("sail_wrench", MatrixGain(sum_of_both))
-    builder.Connect(both.get_output_port(), total.get_input_port())
-    return SailForce(shell, total.get_output_port())
+    return SailForce(shell, transformed(builder, "sail_wrench", both, sum_of_both))

@@ -1,16 +1,72 @@
 """Connections between ports of a diagram."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import MatrixGain
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
+
+from aerodima.workbench.config.ports import PortFields
+from aerodima.workbench.errors import UserError
 
 
 def select(builder: DiagramBuilder, name: str, source: OutputPort, indices: Sequence[int]) -> OutputPort:
     """A vector port (len(indices)) with these elements of another one; adds one system of that name."""
     matrix = np.zeros((len(indices), source.size()))
     matrix[np.arange(len(indices)), list(indices)] = 1.0
+    return transformed(builder, name, source, matrix)
+
+
+def transformed(builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray) -> OutputPort:
+    """A vector port (m) that is a matrix (m, n) times another one (n); adds one system of that name."""
     system = builder.AddNamedSystem(name, MatrixGain(matrix))
     builder.Connect(source, system.get_input_port())
     return system.get_output_port()
+
+
+def stacked(builder: DiagramBuilder, name: str, sources: Sequence[OutputPort]) -> OutputPort:
+    """A vector port with the elements of several, one after the other; adds one system of that name."""
+    system = builder.AddNamedSystem(name, Multiplexer([source.size() for source in sources]))
+    for index, source in enumerate(sources):
+        builder.Connect(source, system.get_input_port(index))
+    return system.get_output_port()
+
+
+def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort:
+    """A vector port that never changes; adds one system of that name."""
+    return builder.AddNamedSystem(name, ConstantVectorSource(np.array(value, dtype=float))).get_output_port()
+
+
+def add_status(builder: DiagramBuilder, fields: PortFields, sources: Mapping[str, OutputPort]) -> OutputPort:
+    """The port `status` of a simulated station: armed; what `sources` do not name is healthy and of this instant."""
+    known = {"armed": constant(builder, "armed", [1.0]), **sources}
+    healthy = constant(builder, "no_fault", [0.0])
+    return stacked(builder, "status", [known.get(name, healthy) for name in fields.fields])
+
+
+def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:
+    """Exports ports under these names."""
+    for name, port in ports.items():
+        builder.ExportOutput(port, name)
+
+
+def export_interface(
+    builder: DiagramBuilder, system: System, inputs: Mapping[str, PortFields], outputs: Mapping[str, PortFields]
+) -> None:
+    """Adds a hardware interface and exports its ports; UserError unless names and sizes are those of the contract."""
+    found_inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
+    found_outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
+    for kind, found, contract in (("inputs", found_inputs, inputs), ("outputs", found_outputs, outputs)):
+        sizes = {port.get_name(): port.size() for port in found}
+        allowed = {name: fields.size for name, fields in contract.items()}
+        if sizes != allowed:
+            raise UserError(f"interface {system.get_name()!r}: {kind} {_sizes(sizes)}; allowed: {_sizes(allowed)}")
+    builder.AddSystem(system)
+    for name in inputs:
+        builder.ExportInput(system.GetInputPort(name), name)
+    export_outputs(builder, {name: system.GetOutputPort(name) for name in outputs})
+
+
+def _sizes(ports: dict[str, int]) -> str:
+    return ", ".join(f"{name} ({size})" for name, size in sorted(ports.items())) or "none"
