@@ -5,6 +5,7 @@ those of the car. Schema `aerodima/rig-scenario/1`.
 """
 
 import math
+from pathlib import Path
 from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -128,4 +129,8 @@ class RigScenario(ScenarioFile):
 
 RIG_SECTIONS = RigScenario.sections()
 rig_scenario_from_dict = RigScenario.from_dict
-load_rig_scenario = RigScenario.load
+
+
+def load_rig_scenario(name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> RigScenario:
+    """Loads a scenario of a rig; arguments and errors are those of `ScenarioFile.load`."""
+    return RigScenario.load(name_or_path, settings, said=said)

@@ -3,6 +3,7 @@
 A scenario file holds only what differs from `models/parameters`; `load_scenario` resolves it.
 """
 
+from pathlib import Path
 from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -87,5 +88,9 @@ SECTIONS = Scenario.sections()
 load_parameter_entries = Scenario.parameters
 default_values = Scenario.defaults
 scenario_from_dict = Scenario.from_dict
-load_scenario = Scenario.load
 scenario_names = Scenario.names
+
+
+def load_scenario(name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> Scenario:
+    """Loads a scenario of the car; arguments and errors are those of `ScenarioFile.load`."""
+    return Scenario.load(name_or_path, settings, said=said)
