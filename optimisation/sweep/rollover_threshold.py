@@ -175,7 +175,7 @@ class Case:
 
 
 def critical_friction(
-    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: float
+    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: Any
 ) -> Threshold:
     """Highest tyre friction that is survived at the scenario's speed, and the lowest that is not.
 
@@ -190,7 +190,7 @@ def critical_friction(
 
 
 def highest_speed(
-    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: float
+    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: Any
 ) -> Threshold:
     """Highest speed (m/s) survived with the scenario's friction, and the first at which it flips; as the above."""
     return find_thresholds([Case("", scenario, tuple(settings))], replace(SPEED_SEARCH, **changes), engine)[0]
@@ -285,10 +285,10 @@ def _threshold(search: Search, rows: dict[float, Any], judge: Judge) -> Threshol
     survived, lost = _first_step(rows, judge)
     islands: list[tuple[float, float]] = []
     open_island = False
-    for value in rows if lost is not None else ():
-        if value > lost and judge(rows[value]):
+    for value in [value for value in rows if lost is not None and value > lost]:
+        if judge(rows[value]):
             islands.append((islands.pop()[0] if open_island else value, value))
-        open_island = value > lost and bool(judge(rows[value]))
+        open_island = bool(judge(rows[value]))
     highest = max((value for value, row in rows.items() if judge(row)), default=None)
     return Threshold(search, survived, lost, tuple(islands), highest, rows)
 
