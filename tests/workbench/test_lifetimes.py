@@ -3,6 +3,7 @@
 import gc
 import weakref
 
+import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
@@ -20,7 +21,7 @@ class _One(LeafSystem):
         self.DeclareVectorOutputPort("one", 1, self._calc)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([1.0])
+        output.SetFromVector(np.ones(1))
 
 
 def python_systems_die() -> bool:
@@ -48,7 +49,7 @@ pytestmark = pytest.mark.skipif(
         ("turn_swing_free_sail", []),
     ],
 )
-def test_diagram_and_station_of_a_car_die(name, settings):
+def test_diagram_and_station_of_a_car_die(name: str, settings: list[str]) -> None:
     car = assemble(load_scenario(name, settings))
     station, diagram = weakref.ref(car.station), weakref.ref(car.builder.Build())
     del car
@@ -58,7 +59,7 @@ def test_diagram_and_station_of_a_car_die(name, settings):
 
 @pytest.mark.parametrize("name", ["flick", "bar", "robot"])
 @pytest.mark.parametrize("settings", [[], ["aero.added_mass=0.01"]])
-def test_diagram_and_station_of_a_rig_die(name, settings):
+def test_diagram_and_station_of_a_rig_die(name: str, settings: list[str]) -> None:
     builder, station = assemble_rig(load_rig_scenario(name, settings))
     station_ref, diagram = weakref.ref(station), weakref.ref(builder.Build())
     del builder, station
