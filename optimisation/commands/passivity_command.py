@@ -31,7 +31,7 @@ def passivity(
 
     from aerodima.optimisation.studies.leaderboard.leaderboard import open_runs
     from aerodima.optimisation.studies.leaderboard.passivity import SPEEDS, measure_passivity, write_passivity
-    from aerodima.optimisation.studies.leaderboard.run_memory import RememberingEngine
+    from aerodima.optimisation.sweep.run_memory import RememberingEngine
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
 

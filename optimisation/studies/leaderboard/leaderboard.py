@@ -8,8 +8,8 @@ from typing import Any
 
 from aerodima.optimisation.studies.leaderboard.leaderboard_page import write_leaderboard
 from aerodima.optimisation.studies.leaderboard.leaderboard_runs import SCENARIO, Leaderboard, Plan, measure
-from aerodima.optimisation.studies.leaderboard.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
+from aerodima.optimisation.sweep.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.optimisation.sweep.study_store import open_store
 from aerodima.workbench.config.ensemble import Member

@@ -26,7 +26,6 @@ from aerodima.optimisation.studies.leaderboard.contestants import (
     standard_contestants,
     trackings_of,
 )
-from aerodima.optimisation.studies.leaderboard.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.rollover_threshold import (
     FRICTION,
     SPEED,
@@ -36,6 +35,7 @@ from aerodima.optimisation.sweep.rollover_threshold import (
     find_thresholds,
     is_clean,
 )
+from aerodima.optimisation.sweep.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.study_store import make_frame
 from aerodima.optimisation.sweep.study_task import RunTask
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from aerodima.optimisation.fit import fit_batch
 from aerodima.optimisation.fit.fit_batch import WORKER_KILLED, fit_logs
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.log_fits import fit_spring_file
@@ -68,6 +69,6 @@ def test_fits_of_another_version_are_made_again(tmp_path: Path, monkeypatch: pyt
     log.write_text("\n".join(["displacement_m,force_n", *rows]))
     for reused in (0, 1):
         assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused
-    monkeypatch.setattr("aerodima.optimisation.fit.fit_batch.software_versions", lambda: {"project": "0.0.0"})
+    monkeypatch.setattr(fit_batch, "software_versions", lambda: {"project": "0.0.0"})
     for reused in (0, 1):
         assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused

@@ -243,7 +243,7 @@ def test_a_scenario_names_its_law() -> None:
     assert isinstance(law_of_scenario(named), SwingTracker)
     with pytest.raises(ModelError, match=r"swings/nowhere\.yaml' does not exist .* nearest: swings/\w+\.yaml"):
         law_of_scenario(load_scenario("turn_swing", ["controller.swing_file=nowhere"]))
-    with pytest.raises(SwingFileError, match=r"nowhere\.yaml: no such swing file"):
+    with pytest.raises(SwingFileError, match=r"nowhere\.yaml: no such file"):
         law_of_scenario(load_scenario("turn_swing", ["controller.swing_file=nowhere.yaml"]))
     held = load_scenario("turn_held", ["controller.swing_file=nowhere"])
     assert isinstance(law_of_scenario(held), SwingLaw), "a tail that is held plays no swing"

@@ -14,8 +14,8 @@ from aerodima.optimisation.studies.leaderboard.contestants import swing_player, 
 from aerodima.optimisation.studies.leaderboard.leaderboard import make_leaderboard
 from aerodima.optimisation.studies.leaderboard.leaderboard_page import PAGE
 from aerodima.optimisation.studies.leaderboard.leaderboard_runs import Plan
-from aerodima.optimisation.studies.leaderboard.run_memory import task_key
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
+from aerodima.optimisation.sweep.run_memory import task_key
 from aerodima.optimisation.sweep.study_task import RunTask
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
