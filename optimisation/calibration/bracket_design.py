@@ -63,7 +63,7 @@ class Runner:
 
     def run(self, wanted: list[Wanted], what: str) -> pd.DataFrame:
         """Rows of runs, in their order."""
-        return self.store.run(wanted, self.engine, lambda done, of: self.say(f"{what}: {done} of {of} runs"))
+        return self.store.run(wanted, self.engine, self.say, what)
 
 
 @dataclass(frozen=True)

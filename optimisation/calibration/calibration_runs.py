@@ -4,35 +4,31 @@ Every decision of a calibration follows from its plan, its seed and the rows of 
 same folder repeats the decisions, takes the rows that are there, and runs only what is missing.
 """
 
-import fcntl
 import hashlib
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aerodima.optimisation.sweep.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.optimisation.sweep.study_task import RunTask, tipped_before_turn
-from aerodima.workbench.atomic_write import make_folder
+from aerodima.workbench.batch.row_store import RowStore, content_key
+from aerodima.workbench.batch.worker_record import Say
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import software_versions
 
-RUNS_SCHEMA = "aerodima/calibration-runs/2"
+RUNS_SCHEMA = "aerodima/calibration-runs/3"
 RUNS = "runs.jsonl"
 SCENARIOS = ("turn_none", "turn_held", "turn_swing", "slalom")
 """Whose numbers must be those of the runs that a folder holds, whatever varies from car to car."""
 
 DEFAULT_LOG_RATE = 500.0
 """Hz; a coarser step than its period logs every step."""
-Said = Callable[[int, int], None]
-"""Told how many runs of how many are done."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ def car_values(keys: Sequence[str], rows: NDArray[np.float64]) -> list[dict[str,
     return [{key: float(f"{value:.6g}") for key, value in zip(keys, row, strict=True)} for row in rows]
 
 
-class RunStore:
+class RunStore(RowStore):
     """Rows of finished runs in `runs.jsonl` of a folder, which is locked as long as the store lives.
 
     Args:
@@ -87,77 +83,21 @@ class RunStore:
         force: drop the rows that are there.
 
     Raises:
-        UserError: the folder holds runs of other parameters or versions, another process works in it, or no such file
-            at all can be made.
+        UserError: as `RowStore`.
     """
 
     def __init__(self, folder: Path, varied: Iterable[str], *, force: bool = False):
-        make_folder(folder, UserError)
-        self.path = folder / RUNS
-        self._stream = self.path.open("ab+")
-        try:
-            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._stream.close()
-            raise UserError(f"{folder}: another process works in it; wait for it, or choose another folder") from None
-        if force:
-            self._stream.truncate(0)
         bases = {name: _digest(load_scenario(name), tuple(varied)) for name in SCENARIOS}
-        self._head = {"schema": RUNS_SCHEMA, "versions": software_versions(), "scenarios": bases}
-        self._rows = self._read()
+        identity = {"schema": RUNS_SCHEMA, "versions": software_versions(), "scenarios": bases}
+        super().__init__(folder / RUNS, identity, force=force)
 
-    def run(self, wanted: Sequence[Wanted], engine: Engine, said: Said | None = None) -> pd.DataFrame:
+    def run(self, wanted: Sequence[Wanted], engine: Engine, say: Say | None = None, what: str = "") -> pd.DataFrame:
         """Rows of runs, in their order; those that are not in the store are run and stored first."""
-        tasks = [run.task() for run in wanted]
-        missing = list({task.name: task for task in tasks if task.name not in self._rows}.values())
-        count = len(tasks) - len(missing)
-
-        def keep(_: int, row: dict[str, Any]) -> None:
-            nonlocal count
-            count += 1
-            self._rows[row["run"]] = row
-            self._append(row)
-            if said is not None:
-                said(count, len(tasks))
-
-        if missing:
-            engine.rows(missing, keep)
-        return pd.DataFrame([self._rows[task.name] for task in tasks])
+        remembering = RememberingEngine(engine, self, say, what)
+        return pd.DataFrame(remembering.rows([run.task() for run in wanted]))
 
     def __len__(self) -> int:
-        return len(self._rows)
-
-    def close(self) -> None:
-        """Frees the folder; the end of the process does so too."""
-        self._stream.close()
-
-    def _append(self, row: dict[str, Any]) -> None:
-        self._stream.write((json.dumps(row, default=_plain) + "\n").encode())
-        self._stream.flush()
-
-    def _read(self) -> dict[str, dict[str, Any]]:
-        """Rows by name; a last line that an interruption cut off is dropped from the file."""
-        self._stream.seek(0)
-        lines = self._stream.read().splitlines(keepends=True)
-        rows = []
-        for number, line in enumerate(lines):
-            try:
-                rows.append(json.loads(line))
-            except ValueError:
-                if number != len(lines) - 1:
-                    raise UserError(f"{self.path}: line {number + 1} is damaged; drop the runs with --force") from None
-                self._stream.truncate(sum(map(len, lines[:-1])))
-                break
-            if not line.endswith(b"\n"):  # cut off exactly before the end of the line
-                self._stream.write(b"\n")
-        if not rows:
-            self._append(self._head)
-        elif rows[0] != self._head:
-            raise UserError(
-                f"{self.path}: holds runs of other parameters, or of another version; choose another folder, or drop "
-                "them with --force"
-            )
-        return {row["run"]: row for row in rows[1:]}
+        return len(self.rows)
 
 
 def survives(rows: pd.DataFrame) -> NDArray[np.bool_]:
@@ -181,8 +121,4 @@ def _digest(base: Scenario, varied: Sequence[str]) -> str:
     for key in varied:
         section, _, name = key.partition(".")
         content[section].pop(name, None)
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else str(value)
+    return content_key(content)

@@ -36,18 +36,17 @@ def calibrate(
     from aerodima.optimisation.calibration.calibration_runs import RunStore
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.report.demo import terminal
+    from aerodima.workbench.batch.progress import saying_how_to_go_on, terminal
 
     chosen = load_plan(plan)
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
-    store = RunStore(out, (*chosen.car, *chosen.tail), force=work.force)
     say = terminal()
-    try:
-        with open_engine(work.workers, work.scheduler, say=say, record=out / WORKER_RECORD) as engine:
-            result = carry_out(chosen, store, engine, say)
-            report = write_calibration(result, out, store, engine, say)
-    except KeyboardInterrupt:
-        say(f"stopped: {len(store)} runs are in {store.path}; the same command goes on with the rest")
-        raise
+    with (
+        RunStore(out, (*chosen.car, *chosen.tail), force=work.force) as store,
+        saying_how_to_go_on(say, lambda: f"{len(store)} runs"),
+        open_engine(work.workers, work.scheduler, say=say, record=out / WORKER_RECORD) as engine,
+    ):
+        result = carry_out(chosen, store, engine, say)
+        report = write_calibration(result, out, store, engine, say)
     typer.echo(report)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,18 +51,10 @@ def fit_batch(
     """
     from aerodima.optimisation.fit.fit_batch import fit_logs
     from aerodima.optimisation.fit.fit_report import write_report
+    from aerodima.workbench.batch.progress import terminal
 
     logs, out = batch.logs, batch.out
-    with typer.progressbar(length=len(logs), label="fitting", file=sys.stderr) as bar:
-        fitted = fit_logs(
-            work,
-            logs,
-            out,
-            settings=settings,
-            workers=batch.workers,
-            force=batch.force,
-            progress=lambda done, _: bar.update(done - bar.pos),
-        )
+    fitted = fit_logs(work, logs, out, settings=settings, workers=batch.workers, force=batch.force, say=terminal())
     if fitted.reused:
         typer.echo(f"{fitted.reused} of {len(logs)} were fitted before")
     extra, left_out = _further_tables(tables, fitted.results, out)

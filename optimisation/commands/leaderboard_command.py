@@ -41,7 +41,6 @@ def leaderboard(
     Asked for again after Ctrl-C, or with more members, it keeps the runs that are there.
     Example: aerodima leaderboard --members 2 --quick --out out/leaderboard
     """
-    import sys
     from dataclasses import replace
 
     from aerodima.optimisation.studies.leaderboard.contestants import shipped_swings, standard_contestants
@@ -49,6 +48,7 @@ def leaderboard(
     from aerodima.optimisation.studies.leaderboard.leaderboard_runs import QUICK, Plan
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.batch.progress import terminal
     from aerodima.workbench.config.ensemble import load_ensemble
 
     swings = swing if swing is not None else shipped_swings()
@@ -58,7 +58,7 @@ def leaderboard(
     plan = replace(QUICK if quick else Plan(perturbed=robustness), step=step)
     if speed:
         plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
-    say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
+    say = terminal()
     with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
         board, files = make_leaderboard(out, plan, swings, chosen, engine, replays=replays, force=force, say=say)
     for row in board.claims.to_dict("records"):

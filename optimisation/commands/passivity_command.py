@@ -27,17 +27,20 @@ def passivity(
     Asked for again after Ctrl-C it keeps the runs that are there.
     Example: aerodima passivity --speed 4.5 --speed 6 --out out/passivity
     """
-    import sys
-
     from aerodima.optimisation.studies.leaderboard.leaderboard import open_runs
     from aerodima.optimisation.studies.leaderboard.passivity import SPEEDS, measure_passivity, write_passivity
     from aerodima.optimisation.sweep.run_memory import RememberingEngine
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.batch.progress import saying_how_to_go_on, terminal
 
-    say = lambda line: print(line, file=sys.stderr, flush=True)  # noqa: E731
+    say = terminal()
     record = out / WORKER_RECORD
-    with open_engine(workers, say=say, record=record) as engine, open_runs(out) as store:
+    with (
+        open_engine(workers, say=say, record=record) as engine,
+        open_runs(out) as store,
+        saying_how_to_go_on(say, lambda: f"{len(store.rows)} runs"),
+    ):
         table = measure_passivity(RememberingEngine(engine, store, say, "passive and active tails"), speed or SPEEDS)
     for row in table.to_dict("records"):
         typer.echo(f"{row['tail']:24} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f}")

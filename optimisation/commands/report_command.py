@@ -32,8 +32,8 @@ def report(
     from aerodima.optimisation.studies.reproduction.reproduction_report import write_report
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.batch.progress import terminal
     from aerodima.workbench.config.ensemble import load_ensemble
-    from aerodima.workbench.report.demo import terminal
 
     chosen = load_ensemble(ensemble)
     say = terminal()

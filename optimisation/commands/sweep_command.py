@@ -67,7 +67,7 @@ def run(
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.optimisation.sweep.study_store import TABLE
     from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.report.demo import terminal
+    from aerodima.workbench.batch.progress import terminal
 
     loaded = load_study(study)
     plan_runs(loaded)
@@ -124,7 +124,7 @@ def _report(name: str, out: Path, cases: CaseOptions, work: WorkOptions, **own: 
     from aerodima.optimisation.sweep.study import check_factors, plan_runs
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.report.demo import terminal
+    from aerodima.workbench.batch.progress import terminal
 
     study, read = named_study(name, cases.settings or (), cases.ensemble, cases.members, **own)
     check_factors(study, "--set")

@@ -93,7 +93,7 @@ def survival(
     from aerodima.optimisation.sweep.study import Range
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.report.demo import terminal
+    from aerodima.workbench.batch.progress import terminal
 
     axes = [Range(first=first, last=last, number=number) for first, last, number in (speeds, frictions)]
     study = survival_study(scenario, settings or [], *axes)
@@ -108,8 +108,8 @@ def _search(
 ) -> None:
     from aerodima.optimisation.sweep.rollover_threshold import Case, find_thresholds
     from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.workbench.batch.progress import terminal
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.report.demo import terminal
 
     load_scenario(scenario, settings)
     say = terminal()

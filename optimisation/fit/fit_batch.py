@@ -16,8 +16,10 @@ from typing import Any
 
 from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
-from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch import WORKER_RECORD, run_batch
+from aerodima.workbench.batch.progress import Progress, saying_how_to_go_on
+from aerodima.workbench.batch.row_store import RowStore, read_lines
+from aerodima.workbench.batch.worker_record import Say
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import software_versions
 
@@ -51,7 +53,7 @@ def fit_logs(
     settings: dict[str, Any],
     workers: int = 1,
     force: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    say: Say = lambda _line: None,
 ) -> BatchResult:
     """Fits every log and keeps what is finished in `out`.
 
@@ -62,7 +64,7 @@ def fit_logs(
         settings: of the fit, JSON-able; results of other settings are refused unless `force`.
         workers: processes.
         force: drop earlier results.
-        progress: told how many logs of how many are done.
+        say: told lines of progress.
 
     Raises:
         FitError: a log is named twice, none is named, or the folder holds results of other settings.
@@ -71,44 +73,32 @@ def fit_logs(
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not names:
         raise FitError(f"{twice[0]}: named twice" if twice else "no log is named")
-    make_folder(out, FitError)
-    journal = out / JOURNAL
-    if force:
-        journal.unlink(missing_ok=True)
     versions = json.dumps(software_versions(), sort_keys=True)
     keys = {name: _key(name, versions) for name in names}
-    known = _read(journal, settings)
-    done = {name: known[name] for name in names if name in known and known[name]["key"] == keys[name]}
-    missing = [name for name in names if name not in done]
-    with journal.open("a", encoding="utf-8") as stream:
-        if journal.stat().st_size and not journal.read_bytes().endswith(b"\n"):
-            stream.write("\n")  # the line that an interruption cut off
-        if not _lines(journal):
-            stream.write(json.dumps({"settings": settings}, sort_keys=True) + "\n")
-            stream.flush()
+    with RowStore(out / JOURNAL, {"settings": settings}, force=force, error=FitError) as store:
+        done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
+        missing = [name for name in names if name not in done]
+        reused, progress = len(done), Progress(say, len(names), len(done))
 
-        def keep(count: int, line: dict[str, Any]) -> None:
-            line["key"] = keys[line["log"]]
+        def keep(_count: int, line: dict[str, Any]) -> None:
             if line["error"] != WORKER_KILLED:  # a second call tries it again
-                stream.write(json.dumps(line) + "\n")
-                stream.flush()
+                store.add(keys[line["log"]], line)
             done[line["log"]] = line
-            if progress is not None:
-                progress(len(names) - len(missing) + count, len(names))
+            progress.one_more(Path(line["log"]).name)
 
-        if missing:
-            run_batch(partial(_one, work), missing, workers, keep, _lost, record=out / WORKER_RECORD)
+        with saying_how_to_go_on(say, lambda: f"{progress.done} of {len(names)} fits"):
+            run_batch(partial(_one, work), missing, workers, keep, _lost, say=say, record=out / WORKER_RECORD)
     lines = [done[name] for name in names]
     return BatchResult(
         [_result(line["result"]) for line in lines if line["result"] is not None],
         {line["log"]: line["error"] for line in lines if line["error"]},
-        len(names) - len(missing),
+        reused,
     )
 
 
 def fitted_logs(out: Path) -> list[tuple[str, FitResult]]:
     """Log and result of every fit that a batch finished in a folder; FitError when there is none."""
-    lines = _lines(out / JOURNAL)
+    lines = read_lines(out / JOURNAL)
     found = [(line["log"], _result(line["result"])) for line in lines[1:] if line.get("result") is not None]
     if not found:
         raise FitError(f"{out}: holds no finished fits (no {JOURNAL})")
@@ -132,37 +122,12 @@ def _lost(name: str) -> dict[str, Any]:
 
 
 def _key(name: str, versions: str) -> str:
-    """Changes when the file or the versions of the software do."""
+    """Changes with the log, its file or the versions of the software."""
     try:
         state = Path(name).stat()
     except OSError:
-        return "missing"
-    return hashlib.sha256(f"{state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
-
-
-def _read(journal: Path, settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Earlier lines by log."""
-    lines = _lines(journal)
-    if not lines:
-        return {}
-    if lines[0].get("settings") != json.loads(json.dumps(settings)):
-        raise FitError(f"{journal}: holds results of other settings; choose another folder, or drop them with --force")
-    return {line["log"]: line for line in lines[1:] if {"log", "key", "result", "error"} <= line.keys()}
-
-
-def _lines(journal: Path) -> list[dict[str, Any]]:
-    """Everything in a journal; a line that was cut off or damaged is ignored."""
-    if not journal.is_file():
-        return []
-    lines = []
-    for text in journal.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            line = json.loads(text)
-        except ValueError:
-            continue
-        if isinstance(line, dict):
-            lines.append(line)
-    return lines
+        return f"{name} is missing"
+    return hashlib.sha256(f"{name} {state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
 
 
 def _result(data: dict[str, Any]) -> FitResult:

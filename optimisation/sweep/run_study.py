@@ -11,15 +11,16 @@ from typing import Any
 
 import pandas as pd
 
+from aerodima.optimisation.sweep.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.study import PlannedRun, Study, check_factors, plan_runs
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.optimisation.sweep.study_store import ResultStore, make_frame, open_store
+from aerodima.optimisation.sweep.study_store import TABLE, make_frame, open_store, read_table, write_table
+from aerodima.workbench.batch.progress import saying_how_to_go_on
 from aerodima.workbench.config.scenario import default_values, load_scenario
 from aerodima.workbench.logs.schema import software_versions
 
 Say = Callable[[str], None]
-BAR = 24
-"""Width of the progress bar, characters."""
+STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
 
 
 def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, say: Say | None = None) -> pd.DataFrame:
@@ -41,46 +42,27 @@ def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, s
     say = say or (lambda line: None)
     check_factors(study, study.name)
     runs = plan_runs(study)
-    with open_store(out, _identity(study, runs), force=force) as store:
-        if store.finished:
+    tasks, identity = [run.task for run in runs], _identity(study, runs)
+    with open_store(out, identity, force=force) as store:
+        there = len(store.rows)
+        if there and (out / TABLE).is_file():
             say(f"{out}: complete already, {len(runs)} runs")
-            return store.read_table()
-        known = store.rows()
-        missing = [place for place in range(len(runs)) if place not in known]
-        say(f"{len(runs)} runs, {len(known)} there already; {engine.workers} at a time, results in {out}")
+            return read_table(out)
+        say(f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}")
         start = time.monotonic()
-        new = _run_missing(runs, missing, engine, store, _Progress(len(runs), len(known), say))
-        seconds = time.monotonic() - start
-        rows = known | dict(zip(missing, new, strict=True))
-        frame = make_frame([runs[place].place | rows[place] for place in range(len(runs))])
-        store.finish(
-            frame,
-            {
-                "runs_of_the_last_call": len(missing),
-                "wall_time_of_the_last_call_s": seconds,
-                "startup_of_the_workers_s": engine.startup,
-                "workers": engine.workers,
-            },
-        )
-    say(_how_it_went(frame, len(missing), seconds, engine))
+        with saying_how_to_go_on(say, lambda: f"{len(store.rows)} of {len(runs)} runs"):
+            rows = RememberingEngine(engine, store, say).rows(tasks)
+        seconds, new = time.monotonic() - start, len(store.rows) - there
+        frame = make_frame([run.place | row for run, row in zip(runs, rows, strict=True)])
+        timing = {
+            "runs_of_the_last_call": new,
+            "wall_time_of_the_last_call_s": seconds,
+            "startup_of_the_workers_s": engine.startup,
+            "workers": engine.workers,
+        }
+        write_table(out, frame, identity, timing)
+    say(_how_it_went(frame, new, seconds, engine))
     return frame
-
-
-def _run_missing(
-    runs: Sequence[PlannedRun], missing: Sequence[int], engine: Engine, store: ResultStore, progress: _Progress
-) -> list[dict[str, Any]]:
-    def keep(place: int, row: dict[str, Any]) -> None:
-        store.add(missing[place], row)
-        progress.one_more(row)
-
-    try:
-        rows = engine.rows([runs[place].task for place in missing], keep)
-    except BaseException:
-        progress.stopped()
-        raise
-    finally:
-        store.flush()
-    return rows
 
 
 def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
@@ -89,6 +71,7 @@ def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     bases = {name: load_scenario(name).resolved() for name in sorted({run.task.scenario for run in runs})}
     inputs = json.dumps([default_values(), bases], sort_keys=True)
     return {
+        "schema": STUDY_RUNS_SCHEMA,
         "study": study.model_dump(mode="json", by_alias=True),
         "runs": hashlib.sha256(tasks.encode()).hexdigest(),
         "inputs": hashlib.sha256(inputs.encode()).hexdigest(),
@@ -105,26 +88,3 @@ def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engin
     if failed.any():
         line += f"; {int(failed.sum())} failed, the first: {frame.loc[failed, 'error'].iloc[0]}"
     return line
-
-
-class _Progress:
-    """A bar with the time that is left, from the pace of the runs of this call."""
-
-    def __init__(self, total: int, there: int, say: Say) -> None:
-        self._total, self._done, self._new, self._say = total, there, 0, say
-        self._start = time.monotonic()
-
-    def one_more(self, row: dict[str, Any]) -> None:
-        """Counts a run."""
-        self._done += 1
-        self._new += 1
-        left = (time.monotonic() - self._start) / self._new * (self._total - self._done)
-        filled = BAR * self._done // self._total
-        outcome = row["outcome"] or "failed"
-        width = len(str(self._total))
-        bar = "#" * filled + "." * (BAR - filled)
-        self._say(f"[{bar}] {self._done:>{width}}/{self._total} {outcome:8} {left:5.0f} s to go")
-
-    def stopped(self) -> None:
-        """Says what is kept."""
-        self._say(f"stopped: {self._done} of {self._total} runs are kept; the same command goes on with the rest")

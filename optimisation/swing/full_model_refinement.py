@@ -11,11 +11,9 @@ cars all of them must survive and turn.
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +25,10 @@ from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
 from aerodima.optimisation.swing.final_choice import choose
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
 from aerodima.optimisation.swing.search_options import SearchOptions, Told
+from aerodima.optimisation.swing.search_state import open_rows
 from aerodima.optimisation.swing.swing_candidate import Candidate, Car, Score, score
 from aerodima.optimisation.swing.swing_shape import changed, changes
-from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.batch.row_store import Row, RowStore, content_key
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
@@ -82,8 +81,7 @@ def polish(
     begin: FloatArray | None = None,
     sigma: float = FIRST_SPREAD,
     engine: Engine | None = None,
-    known: Sequence[Score] = (),
-    keep: Callable[[Sequence[Score]], None] = lambda _scores: None,
+    store: RowStore | None = None,
     told: Told = lambda _line: None,
 ) -> Polished:
     """Searches for the changes of a swing with which the car survives most friction and still turns.
@@ -98,8 +96,7 @@ def polish(
         begin: changes to begin with; by default none, or `FIRST_PITCH` with two joints.
         sigma: of the first generation, in units of the changes.
         engine: where the cars are driven.
-        known: scores of an earlier search with the same arguments, in order: they are not driven again.
-        keep: told all scores so far, after every generation.
+        store: of scores of searches with the same swing and cars: what it holds is not driven again.
         told: progress, line by line.
 
     Raises:
@@ -121,15 +118,18 @@ def polish(
     free_of = make_range_of_motion(scenario_from_dict(cars[0].scenario)) if dof == 2 else None
     scores: list[Score] = []
 
+    rows: dict[str, Row] = {} if store is None else store.rows
+
     def tried(points: Sequence[FloatArray], headings: tuple[float, ...] = ()) -> list[Score]:
-        begun = len(scores)
-        found = list(known[begun : begun + len(points)])
-        missing = [
-            Candidate(_allowed(swing, x, dof, free_of), tuple(cars), aim, headings) for x in points[len(found) :]
-        ]
-        found += engine.call(score, missing)
+        candidates = [Candidate(_allowed(swing, x, dof, free_of), tuple(cars), aim, headings) for x in points]
+        keys = [content_key(one.swing and one.swing.model_dump(mode="json"), aim, headings) for one in candidates]
+        missing = {key: one for key, one in zip(keys, candidates, strict=True) if key not in rows}
+        for key, one in zip(missing, engine.call(score, list(missing.values())), strict=True):
+            rows[key] = asdict(one)
+            if store is not None:
+                store.add(key, rows[key])
+        found = [Score(**(rows[key] | {"headings": tuple(rows[key]["headings"])})) for key in keys]
         scores.extend(found)
-        keep(scores)
         return found
 
     best, idle = Polished(first), 0
@@ -175,15 +175,17 @@ def polished(
     """
     engine = engine or SerialEngine()
     cars = _comparable(engine.call(Car.of, scenarios), told)
-    path = None if checkpoint is None else checkpoint.with_suffix(".polish.json")
-    key = _key(swing, cars, options)
-    found = polish(
-        swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof,
-        sigma=FIRST_SPREAD if options.rounds else CLOSE_SPREAD, engine=engine,
-        known=_known(path, key), keep=lambda scores: _keep(path, key, scores), told=told,
-    )  # fmt: skip
-    if path is not None:
-        path.unlink(missing_ok=True)
+    spread = FIRST_SPREAD if options.rounds else CLOSE_SPREAD
+    begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})
+    identity = {"swing": begun, "cars": [asdict(car) for car in cars]}
+    identity |= {"seed": options.seed, "dof": options.dof, "spread": spread}
+    with open_rows(checkpoint and checkpoint.with_suffix(".polish.json"), "aerodima/polish/2", identity) as store:
+        found = polish(
+            swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof, sigma=spread, engine=engine,
+            store=store, told=told,
+        )  # fmt: skip
+        if store is not None:
+            store.remove()
     if not found.friction:
         told("polish: no candidate turns far enough and stays clean: kept the swing as it was")
         return swing
@@ -237,38 +239,6 @@ def _allowed(swing: SwingFile, x: FloatArray, dof: int, free_of: RangeOfMotion |
         if float(np.min(clear)) < CLEARANCE:
             return None
     return moved
-
-
-def _key(swing: SwingFile, cars: Sequence[Car], options: SearchOptions) -> str:
-    """Everything that decides the candidates: a search goes on only with scores of the same one."""
-    begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})
-    told = [begun, [asdict(car) for car in cars], options.seed, options.dof, bool(options.rounds)]
-    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
-
-
-def _known(path: Path | None, key: str) -> list[Score]:
-    if path is None or not path.exists():
-        return []
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        known, rows = data["key"], data["scores"]
-        scores = [Score(**(row | {"headings": tuple(row["headings"])})) for row in rows]
-    except (ValueError, TypeError, KeyError):
-        raise SwingError(f"{path}: is no interrupted polish; allowed: remove it, or another --out") from None
-    if known != key:
-        raise SwingError(f"{path}: holds a polish with other settings; allowed: remove it, or another --out")
-    return scores
-
-
-def _keep(path: Path | None, key: str, scores: Sequence[Score]) -> None:
-    if path is None:
-        return
-    text = json.dumps({"key": key, "scores": [asdict(one) for one in scores]})
-    write_atomically(path, lambda temporary: _write(temporary, text), True, SwingError)
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _cma() -> Any:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import json
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.full_car import Outcome, drive, drive_all, outcome, varied
 from aerodima.optimisation.swing.planar_model import lift_roll
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.search_options import SearchOptions, Told
-from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing, write_swing
+from aerodima.workbench.config.swing_file import SwingFile, car_mismatches
+from aerodima.workbench.logs.schema import software_versions
 
 LOWER, MOST_LOWER = 0.92, 8
 """A search that does not survive begins at less friction or speed by this factor, at most so many times."""
@@ -112,45 +114,34 @@ def _refuse_other_car(warm: SwingFile, scenario: Scenario) -> None:
         raise SwingError(f"warm start {warm.name}: for another car: {'; '.join(lines)}")
 
 
-def _key(scenario: Scenario, options: SearchOptions) -> str:
-    return json.dumps([scenario.resolved(), options.stored()], sort_keys=True)
+def open_rows(
+    checkpoint: Path | None, schema: str, identity: dict[str, Any]
+) -> AbstractContextManager[RowStore | None]:
+    """What a search keeps on the disk, for this process alone; None without a file. SwingError as `RowStore`."""
+    if checkpoint is None:
+        return nullcontext()
+    return RowStore(checkpoint, {"schema": schema, "versions": software_versions(), **identity}, error=SwingError)
 
 
-def keep(checkpoint: Path | None, search: Search, scenario: Scenario, options: SearchOptions) -> None:
+def open_search(
+    checkpoint: Path | None, scenario: Scenario, options: SearchOptions
+) -> AbstractContextManager[RowStore | None]:
+    """The rounds of a search, as `open_rows`."""
+    identity = {"scenario": scenario.resolved(), "options": options.stored()}
+    return open_rows(checkpoint, "aerodima/swing-search/2", identity)
+
+
+def keep(store: RowStore | None, search: Search) -> None:
     """Writes the search to its file; nothing without a file or before the first swing."""
-    if checkpoint is None or search.swing is None:
-        return
-    swing_path = checkpoint.with_suffix(".swing.yaml")
-    write_swing(search.swing, swing_path, force=True)
-    data = {
-        "key": _key(scenario, options), "friction": search.friction, "speed": search.speed,
-        "rounds": search.rounds, "stalled": search.stalled, "finished": search.finished,
-        "swing": swing_path.read_text(encoding="utf-8"),
-    }  # fmt: skip
-    swing_path.unlink()
-
-    def write(path: Path) -> None:
-        path.write_text(json.dumps(data), encoding="utf-8")
-
-    write_atomically(checkpoint, write, True, SwingError)
+    if store is not None and search.swing is not None:
+        row = {name: getattr(search, name) for name in ("friction", "speed", "rounds", "stalled", "finished")}
+        store.add(str(search.rounds), row | {"swing": search.swing.model_dump(mode="json", by_alias=True)})
 
 
-def resumed(checkpoint: Path | None, scenario: Scenario, options: SearchOptions) -> Search | None:
-    """The search that was interrupted; None without one. SwingError for a file that holds something else."""
-    if checkpoint is None or not checkpoint.exists():
+def resumed(store: RowStore | None) -> Search | None:
+    """The search that was interrupted, after its last round; None without one."""
+    if store is None or not store.rows:
         return None
-    try:
-        data = json.loads(checkpoint.read_text(encoding="utf-8"))
-        key = data["key"]
-    except (ValueError, KeyError, TypeError):
-        raise SwingError(f"{checkpoint}: is no interrupted search; allowed: remove it, or another --out") from None
-    if key != _key(scenario, options):
-        raise SwingError(f"{checkpoint}: holds a search with other settings; allowed: remove it, or another --out")
-    path = checkpoint.with_suffix(".swing.yaml")
-    path.write_text(data["swing"], encoding="utf-8")
-    swing = read_swing(path)
-    path.unlink()
-    return Search(
-        data["friction"], data["speed"], swing, data["rounds"], dict(swing.provenance.found), data["stalled"],
-        data["finished"],
-    )  # fmt: skip
+    row = list(store.rows.values())[-1]
+    swing = SwingFile.model_validate(row["swing"])
+    return Search(**(row | {"swing": swing, "found": dict(swing.provenance.found)}))

@@ -26,7 +26,7 @@ from aerodima.optimisation.swing.full_model_refinement import polished
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.search_options import SearchOptions, Told
-from aerodima.optimisation.swing.search_state import Search, begin, keep, resumed, run
+from aerodima.optimisation.swing.search_state import Search, begin, keep, open_search, resumed, run
 from aerodima.optimisation.swing.solver import Solution, best_of, multi_start
 from aerodima.optimisation.swing.swing_result import even_swing, swing_file
 from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
@@ -93,22 +93,23 @@ def optimise_swing(
         warm_start = even_swing(
             name, cars[0], length=options.length, knots=options.knots, provenance={"source": SOURCE}
         )
-    search = resumed(checkpoint, cars[0], options) or begin(cars, options, warm_start, told)
-    while not search.finished and search.rounds < options.rounds and time.perf_counter() < deadline:
-        _round(search, cars, options, limits, name, scenario_name, settings, deadline, told)
-        keep(checkpoint, search, cars[0], options)
-    if search.swing is None:
-        raise SwingError(f"no swing found within {options.wall_time:g} s; allowed: a longer wall time")
-    swing = search.swing
-    if not options.rounds:
-        swing = _as_it_was(swing, name, options, scenario_name, settings, search.speed)
-    if options.polish:
-        turns = _cars(varied(turn, manoeuvre={"speed": search.speed}), options)
-        swing = polished(swing, turns, options, engine=engine, checkpoint=checkpoint, told=told)
-    if options.feedback:
-        swing = _with_gains(swing, cars[0], told)
-    if checkpoint is not None:
-        checkpoint.unlink(missing_ok=True)
+    with open_search(checkpoint, cars[0], options) as store:
+        search = resumed(store) or begin(cars, options, warm_start, told)
+        while not search.finished and search.rounds < options.rounds and time.perf_counter() < deadline:
+            _round(search, cars, options, limits, name, scenario_name, settings, deadline, told)
+            keep(store, search)
+        if search.swing is None:
+            raise SwingError(f"no swing found within {options.wall_time:g} s; allowed: a longer wall time")
+        swing = search.swing
+        if not options.rounds:
+            swing = _as_it_was(swing, name, options, scenario_name, settings, search.speed)
+        if options.polish:
+            turns = _cars(varied(turn, manoeuvre={"speed": search.speed}), options)
+            swing = polished(swing, turns, options, engine=engine, checkpoint=checkpoint, told=told)
+        if options.feedback:
+            swing = _with_gains(swing, cars[0], told)
+        if store is not None:
+            store.remove()
     return swing
 
 

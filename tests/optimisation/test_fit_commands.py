@@ -77,7 +77,7 @@ def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs: list[Pa
 
 def test_results_of_other_settings_are_not_mixed(springs: list[Path], tmp_path: Path) -> None:
     fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "springs"})
-    with pytest.raises(FitError, match="other settings"):
+    with pytest.raises(FitError, match=r"other parameters, settings or versions \(settings\)"):
         fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "others"})
     fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "others"}, force=True)
     with pytest.raises(FitError, match="named twice"):

@@ -28,7 +28,8 @@ def demo(
     """
     import time
 
-    from aerodima.workbench.report.demo import DemoPlan, make_demo, terminal
+    from aerodima.workbench.batch.progress import terminal
+    from aerodima.workbench.report.demo import DemoPlan, make_demo
 
     start = time.monotonic()
     report = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, say=terminal())

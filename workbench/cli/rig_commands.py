@@ -117,23 +117,16 @@ def campaign(
     Asked for again after Ctrl-C it keeps the finished logs and goes on.
     Example: aerodima rig campaign static --out holds
     """
-    import sys
     import time
 
+    from aerodima.workbench.batch.progress import terminal
     from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
     from aerodima.workbench.errors import UserError
     from aerodima.workbench.simulate.campaign_run import run_campaign
 
     start = time.monotonic()
     tasks = campaign_tasks(load_campaign(name), seed, repeats, settings)
-    with typer.progressbar(length=len(tasks), label="making logs", file=sys.stderr) as bar:
-        try:
-            result = run_campaign(
-                tasks, out, workers=workers, force=force, progress=lambda done, _: bar.update(done - bar.pos)
-            )
-        except KeyboardInterrupt:
-            typer.echo(f"\n{bar.pos} of {len(tasks)} logs are in {out}; the same command makes the rest", err=True)
-            raise
+    result = run_campaign(tasks, out, workers=workers, force=force, say=terminal())
     if result.reused:
         typer.echo(f"{result.reused} of {len(tasks)} logs were there before")
     for log, reason in result.failed.items():

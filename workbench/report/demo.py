@@ -1,15 +1,15 @@
 """The demo: the published turn over speed and tail mode, its logs, table, replays and report in one folder."""
 
-import json
-import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
+from aerodima.workbench.batch.progress import Progress, saying_how_to_go_on
+from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.batch.worker_record import Say
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.figure_style import MODE_STYLES
@@ -18,10 +18,9 @@ from aerodima.workbench.logs.schema import read_run_log, software_versions
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise, write_summary
 from aerodima.workbench.report.report_page import write_files
 
-DEMO_SCHEMA = "aerodima/demo/1"
-REPORT, SUMMARY, MARK = "index.html", "summary.csv", "demo.json"
-"""`MARK` says that a folder is a demo's, and whether it is finished."""
-Say = Callable[[str], None]
+DEMO_SCHEMA = "aerodima/demo/2"
+REPORT, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
+"""`MARK` says of which scenarios a folder's logs are, and whether the demo is finished."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +92,18 @@ def make_demo(
     say = say or (lambda line: None)
     check_workers(workers)
     runs = demo_runs(out, plan)
-    _claim(out, runs, force)
-    say(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
-    try:
-        summaries = run_batch(do_run, runs, workers, _Progress(len(runs), say), say=say, record=out / WORKER_RECORD)
+    progress = Progress(say, len(runs))
+
+    def done(_count: int, summary: RunSummary) -> None:
+        progress.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
+
+    kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
+    with _claimed(out, runs, force) as store, saying_how_to_go_on(say, kept):
+        say(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
+        summaries = run_batch(do_run, runs, workers, done, say=say, record=out / WORKER_RECORD)
         say("writing table and report ...")
         _write_report(out, runs, summaries)
-    except BaseException:
-        say(_how_to_go_on(out, plan, runs))
-        raise
-    _write_mark(out, finished=True)
+        store.add(FINISHED, {})
     return out / REPORT
 
 
@@ -129,7 +130,12 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
 def do_run(run: DemoRun) -> RunSummary:
     """Makes log, replay and strip of a run as far as they are missing, and measures the run."""
     if run.log.exists():
-        log = read_run_log(run.log)
+        try:
+            log = read_run_log(run.log)
+        except LogError as error:
+            raise UserError(f"{error}; --force makes it again") from None
+        if (log.scenario, log.versions) != (run.scenario, software_versions()):
+            raise UserError(f"{run.log}: is of another scenario, seed or version; choose another folder, or --force")
     else:
         from aerodima.workbench.config.scenario import scenario_from_dict
         from aerodima.workbench.simulate.simulation import simulate
@@ -147,49 +153,20 @@ def do_run(run: DemoRun) -> RunSummary:
     return summarise(log, run.name)
 
 
-def _claim(out: Path, runs: Sequence[DemoRun], force: bool) -> None:
+def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
     """Makes the folder this demo's, or says why it must not be."""
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a folder is needed")
-    if not force and out.is_dir():
-        _refuse_what_is_there(out, runs)
-    make_folder(out / "logs", UserError)
-    _write_mark(out, finished=False)
-    if force:
-        for path in [out / REPORT, out / SUMMARY, *(path for run in runs for path in run.files)]:
-            path.unlink(missing_ok=True)
-
-
-def _refuse_what_is_there(out: Path, runs: Sequence[DemoRun]) -> None:
-    present = sorted(path.name for path in out.iterdir())
-    if not present:
-        return
-    try:
-        mark = json.loads((out / MARK).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        mark = None
-    if not isinstance(mark, dict) or mark.get("schema") != DEMO_SCHEMA:
-        named = ", ".join(present[:3]) + (", ..." if len(present) > 3 else "")
-        raise UserError(f"{out}: holds other files ({named}); choose another folder, or --force to write among them")
-    if mark.get("finished"):
+    scenarios = {run.name: run.scenario for run in runs}
+    identity = {"schema": DEMO_SCHEMA, "versions": software_versions(), "scenarios": scenarios}
+    store = RowStore(out / MARK, identity, force=force, alone=True)
+    if FINISHED in store.rows:
+        store.close()
         raise UserError(f"{out}: holds a finished demo already; choose another folder, or --force to make it again")
-    for run in runs:
-        if run.log.exists():
-            _refuse_other_run(run)
-
-
-def _refuse_other_run(run: DemoRun) -> None:
-    """A finished log is reused only if it is of the same scenario, seed and versions."""
-    try:
-        log = read_run_log(run.log)
-    except LogError as error:
-        raise UserError(f"{error}; --force makes it again") from None
-    if (log.scenario, log.versions) != (run.scenario, software_versions()):
-        raise UserError(f"{run.log}: is of another scenario, seed or version; choose another folder, or --force")
-
-
-def _write_mark(out: Path, finished: bool) -> None:
-    write_files(out, {MARK: json.dumps({"schema": DEMO_SCHEMA, "finished": finished}) + "\n"})
+    make_folder(out / "logs", UserError)
+    for path in [out / REPORT, out / SUMMARY, *(path for run in runs for path in run.files)] if force else ():
+        path.unlink(missing_ok=True)
+    return store
 
 
 def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
@@ -212,39 +189,3 @@ def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSum
     )
     page = turn_report(ordered, {run.name: read_run_log(run.log) for run in drawn}, standard, files)
     write_files(out, {REPORT: page})
-
-
-def _how_to_go_on(out: Path, plan: DemoPlan, runs: Sequence[DemoRun]) -> str:
-    done = sum(run.log.exists() for run in runs)
-    seed = "" if plan.seed == DemoPlan.seed else f" --seed {plan.seed}"
-    return f"stopped: {done} of {len(runs)} logs are there; `aerodima demo --out {out}{seed}` goes on with the rest"
-
-
-class _Progress:
-    """Says how many runs are done, and when the rest will be."""
-
-    def __init__(self, total: int, say: Say) -> None:
-        self._total, self._say = total, say
-        self._start = time.monotonic()
-
-    def __call__(self, done: int, summary: RunSummary) -> None:
-        elapsed = time.monotonic() - self._start
-        left = elapsed / done * (self._total - done)
-        outcome = summary.metrics.outcome.result
-        self._say(f"[{done:>{len(str(self._total))}}/{self._total}] {summary.name}: {outcome}, {left:.0f} s to go")
-
-
-def terminal() -> Say:
-    """Writes lines to stderr; on a terminal each takes the place of the one before, except messages of a stop."""
-    shown = 0
-
-    def say(line: str) -> None:
-        nonlocal shown
-        if not sys.stderr.isatty():
-            print(line, file=sys.stderr, flush=True)
-            return
-        end = "" if line.startswith("[") or line.endswith("...") else "\n"
-        print("\r" + line.ljust(shown), end=end, file=sys.stderr, flush=True)
-        shown = 0 if end else len(line)
-
-    return say

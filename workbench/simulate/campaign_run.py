@@ -1,7 +1,6 @@
 """Makes the logs of a campaign in one folder: in parallel, going on where an earlier call stopped."""
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,8 +8,11 @@ from typing import Any
 
 import pandas as pd
 
-from aerodima.workbench.atomic_write import make_folder, write_atomically
+from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
+from aerodima.workbench.batch.progress import Progress, saying_how_to_go_on
+from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.batch.worker_record import Say
 from aerodima.workbench.config.rig_campaign import RigTask
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.journal import journal_path
@@ -20,7 +22,7 @@ from aerodima.workbench.stations.rig_logs import known_truth
 MARK, TABLE = "campaign.json", "campaign.csv"
 """What the folder holds beside the logs: the scenarios, so that a second call can tell whether it is the same
 campaign; and the table of the logs with their truth."""
-MARK_SCHEMA = "aerodima/rig-campaign-logs/1"
+MARK_SCHEMA = "aerodima/rig-campaign-logs/2"
 WORKER_KILLED = "its worker process was killed, beside other logs and alone (out of memory?)"
 
 
@@ -45,7 +47,7 @@ def run_campaign(
     *,
     workers: int = 2,
     force: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    say: Say = lambda _line: None,
 ) -> CampaignResult:
     """Makes what is missing of the logs `out/<name>.parquet`, and the table `campaign.csv` with the truth of each.
 
@@ -57,33 +59,33 @@ def run_campaign(
         out: folder; made when it is not there.
         workers: processes.
         force: make the logs of these tasks again, also over another campaign's.
-        progress: told how many logs of how many are done.
+        say: told lines of progress.
 
     Raises:
         UserError: workers out of range, or the folder belongs to other things or another campaign.
     """
     check_workers(workers)
-    _claim(out, tasks, force)
-    paths = {task.name: out / f"{task.name}.parquet" for task in tasks}
-    if force:
-        for path in paths.values():
-            path.unlink(missing_ok=True)
-    missing = [task for task in tasks if not paths[task.name].exists()]
-    failed: dict[str, str] = {}
+    scenarios = {task.name: task.scenario.resolved() for task in tasks}
+    with RowStore(out / MARK, {"schema": MARK_SCHEMA, "scenarios": scenarios}, force=force, alone=True):
+        paths = {task.name: out / f"{task.name}.parquet" for task in tasks}
+        if force:
+            for path in paths.values():
+                path.unlink(missing_ok=True)
+        missing = [task for task in tasks if not paths[task.name].exists()]
+        reused, failed = len(tasks) - len(missing), dict[str, str]()
+        progress = Progress(say, len(tasks), reused)
 
-    def done(count: int, outcome: tuple[str, str]) -> None:
-        name, error = outcome
-        if error:
-            failed[name] = error
-        if progress is not None:
-            progress(len(tasks) - len(missing) + count, len(tasks))
+        def done(_count: int, outcome: tuple[str, str]) -> None:
+            name, error = outcome
+            if error:
+                failed[name] = error
+            progress.one_more(name)
 
-    if progress is not None:
-        progress(len(tasks) - len(missing), len(tasks))
-    run_batch(partial(_make, out), missing, workers, done, _lost, record=out / WORKER_RECORD)
-    logs = [paths[task.name] for task in tasks if task.name not in failed]
-    _write_table(out, [task for task in tasks if task.name not in failed])
-    return CampaignResult(logs, failed, len(tasks) - len(missing))
+        with saying_how_to_go_on(say, lambda: f"{progress.done} of {len(tasks)} logs"):
+            run_batch(partial(_make, out), missing, workers, done, _lost, say=say, record=out / WORKER_RECORD)
+        made = [task for task in tasks if task.name not in failed]
+        _write_table(out, made)
+    return CampaignResult([paths[task.name] for task in made], failed, reused)
 
 
 def _make(out: Path, task: RigTask) -> tuple[str, str]:
@@ -102,22 +104,6 @@ def _make(out: Path, task: RigTask) -> tuple[str, str]:
 
 def _lost(task: RigTask) -> tuple[str, str]:
     return task.name, WORKER_KILLED
-
-
-def _claim(out: Path, tasks: Sequence[RigTask], force: bool) -> None:
-    """Makes the folder this campaign's, or says why it must not be."""
-    make_folder(out, UserError)
-    mark = {"schema": MARK_SCHEMA, "scenarios": {task.name: task.scenario.resolved() for task in tasks}}
-    text = json.dumps(mark, sort_keys=True) + "\n"
-    path = out / MARK
-    if path.exists() and not force and path.read_text(encoding="utf-8", errors="replace") != text:
-        raise UserError(
-            f"{out}: holds another campaign, or another seed or settings; choose another folder, or --force"
-        )
-    if not path.exists() and not force and (names := sorted(other.name for other in out.iterdir())):
-        raise UserError(f"{out}: holds other files ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})")
-    if force or not path.exists():
-        write_atomically(path, text, True, UserError)
 
 
 def _write_table(out: Path, tasks: Sequence[RigTask]) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from aerodima.optimisation.studies.leaderboard.leaderboard_page import write_leaderboard
 from aerodima.optimisation.studies.leaderboard.leaderboard_runs import SCENARIO, Leaderboard, Plan, measure
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.optimisation.sweep.study_store import open_store
+from aerodima.workbench.batch.progress import saying_how_to_go_on
+from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import default_values, load_scenario
 from aerodima.workbench.logs.schema import software_versions
@@ -33,7 +33,7 @@ def make_leaderboard(
     """Runs what the folder does not hold yet, and writes tables and page.
 
     Args:
-        out: folder; runs are kept below `runs`.
+        out: folder; runs are kept in its `runs.jsonl`.
         plan: how much is run; a wider plan goes on with the runs of a narrower one.
         swings: files or names of optimised swings.
         members: of the ensemble; none leaves the car of the parameter files.
@@ -48,11 +48,8 @@ def make_leaderboard(
     say = say or (lambda line: None)
     with open_runs(out, force=force) as store:
         remembering = RememberingEngine(engine, store, say)
-        try:
+        with saying_how_to_go_on(say, lambda: f"{len(store.rows)} runs"):
             board = measure(plan, swings, members, remembering)
-        except BaseException:
-            say(f"stopped after {remembering.ran} runs; they are kept, the same command goes on with the rest")
-            raise
         say(f"{remembering.ran} runs made, the others were there")
     films = _replays(out, board, plan, say) if replays else {}
     cars = f"{len(members)} cars drawn from the ensemble" if members else "the own car alone"
@@ -64,18 +61,15 @@ def make_leaderboard(
     return board, write_leaderboard(out, board, films, how)
 
 
-def open_runs(out: Path, *, force: bool = False) -> Any:
-    """The store of runs below a folder, as a context manager; see `open_store`."""
-    return open_store(out / "runs", _identity(), force=force)
-
-
-def _identity() -> dict[str, Any]:
-    """What a task does not name: parameters, versions."""
-    return {
-        "leaderboard": "aerodima/leaderboard/2",
-        "inputs": {"parameters": default_values(), "scenario": load_scenario(SCENARIO).resolved()},
+def open_runs(out: Path, *, force: bool = False) -> RowStore:
+    """The store of runs below a folder, of these parameters and versions."""
+    identity = {
+        "schema": "aerodima/leaderboard/3",
+        "parameters": default_values(),
+        "scenario": load_scenario(SCENARIO).resolved(),
         "versions": software_versions(),
     }
+    return RowStore(out / "runs.jsonl", identity, force=force)
 
 
 def _replays(out: Path, board: Leaderboard, plan: Plan, say: Say) -> dict[str, str]:

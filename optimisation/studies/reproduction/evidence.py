@@ -102,7 +102,7 @@ def gather(
     held_speed = throttle_speed(NO_FLICK_THROTTLE)
     pairs = list(dict.fromkeys([*wanted_pairs(held_speed), *more]))
     wanted = [Wanted(m.values, mode, speed, settings=settings) for mode, speed in pairs for m in members]
-    rows = store.run(wanted, engine, lambda done, of: say(f"[{done}/{of}] runs"))
+    rows = store.run(wanted, engine, say)
     count = len(members)
     tables = {
         pair: rows[place * count : (place + 1) * count].reset_index(drop=True) for place, pair in enumerate(pairs)

@@ -1,7 +1,6 @@
 """Writes the reproduction report: runs, rows, table, page, replays."""
 
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import pandas as pd
@@ -49,7 +48,7 @@ def write_report(
         ensemble.scenario(member, "turn_swing")
     varied = {key for member in ensemble.members for key in member.values}
     fitted = ensemble.provenance.get("fitted", ())
-    with closing(RunStore(out, varied, force=force)) as store:
+    with RunStore(out, varied, force=force) as store:
         evidence = gather(members, fitted, store, engine, say, settings, PAIRS if survival else ())
     rows = all_rows(evidence)
     compared = [compare(d, evidence.rows[d.turn.tail_mode, d.turn.speed], evidence.weights) for d in evidence.data]

@@ -276,7 +276,7 @@ def test_runs_of_other_parameters_are_refused_unless_forced(
     RunStore(tmp_path, ["car.mass"]).close()
     RunStore(tmp_path, ["car.mass"]).close()
     monkeypatch.setattr(runs, "load_scenario", other)
-    with pytest.raises(UserError, match="holds runs of other parameters"):
+    with pytest.raises(UserError, match="holds results of other parameters"):
         RunStore(tmp_path, ["car.mass"])
     RunStore(tmp_path, ["car.mass"], force=True).close()
     assert len(RunStore(tmp_path, ["car.mass"])) == 0

@@ -2,16 +2,18 @@
 
 import errno
 import json
+import subprocess
+import sys
 
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from aerodima.optimisation.sweep import study_store as store
 from aerodima.optimisation.sweep.run_study import run_study
 from aerodima.optimisation.sweep.study import load_study
 from aerodima.optimisation.sweep.study_engine import SerialEngine, SweepError
-from aerodima.optimisation.sweep.study_store import PARTS, TABLE, make_frame, open_store, read_table
+from aerodima.optimisation.sweep.study_store import METADATA_KEY, ROWS, TABLE, make_frame, open_store, read_table
+from aerodima.workbench.batch.row_store import RowStore
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 
@@ -54,10 +56,23 @@ def test_stopped_study_goes_on_without_losing_or_doubling_a_run(tmp_path, undist
     assert not set(first.names) & set(second.names)
     assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
     assert (out / "table.csv").read_bytes() == (undisturbed / "table.csv").read_bytes()
-    assert not list((out / PARTS).iterdir())
     third = Stopping(-1)
     pd.testing.assert_frame_equal(run_study(study, out, third), read_table(out))
     assert third.names == []
+
+
+def test_the_serial_engine_needs_no_dask(tmp_path, undisturbed):
+    code = f"""
+import sys
+sys.modules["dask"] = sys.modules["distributed"] = None
+from pathlib import Path
+from aerodima.optimisation.sweep.run_study import run_study
+from aerodima.optimisation.sweep.study import load_study
+from aerodima.optimisation.sweep.study_engine import SerialEngine
+run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}), SerialEngine())
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert (tmp_path / "out" / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
 
 
 def test_table_is_tidy_and_carries_the_study(undisturbed):
@@ -66,7 +81,7 @@ def test_table_is_tidy_and_carries_the_study(undisturbed):
     assert table["manoeuvre.speed"].tolist() == pytest.approx([1.0, 4 / 3, 5 / 3, 2.0])
     assert (table["outcome"] == "survived").all()
     assert not [name for name in table.columns if "wall" in name or "created" in name]
-    metadata = json.loads(pq.read_schema(undisturbed / TABLE).metadata[store.METADATA_KEY])
+    metadata = json.loads(pq.read_schema(undisturbed / TABLE).metadata[METADATA_KEY])
     assert metadata["study"]["name"] == "tiny"
     assert json.loads((undisturbed / "timing.json").read_text())["runs_of_the_last_call"] == 4
 
@@ -83,10 +98,10 @@ def test_member_that_makes_no_plant_is_a_row_with_its_reason(tmp_path):
 
 def test_second_client_and_another_study_are_refused(tmp_path, undisturbed):
     study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
-    busy = pytest.raises(SweepError, match="another client is writing this study")
+    busy = pytest.raises(SweepError, match="another process works in it")
     with open_store(out, {"runs": "others"}), busy:
         run_study(study, out, SerialEngine())
-    with pytest.raises(SweepError, match="holds results of another study"):
+    with pytest.raises(SweepError, match="holds results of other parameters"):
         run_study(study, out, SerialEngine())
     run_study(study, out, SerialEngine(), force=True)
     assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
@@ -96,37 +111,46 @@ def test_second_client_and_another_study_are_refused(tmp_path, undisturbed):
         run_study(study, tmp_path / "mine", SerialEngine())
 
 
+class Full:
+    """A file on a full disk."""
+
+    def write(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def close(self):
+        pass
+
+
 def test_full_disk_is_one_clear_error_and_what_was_written_is_used_again(tmp_path, undisturbed, monkeypatch):
     study, out = load_study(tiny_study(tmp_path)), tmp_path / "out"
-    monkeypatch.setattr(store, "FLUSH_AFTER", 0.0)
-    whole, parts = store._write, []
+    whole, rows = RowStore._write, []
 
-    def full_after_two_parts(path, text):
-        if PARTS in path.parts:
-            if len(parts) == 2:
-                raise OSError(errno.ENOSPC, "No space left on device")
-            parts.append(path)
-        whole(path, text)
+    def full_after_two_rows(store, data):
+        if b'"key"' in data:
+            if len(rows) == 2:
+                store._stream.write(data[:40])
+                store._stream = Full()
+            rows.append(data)
+        whole(store, data)
 
     with monkeypatch.context() as patch:
-        patch.setattr(store, "_write", full_after_two_parts)
+        patch.setattr(RowStore, "_write", full_after_two_rows)
         with pytest.raises(SweepError, match=r"cannot be written \(No space left on device\)"):
             run_study(study, out, SerialEngine())
-    assert len(list((out / PARTS).iterdir())) == 2
     rest = Stopping(-1)
     run_study(study, out, rest)
     assert len(rest.names) == 2
     assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
 
 
-def test_damaged_part_is_named(tmp_path):
-    with open_store(tmp_path / "out", {}) as opened:
-        opened.add(0, {"outcome": "survived"})
-        opened.flush()
-        (part,) = (tmp_path / "out" / PARTS).iterdir()
-        part.write_text("{")
-        with pytest.raises(SweepError, match=f"{part.name}: damaged"):
-            opened.rows()
+def test_damaged_line_costs_its_row_alone(tmp_path):
+    for expected in ({}, {"1": {"outcome": "survived"}}):
+        with open_store(tmp_path / "out", {}) as opened:
+            assert opened.rows == expected
+            opened.add("0", {"outcome": "flipped"})
+            opened.add("1", {"outcome": "survived"})
+        path = tmp_path / "out" / ROWS
+        path.write_text(path.read_text().replace('{"key": "0", "outcome": "f', '{"key": "0", "ou'))
 
 
 def test_kind_of_a_column_does_not_depend_on_the_order_of_the_rows():

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from aerodima.optimisation.sweep.run_study import run_study
 from aerodima.optimisation.sweep.study import load_study
 from aerodima.optimisation.sweep.study_engine import SerialEngine
-from aerodima.optimisation.sweep.study_store import PARTS, TABLE
+from aerodima.optimisation.sweep.study_store import ROWS, TABLE
 from aerodima.workbench.cli.program import build_app
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
@@ -59,8 +59,9 @@ def started(*command):
             process.communicate(timeout=PATIENCE)
 
 
-def parts(out: Path) -> int:
-    return len(list((out / PARTS).glob("*.json")))
+def rows(out: Path) -> int:
+    path = out / ROWS
+    return len(path.read_bytes().splitlines()) - 1 if path.exists() else 0
 
 
 def workers_of(process) -> list[psutil.Process]:
@@ -75,16 +76,16 @@ def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
     out = tmp_path / "out"
     command = [*AERODIMA, "sweep", "run", str(study), "--out", str(out)]
     with started(*command) as client:
-        wait_for(lambda: parts(out) >= 2, client)
+        wait_for(lambda: rows(out) >= 2, client)
         workers_of(client)[0].send_signal(signal.SIGKILL)
-        there = parts(out)
-        wait_for(lambda: parts(out) >= there + 2, client)
+        there = rows(out)
+        wait_for(lambda: rows(out) >= there + 2, client)
         os.killpg(client.pid, signal.SIGINT)  # as the terminal does: the workers get it too
         _, told = client.communicate(timeout=PATIENCE)
     assert client.returncode == 130, told
     assert "runs are kept; the same command goes on with the rest" in told
     assert "Traceback" not in told
-    assert 4 <= parts(out) < MANY
+    assert 4 <= rows(out) < MANY
     assert not (out / TABLE).exists()
     second = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
     assert " there already" in second.stderr

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -31,6 +30,7 @@ from aerodima.optimisation.swing.swing_candidate import (
     shares,
 )
 from aerodima.optimisation.swing.swing_shape import PITCH, PLACES, ROLL, changed, changes
+from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_from_dict
@@ -291,14 +291,16 @@ def test_it_finds_most_friction_that_turns_far_enough() -> None:
     assert best.knots.time_s[-1] == pytest.approx(1.2, abs=0.05)
 
 
-def test_it_repeats_itself_and_goes_on_where_it_was_stopped() -> None:
-    kept: list[Score] = []
-    whole = run_polish(MadeUpCars(), evaluations=60, keep=lambda scores: kept.extend(scores[len(kept) :]))
-    cars = MadeUpCars()
-    again = run_polish(cars, evaluations=60, known=kept[:25])
+def test_it_repeats_itself_and_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
+    cars, stopped, rest = MadeUpCars(), MadeUpCars(), MadeUpCars()
+    whole = run_polish(cars, evaluations=60)
+    with RowStore(tmp_path / "scores.jsonl", {}) as store:
+        run_polish(stopped, evaluations=25, store=store)
+    with RowStore(tmp_path / "scores.jsonl", {}) as store:
+        again = run_polish(rest, evaluations=60, store=store)
     assert np.array_equal(whole.x, again.x)
     assert whole.friction == again.friction
-    assert cars.driven == len(kept) - 25
+    assert (stopped.driven > 20, rest.driven) == (True, cars.driven - stopped.driven)
 
 
 def test_it_is_told_that_nothing_turns_far_enough() -> None:
@@ -336,18 +338,18 @@ def test_an_interrupted_polish_goes_on_with_its_own_candidates_alone(
     options = SearchOptions(polish=40, seed=4, rounds=0)
     with pytest.raises(KeyboardInterrupt):
         polished(swing(), cars, options, engine=Interrupted(), checkpoint=checkpoint)
-    driven = len(json.loads(kept.read_text())["scores"])
+    driven = len(kept.read_text().splitlines()) - 1
     assert driven > 20
     for other in (replace(options, seed=5), replace(options, dof=2)):
-        with pytest.raises(SwingError, match=r"polish\.json: holds a polish with other settings"):
+        with pytest.raises(SwingError, match=r"polish\.json: holds results of other parameters, settings or versions"):
             polished(swing(), cars, other, engine=Steady(), checkpoint=checkpoint)
-    with pytest.raises(SwingError, match="other settings"):
+    with pytest.raises(SwingError, match="swing"):
         polished(swing("right"), cars, options, engine=Steady(), checkpoint=checkpoint)
     again, whole = Steady(), Steady()
     polished(swing(), cars, options, engine=again, checkpoint=checkpoint)
     polished(swing(), cars, options, engine=whole)
     assert again.driven == whole.driven - driven
     assert not kept.exists()
-    kept.write_text("[]", encoding="utf-8")
-    with pytest.raises(SwingError, match="is no interrupted polish"):
+    kept.write_text("{}", encoding="utf-8")
+    with pytest.raises(SwingError, match="holds results of other"):
         polished(swing(), cars, options, engine=Steady(), checkpoint=checkpoint)

@@ -93,11 +93,11 @@ def test_a_warm_start_for_another_car_says_which_parameters_differ() -> None:
         optimise_swing(scenario, SearchOptions(), name="x", warm_start=warm_start)
 
 
-@pytest.mark.parametrize(("text", "words"), [("{}", "no interrupted search"), ('{"key": "x"}', "other settings")])
-def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path, text: str, words: str) -> None:
+@pytest.mark.parametrize("text", ["{}", '{"key": "x"}'])
+def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path, text: str) -> None:
     checkpoint = tmp_path / "swing.search.json"
     checkpoint.write_text(text, encoding="utf-8")
-    with pytest.raises(SwingError, match=words):
+    with pytest.raises(SwingError, match="holds results of other parameters, settings"):
         optimise_swing(load_scenario("turn_swing"), SearchOptions(), name="x", checkpoint=checkpoint)
 
 

@@ -69,12 +69,12 @@ def test_a_second_call_makes_only_what_is_missing_and_the_same(small: Path, tmp_
     assert set(before.extra["truth"]) == {"cd", "cl", "psi3", "current"}
     assert before.extra["truth"]["psi3"] == tasks[2].scenario.tunnel.psi3
     first.logs[2].unlink()
-    told: list[tuple[int, int]] = []
-    second = run_campaign(tasks, out, workers=1, progress=lambda done, count: told.append((done, count)))
+    told: list[str] = []
+    second = run_campaign(tasks, out, workers=1, say=told.append)
     assert second.reused == 3
-    assert told == [(3, 4), (4, 4)]
+    assert [line.split("]")[1].split()[0] for line in told] == ["4/4"]
     assert signals_equal(read_run_log(second.logs[2]), before)
-    with pytest.raises(UserError, match="another campaign, or another seed"):
+    with pytest.raises(UserError, match="of other parameters, settings or versions"):
         run_campaign(campaign_tasks(load_campaign(small), seed=2, settings=SHORT), out, workers=1)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").touch()

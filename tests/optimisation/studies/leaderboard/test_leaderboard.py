@@ -15,7 +15,7 @@ from aerodima.optimisation.studies.leaderboard.leaderboard import make_leaderboa
 from aerodima.optimisation.studies.leaderboard.leaderboard_page import PAGE
 from aerodima.optimisation.studies.leaderboard.leaderboard_runs import Plan
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
-from aerodima.optimisation.sweep.run_memory import task_key
+from aerodima.optimisation.sweep.run_memory import run_key
 from aerodima.optimisation.sweep.study_task import RunTask
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
@@ -182,20 +182,20 @@ def test_stopped_it_goes_on_and_a_wider_plan_keeps_the_runs(tmp_path: Path, monk
     make_leaderboard(tmp_path, narrow, [SWING], MEMBERS[:1], second, replays=False)
     whole = MadeUp()
     make_leaderboard(tmp_path / "other", narrow, [SWING], MEMBERS[:1], whole, replays=False)
-    assert {task_key(task) for task in second.tasks} < {task_key(task) for task in whole.tasks}
+    assert {run_key(task) for task in second.tasks} < {run_key(task) for task in whole.tasks}
     assert len(second.tasks) == len(whole.tasks) - 70
     first = (tmp_path / "summary.csv").read_text()
     assert first == (tmp_path / "other" / "summary.csv").read_text()
     wider = MadeUp()
     make_leaderboard(tmp_path, PLAN, [SWING], MEMBERS, wider, replays=False)
-    assert not {task_key(task) for task in wider.tasks} & {task_key(task) for task in whole.tasks}
+    assert not {run_key(task) for task in wider.tasks} & {run_key(task) for task in whole.tasks}
     fewer = MadeUp()
     make_leaderboard(tmp_path, narrow, [], MEMBERS, fewer, replays=False)
     assert not fewer.tasks, "a swing less asks for no new runs"
     monkeypatch.setattr(
         "aerodima.optimisation.studies.leaderboard.leaderboard.default_values", lambda: {"car": {"mass": 7.0}}
     )
-    with pytest.raises(UserError, match="holds results of another study"):
+    with pytest.raises(UserError, match="holds results of other parameters"):
         make_leaderboard(tmp_path, narrow, [SWING], MEMBERS, MadeUp(), replays=False)
 
 
@@ -205,10 +205,10 @@ def test_another_swing_of_the_same_name_is_another_run(tmp_path: Path) -> None:
     for number, limit in enumerate((8.0, 9.0)):
         limits = thesis.limits.model_copy(update={"velocity_rad_per_s": limit})
         path = write_swing(thesis.model_copy(update={"limits": limits}), tmp_path / f"{number}.yaml")
-        keys.append(task_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
+        keys.append(run_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
     assert keys[0] != keys[1]
     plain = RunTask("one", "turn_fast", ("controller.swing_file=none",))
-    assert task_key(plain) == task_key(replace(plain, name="other"))
+    assert run_key(plain) == run_key(replace(plain, name="other"))
 
 
 def test_a_swing_that_is_not_there_is_refused() -> None:

@@ -1,0 +1,146 @@
+"""Rows of resumable work on the disk: a line of JSON each as they come, held by one client at a time.
+
+Work that was cut off at any time (Ctrl-C, a killed process, a full disk) goes on with what its file does not hold. The
+first line says what all rows have in common, and each row has a key of everything else that determines it: a row of
+other inputs is never taken for one of these. A line that was cut off, or is damaged, costs its own row alone.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aerodima.workbench.atomic_write import make_folder
+from aerodima.workbench.batch.worker_record import WORKER_RECORD
+from aerodima.workbench.errors import UserError
+
+Row = dict[str, Any]
+
+
+class RowStore:
+    """The file of one piece of work, locked until it is closed or the process ends, however it ends.
+
+    Args:
+        path: of the file; its folder is made when it is not there.
+        identity: what all rows have in common, JSON-able: schema, settings, versions.
+        force: drop the rows that are there.
+        alone: refuse a folder that holds other files and no rows, unless `force`.
+        error: class of the errors raised.
+
+    Raises:
+        UserError: another process works with the file, it holds rows of another identity, or it cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        identity: Mapping[str, Any],
+        *,
+        force: bool = False,
+        alone: bool = False,
+        error: type[UserError] = UserError,
+    ) -> None:
+        self.path, self._error = path, error
+        make_folder(path.parent, error)
+        if alone and not force and not path.exists():
+            refuse_foreign_files(path.parent, error)
+        try:
+            self._stream = path.open("ab+", buffering=0)
+        except OSError as cause:
+            raise error(f"{path}: cannot be written ({cause.strerror})") from None
+        try:
+            self._lock()
+            if force:
+                self._stream.truncate(0)
+            self.rows = self._read(json.loads(json.dumps(identity)))
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> RowStore:
+        return self
+
+    def __exit__(self, *_reason: object) -> None:
+        self.close()
+
+    def add(self, key: str, row: Row) -> None:
+        """Keeps one row; it has reached the operating system when this returns."""
+        self.rows[key] = row
+        self._append({"key": key, **row})
+
+    def close(self) -> None:
+        """Frees the file; the end of the process does so too."""
+        self._stream.close()
+
+    def remove(self) -> None:
+        """Forgets the rows, of work that is finished."""
+        self.path.unlink(missing_ok=True)
+        self.close()
+
+    def _lock(self) -> None:
+        try:
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise self._error(
+                f"{self.path.parent}: another process works in it; wait for it, or choose another folder"
+            ) from None
+
+    def _read(self, identity: Row) -> dict[str, Row]:
+        head, *rows = read_lines(self.path) or [identity]
+        differing = [key for key in {**identity, **head} if head.get(key) != identity.get(key)]
+        if differing:
+            raise self._error(
+                f"{self.path}: holds results of other parameters, settings or versions ({', '.join(differing)}); "
+                "choose another --out, or drop them: --force, or remove this file"
+            )
+        content = self.path.read_bytes()
+        if content and not content.endswith(b"\n"):
+            self._write(b"\n")
+        if head is identity:
+            self._append(identity)
+        return {row.pop("key"): row for row in rows if "key" in row}
+
+    def _append(self, line: Row) -> None:
+        self._write((json.dumps(line, default=_plain) + "\n").encode())
+
+    def _write(self, data: bytes) -> None:
+        try:
+            if self._stream.write(data) != len(data):
+                raise OSError(None, "No space left on device")
+        except OSError as cause:
+            raise self._error(f"{self.path}: cannot be written ({cause.strerror})") from None
+
+
+def read_lines(path: Path) -> list[Row]:
+    """Head and rows of a file of a `RowStore`, as they were written, without damaged lines; none without a file."""
+    lines = []
+    for text in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ():
+        try:
+            line = json.loads(text)
+        except ValueError:
+            continue
+        if isinstance(line, dict):
+            lines.append(line)
+    return lines
+
+
+def content_key(*content: Any) -> str:
+    """The same for the same content, JSON-able."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=_plain).encode()).hexdigest()[:20]
+
+
+def refuse_foreign_files(folder: Path, error: type[UserError] = UserError) -> None:
+    """Raises `error` when a folder holds anything that nobody made for the work that is to be done there."""
+    if names := sorted(path.name for path in folder.iterdir() if path.name != WORKER_RECORD):
+        shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+        raise error(f"{folder}: holds other files ({shown}); choose another folder, or --force")
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else str(value)
