@@ -7,7 +7,7 @@ from dataclasses import replace
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.radio_link import RadioLink
 from aerodima.hardware.protocol.car_report import PERIOD, Asks, CarReport, make_report
-from aerodima.workbench.config.ports import IMU, STATUS, STATUS_SOURCES, TAIL_STATE, TAIL_TORQUE
+from aerodima.workbench.config.signal_table import IMU, STATUS, STATUS_SOURCES, TAIL_STATE, TAIL_TORQUE
 
 _REST_FIRST = "put the switch in IDLE first"
 _UNKNOWN_FAULT = 255

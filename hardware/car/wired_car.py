@@ -29,7 +29,7 @@ from aerodima.hardware.protocol.ak70 import MitCommand
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
-from aerodima.workbench.config.ports import IMU, STATUS
+from aerodima.workbench.config.signal_table import IMU, STATUS
 from aerodima.workbench.errors import HardwareError
 
 _LAST_STRINGS = 5

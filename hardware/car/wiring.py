@@ -16,7 +16,7 @@ import numpy as np
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import OperatorCommand
-from aerodima.workbench.config.ports import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
+from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 from aerodima.workbench.errors import HardwareError
 
 WiringName = Literal["direct_can", "teensy_bridge", "watched_can"]
@@ -41,7 +41,7 @@ class CarCommand:
 
     Attributes:
         steering_angle: rad, positive to the left. throttle: -1 to 1.
-        tail_pitch, tail_roll: (5,) as `aerodima.workbench.config.ports.TAIL_COMMAND`.
+        tail_pitch, tail_roll: (5,) as `aerodima.workbench.config.signal_table.TAIL_COMMAND`.
     """
 
     steering_angle: float = 0.0
@@ -65,10 +65,10 @@ class CarReading:
     """What is known after a cycle, as the station's output ports give it. Values hold their last sample.
 
     Attributes:
-        tail_state: (6,) `aerodima.workbench.config.ports.TAIL_STATE`, rad and rad/s.
-        tail_torque: (2,) N m. imu: (9,) `aerodima.workbench.config.ports.IMU`. speed: (1,) m/s.
-        status: (13,) `aerodima.workbench.config.ports.STATUS`: ages in s (infinite before the first sample), faults,
-            armed.
+        tail_state: (6,) `aerodima.workbench.config.signal_table.TAIL_STATE`, rad and rad/s.
+        tail_torque: (2,) N m. imu: (9,) `aerodima.workbench.config.signal_table.IMU`. speed: (1,) m/s.
+        status: (13,) `aerodima.workbench.config.signal_table.STATUS`: ages in s (infinite before the first sample),
+            faults, armed.
         operator: the operator's last command, for driving by radio.
         fault_text: the worst fault in words, empty while there is none.
     """

@@ -10,7 +10,7 @@ from aerodima.hardware.console.page_messages import MODES
 from aerodima.hardware.devices.motor_state import MotorFault
 from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.hardware.protocol.car_report import CarReport
-from aerodima.workbench.config.ports import STATUS_SOURCES
+from aerodima.workbench.config.signal_table import STATUS_SOURCES
 
 _MODE_NAMES = {mode: name for name, mode in MODES.items()}
 _MOTORS = ("tail_pitch", "tail_roll")

@@ -30,7 +30,7 @@ from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.hardware.drive.drive_limits import DriveLimits
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.workbench.config.ports import STATUS, TAIL_STATE
+from aerodima.workbench.config.signal_table import STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 
 _ARMED = STATUS.index("armed")

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, DiscreteValues, EventStatus, Leaf
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.plain_loop import PERIOD, WRITE_DELAY
-from aerodima.workbench.config.ports import STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.stations.car_station import InterfaceFactory
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 
@@ -26,7 +26,7 @@ class CarInterface(LeafSystem):
     emergency stop stays there until it is reset by hand. A diagram with this system runs at real-time rate 1; every
     reading tells the guard how late it is.
 
-    Input and output ports: exactly those of `aerodima.workbench.config.ports.STATION_INPUTS` and `STATION_OUTPUTS`.
+    Input and output ports: exactly `STATION_INPUTS` and `STATION_OUTPUTS` of `aerodima.workbench.config.signal_table`.
 
     Args:
         guard: of the started wiring; a run begins with its last reading on the outputs.

@@ -17,8 +17,8 @@ from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.bno055 import RATE as IMU_RATE
 from aerodima.hardware.devices.profile_check import check_profile
 from aerodima.hardware.drive.plain_loop import PERIOD
-from aerodima.workbench.config.ports import STATUS, TAIL_STATE
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 
 _MB = 1e6

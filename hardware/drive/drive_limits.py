@@ -10,7 +10,7 @@ import math
 from aerodima.hardware.car.drive_safety import DriveSafety
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.source_fault import SourceFault
-from aerodima.workbench.config.ports import IMU, STATUS
+from aerodima.workbench.config.signal_table import IMU, STATUS
 
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 _SPEED = STATUS.index("speed_fault")

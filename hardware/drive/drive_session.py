@@ -37,8 +37,8 @@ from aerodima.hardware.drive.standstill import standstill_checks
 from aerodima.hardware.drive.stop_signals import stop_on_signals
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.workbench.config.ports import STATUS
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import HardwareError

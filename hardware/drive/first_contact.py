@@ -27,7 +27,7 @@ from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.ports import TAIL_STATE
+from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 
 Joint = Literal["tail_pitch", "tail_roll"]

@@ -19,8 +19,8 @@ from aerodima.hardware.transport.can_settings import CanSettings
 from aerodima.hardware.transport.device_lock import DeviceLock, Say, tell_on_stderr
 from aerodima.hardware.watchdog.test_record import require_watchdog_test
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
-from aerodima.workbench.config.ports import STATUS
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import prefer_realtime, restore_ordinary
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aerodima.workbench.config.log_columns import sensor_columns
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import sensor_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import run_metadata

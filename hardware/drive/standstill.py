@@ -13,7 +13,7 @@ import numpy as np
 from aerodima.hardware.car.drive_safety import DriveSafety
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.drive.drive_checks import Check
-from aerodima.workbench.config.ports import IMU
+from aerodima.workbench.config.signal_table import IMU
 
 _LEAST_SAMPLES = 10
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
@@ -24,7 +24,7 @@ def standstill_checks(samples: Sequence[Bno055Sample], reading: np.ndarray, safe
 
     Args:
         samples: of the chip, all that came within the moment, in its own axes.
-        reading: (9,) `aerodima.workbench.config.ports.IMU`, the newest, in body axes.
+        reading: (9,) `aerodima.workbench.config.signal_table.IMU`, the newest, in body axes.
     """
     different = {(sample.quaternion, sample.gyro, sample.acceleration) for sample in samples}
     count = len(samples)

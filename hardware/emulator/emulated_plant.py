@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.hardware.drive.run_journal import RunJournal
 from aerodima.hardware.protocol.ak70 import MitCommand
-from aerodima.workbench.config.log_columns import sensor_columns
-from aerodima.workbench.config.ports import STATION_INPUTS
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS
+from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
@@ -24,7 +23,7 @@ from aerodima.workbench.simulate.car_run import truth_signals
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
 from aerodima.workbench.systems.event_order import Stage
 
-_INPUTS = ("steering_angle", "throttle", "planned_turn", "tail_pitch_command", "tail_roll_command", "controller_state")
+_INPUTS = ("steering_angle", "throttle", "planned_turn", "tail_pitch_command", "tail_roll_command", "state")
 _OUTPUTS = ("tail_state", "tail_torque", "imu", "speed", "status")
 
 
@@ -63,13 +62,8 @@ class EmulatedCar:
                 builder.Connect(self._sources[name].get_output_port(), station.GetInputPort(name))
         settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
         estimator = RollEstimator.add_to_builder(builder, settings, station=station)
-        signals = self._signals(
-            [
-                *(self._sources[name].get_output_port() for name in _INPUTS),
-                *(station.GetOutputPort(name) for name in _OUTPUTS),
-                *(estimator.GetOutputPort(name) for name in ("roll_estimate", "roll_rate_estimate")),
-            ]
-        )
+        sources = {name: source.get_output_port() for name, source in self._sources.items()}
+        signals = signals_of(CAR_PORTS, output_ports(station, estimator) | sources)
         signals += truth_signals(station)
         metadata = run_metadata(scenario.resolved(), scenario.seed, extra=facts)
         self._journal = RunJournal(log, recorded_columns(signals), metadata)  # a disk that is asked to sync may wait
@@ -81,15 +75,6 @@ class EmulatedCar:
         self._ports: dict[str, Any] = {name: station.GetOutputPort(name) for name in (*_OUTPUTS, "plant_state_truth")}
         self.has_tail = scenario.tail.mode != "none"
         self._joints = self._joint_places(simulated_car(station).plant) if self.has_tail else []
-
-    @staticmethod
-    def _signals(ports: list[OutputPort]) -> list[tuple[OutputPort, list[str]]]:
-        names = [column.name for column in sensor_columns()][1:]
-        signals = []
-        for port in ports:
-            signals.append((port, names[: port.size()]))
-            names = names[port.size() :]
-        return signals
 
     @staticmethod
     def _joint_places(plant: Any) -> list[int]:

@@ -51,7 +51,7 @@ class EmulatedImu:
         self._board, self._sampled = board, False
 
     def set_reading(self, reading: np.ndarray) -> None:
-        """(9,) as `aerodima.workbench.config.ports.IMU`."""
+        """(9,) as `aerodima.workbench.config.signal_table.IMU`."""
         if self._board.entry(Fault.IMU_FROZEN) and self._sampled:
             return
         self._sampled = True

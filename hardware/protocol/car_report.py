@@ -2,7 +2,7 @@
 
 Class 4, packed little-endian: class, sequence, flags (1 armed, 2 the emergency stop came, 4 and 8 what the car asks the
 operator for, 16 the car has no tail), number of the car, mode last heard, fault codes of
-`aerodima.workbench.config.ports.STATUS_SOURCES`, eight 32-bit floats, then the worst fault in words.
+`aerodima.workbench.config.signal_table.STATUS_SOURCES`, eight 32-bit floats, then the worst fault in words.
 43 to 100 bytes, as many as the smallest modules carry.
 """
 

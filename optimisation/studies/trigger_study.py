@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.studies.grip_study import Setup, friction_study, read_friction
 from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.study import Study
-from aerodima.workbench.config.log_columns import WHEELS
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
 from aerodima.workbench.metrics.published_figures import flip_bracket
 from aerodima.workbench.report.report_page import Plot

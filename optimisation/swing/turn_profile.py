@@ -21,7 +21,7 @@ from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing import spatial_model as spatial
 from aerodima.optimisation.swing.planar_model import INPUTS
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.workbench.config.log_columns import WHEELS
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_signals import turn_sign
 

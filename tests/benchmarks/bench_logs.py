@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.log_columns import car_run_columns
+from aerodima.workbench.config.signal_table import car_run_columns
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, read_run_log, run_log_from_metadata, run_metadata, write_run_log
 from tests.benchmarks.rows import BenchRow

@@ -11,8 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.log_columns import AXLES
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.signal_table import AXLES
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.published_figures import Platform, TurnMetrics, published_figures

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.log_columns import car_run_columns, sensor_columns
+from aerodima.workbench.config.signal_table import car_run_columns, sensor_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 
 STEP = 0.002

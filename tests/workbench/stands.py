@@ -4,9 +4,8 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.config.log_columns import WHEELS
-from aerodima.workbench.config.ports import STATION_INPUTS
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import STATION_INPUTS, WHEELS
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
 from aerodima.workbench.stations.ground_truth import CONTACT_TRUTH

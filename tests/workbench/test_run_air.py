@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.config.log_columns import wind_truth_columns
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.signal_table import CAR_TRUTH
 from aerodima.workbench.logs.schema import read_run_log, signals_equal
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.logged_car import add_logged_car
@@ -15,7 +15,7 @@ SHORT = ["manoeuvre.duration=0.3"]
 STANDING = ["manoeuvre.speed=0.0", "manoeuvre.duration=0.2"]
 UPRIGHT = ["controller.hold_angle=0.01", "controller.travel=0.01"]
 LARGE = ["tail.sail_length=0.6", "tail.sail_width=0.2", "tail.sail_bearing_damping=5e-4"]
-WIND = [column.name for column in wind_truth_columns()]
+WIND = [column.name for column in CAR_TRUTH["wind_truth"]]
 
 
 @pytest.fixture

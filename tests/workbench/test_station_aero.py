@@ -8,8 +8,8 @@ from pydrake.math import RigidTransform
 
 from aerodima.workbench.aero.added_mass import added_mass_matrix
 from aerodima.workbench.aero.sections import SectionLayout
-from aerodima.workbench.config.ports import TAIL_STATE
 from aerodima.workbench.config.scenario import scenario_from_dict
+from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
 from aerodima.workbench.stations.car_air import free_sail, sail_law

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.config.car_parameters import TailMotorParameters
-from aerodima.workbench.config.ports import TAIL_COMMAND
+from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.joint_friction import FrictionLaw
 from aerodima.workbench.plants.tail import ArmInertia
 

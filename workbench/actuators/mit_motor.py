@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.actuators.ak70 import mit_torque, torque_speed_limits
 from aerodima.workbench.config.car_parameters import TailMotorParameters
-from aerodima.workbench.config.ports import TAIL_COMMAND
+from aerodima.workbench.config.signal_table import TAIL_COMMAND
 
 
 class MitMotor(LeafSystem):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.config.ports import IMU, STATUS, TAIL_STATE
+from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 from aerodima.workbench.controllers.tail_law import UNKNOWN_IMU, Observation
 
 AGE_LIMIT = 0.1

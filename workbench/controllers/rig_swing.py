@@ -4,8 +4,8 @@ from typing import Any
 
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from aerodima.workbench.config.ports import TAIL_COMMAND
 from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 
 

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.config.ports import IMU
 from aerodima.workbench.config.range_check import check_range
+from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.controllers.tail_law import EPSILON, NO_COMMAND, Observation, sign
 from aerodima.workbench.errors import UserError
 

@@ -6,8 +6,16 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from aerodima.workbench.config.ports import IMU, PLANNED_TURN, SPEED, STATUS, STEERING_ANGLE, TAIL_COMMAND, TAIL_STATE
 from aerodima.workbench.config.range_check import check_range
+from aerodima.workbench.config.signal_table import (
+    IMU,
+    PLANNED_TURN,
+    SPEED,
+    STATUS,
+    STEERING_ANGLE,
+    TAIL_COMMAND,
+    TAIL_STATE,
+)
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.observation import AGE_LIMIT, observe
 from aerodima.workbench.controllers.tail_law import Observation, TailLaw
@@ -22,7 +30,7 @@ class TailController(LeafSystem):
     "not valid", a tail angle as NaN. All memory is discrete state, so a reset context repeats a run.
 
     Input ports:
-        tail_state (6), imu (9), status (13): as the station gives them, see `aerodima.workbench.config.ports`.
+        tail_state (6), imu (9), status (13): as the station gives them, see `aerodima.workbench.config.signal_table`.
         planned_turn (1): +1 left, -1 right, 0 none, from the driver.
         speed (1, optional): m/s, from the station; unknown when not connected.
         steering_angle (1, optional): command of the driver, rad; unknown when not connected.

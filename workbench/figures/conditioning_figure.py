@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.log_columns import TIME
+from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.figures.figure_style import new_figure, styled
 from aerodima.workbench.logs.conditioning import is_held
 from aerodima.workbench.logs.resting import Interval

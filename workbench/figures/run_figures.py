@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.log_columns import WHEELS
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import (
     BLACK,

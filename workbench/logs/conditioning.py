@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.config.log_columns import TIME, rig_columns
+from aerodima.workbench.config.signal_table import TIME, rig_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.resting import (
     LEAST_REST_SAMPLES,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.config.log_columns import PLANT_POSITION_PREFIX, TIME
+from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.foreign_files import metadata_json, sidecar
 from aerodima.workbench.logs.schema import RunLog

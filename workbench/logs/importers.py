@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.log_columns import RIG_KINDS, TIME
+from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.config.units import unit_to
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log

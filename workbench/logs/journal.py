@@ -19,7 +19,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.config.log_columns import missing_columns
+from aerodima.workbench.config.signal_table import missing_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import detrend
 
-from aerodima.workbench.config.log_columns import TIME
+from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.signals import GAP_FACTOR
 

@@ -14,8 +14,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StrictBool
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.log_columns import RIG_KINDS
 from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.signal_table import RIG_KINDS
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs import conditioning
 from aerodima.workbench.logs.conditioning import Conditioned

@@ -1,15 +1,26 @@
 """Writes the signals of a diagram into a run log while it runs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 
-from aerodima.workbench.config.log_columns import TIME
+from aerodima.workbench.config.signal_table import TIME, Column, names_of
 from aerodima.workbench.logs.log_sink import LogSink
 from aerodima.workbench.logs.unwrapping import RowUnwrapper
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
+
+Signals = list[tuple[OutputPort, list[str]]]
+"""Ports with the names of the columns that they fill."""
 
 
 class RunRecorder(LeafSystem):
@@ -24,6 +35,10 @@ class RunRecorder(LeafSystem):
         rate: rows per second, Hz.
         stage: `Stage.RECORD` beside a simulated car (`aerodima.workbench.systems.event_order`), whose row then has what
             sensors and controllers did at its instant; without, a row has what stood on the ports before its instant.
+        with_samples: beside a plant that moves continuously, write in the discrete update of the instant. Drake
+            publishes before it updates, so a publish event sees the samples of the period before; the update sees those
+            of its own instant, since sensors sample in unrestricted updates, which come first. The row of the time at
+            which a simulation ends is written when it runs a little longer.
     """
 
     def __init__(
@@ -33,32 +48,38 @@ class RunRecorder(LeafSystem):
         sizes: Sequence[int],
         rate: float,
         stage: Stage | None = None,
+        with_samples: bool = False,
     ):
         super().__init__()
         self.set_name("run_recorder")
         self._journal, self._rate = journal, rate
         self._row = np.zeros(1 + sum(sizes))
-        self._ports = []
-        start = 1
-        for index, size in enumerate(sizes):
-            self._ports.append((self.DeclareVectorInputPort(f"signal_{index}", size), start, start + size))
-            start += size
+        ends = (1 + np.cumsum([0, *sizes])).tolist()
+        self._ports = [
+            (self.DeclareVectorInputPort(f"signal_{index}", size), ends[index], ends[index + 1])
+            for index, size in enumerate(sizes)
+        ]
         self._unwrapper = RowUnwrapper(columns)
         period = 1.0 / rate if stage is None else period_of(rate, stage)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._record)
+        if with_samples:
+            self.DeclareDiscreteState(1)
+            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._record_in_update)
+        else:
+            self.DeclarePeriodicPublishEvent(period, 0.0, self._record)
 
     @classmethod
     def add_to_builder(
         cls,
         builder: DiagramBuilder,
         journal: LogSink,
-        signals: Sequence[tuple[OutputPort, Sequence[str]]],
+        signals: Signals,
         rate: float,
         stage: Stage | None = None,
+        with_samples: bool = False,
     ) -> "RunRecorder":
         """Records each output port under the given column names."""
         columns = recorded_columns(signals)
-        recorder = cls(journal, columns, [port.size() for port, _ in signals], rate, stage)
+        recorder = cls(journal, columns, [port.size() for port, _ in signals], rate, stage, with_samples)
         builder.AddSystem(recorder)
         for index, (port, _) in enumerate(signals):
             builder.Connect(port, recorder.get_input_port(index))
@@ -73,8 +94,22 @@ class RunRecorder(LeafSystem):
         self._journal.append(self._unwrapper.apply(row))
         return EventStatus.Succeeded()
 
+    def _record_in_update(self, context: Context, values: DiscreteValues) -> EventStatus:
+        return self._record(context)
 
-def recorded_columns(signals: Sequence[tuple[OutputPort, Sequence[str]]]) -> list[str]:
+
+def output_ports(*systems: System) -> dict[str, OutputPort]:
+    """Name -> port, of several systems."""
+    ports = [system.get_output_port(index) for system in systems for index in range(system.num_output_ports())]
+    return {port.get_name(): port for port in ports}
+
+
+def signals_of(table: Mapping[str, list[Column]], ports: Mapping[str, OutputPort]) -> Signals:
+    """The ports of a table (`aerodima.workbench.config.signal_table`) that are there, with the names of its columns."""
+    return [(ports[name], names_of(columns)) for name, columns in table.items() if name in ports]
+
+
+def recorded_columns(signals: Signals) -> list[str]:
     """Column names of a recording, time first.
 
     Raises:

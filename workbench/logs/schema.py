@@ -1,6 +1,6 @@
 """The run log: one run in one Parquet file, its signals as columns and its provenance in the file's metadata.
 
-Columns are float64 (`aerodima.workbench.config.log_columns`). The metadata are one JSON object under the key
+Columns are float64 (`aerodima.workbench.config.signal_table`). The metadata are one JSON object under the key
 `aerodima`: schema, scenario (resolved), seed, versions, created, kind, extra. Two runs of the same scenario and seed
 have equal signals, bit for bit (`signals_equal`); `created` is all that may differ.
 """
@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.log_columns import TIME, missing_columns
+from aerodima.workbench.config.signal_table import TIME, missing_columns
 from aerodima.workbench.errors import LogError
 
 SCHEMA = "aerodima/run-log/1"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from aerodima.workbench.config.log_columns import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
 from aerodima.workbench.metrics.published_figures import (

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.log_columns import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time

@@ -7,8 +7,8 @@ without its tail arm, and the wheel centres sit one static tyre deflection below
 from dataclasses import dataclass
 
 from aerodima.workbench.config.car_parameters import CarParameters, DriveParameters, TailParameters
-from aerodima.workbench.config.log_columns import AXLES, SIDES
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import AXLES, SIDES
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
 from aerodima.workbench.plants.tail import ground_partner_friction

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.workbench.config.log_columns import WHEELS
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.logged_car import LoggedCar
 from aerodima.workbench.replay.reckoned_motion import RECKONED

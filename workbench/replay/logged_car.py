@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from aerodima.workbench.config.log_columns import PLANT_POSITION_PREFIX
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_time

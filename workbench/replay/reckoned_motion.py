@@ -16,8 +16,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import cumulative_trapezoid
 
-from aerodima.workbench.config.log_columns import PLANT_POSITION_PREFIX
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals

@@ -12,7 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from aerodima.workbench.config.ports import IMU
+from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from aerodima.workbench.config.ports import IMU, SPEED
+from aerodima.workbench.config.signal_table import IMU, SPEED
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, stage_before

@@ -7,31 +7,28 @@ from typing import Any
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from aerodima.workbench.aero.section_watch import SectionWatch
-from aerodima.workbench.config.log_columns import plant_position_columns, sensor_columns
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
 from aerodima.workbench.controllers.law_of_scenario import swing_facts
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_controller import TailController
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.controllers.turn_driver import TurnDriver
 from aerodima.workbench.logs.log_sink import open_log
-from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
+from aerodima.workbench.logs.recorder import RunRecorder, Signals, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.live_view import LiveView
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
-from aerodima.workbench.stations.ground_truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH, WIND_TRUTH
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.event_order import Stage
 
 _TIME_MARGIN = 1e-9
 """s."""
-
-Signals = list[tuple[OutputPort, list[str]]]
 
 
 @dataclass(frozen=True)
@@ -60,36 +57,21 @@ def assemble(
     controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=tail_law)
     settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
     estimator = RollEstimator.add_to_builder(builder, settings, station=station)
-    ports = [
-        *(driver.GetOutputPort(name) for name in ("steering_angle", "throttle", "planned_turn")),
-        *(controller.GetOutputPort(name) for name in ("tail_pitch_command", "tail_roll_command", "state")),
-        *(station.GetOutputPort(name) for name in ("tail_state", "tail_torque", "imu", "speed", "status")),
-        *(estimator.GetOutputPort(name) for name in ("roll_estimate", "roll_rate_estimate")),
-    ]
-    names = [column.name for column in sensor_columns()][1:]
-    signals: Signals = []
-    for port in ports:
-        signals.append((port, names[: port.size()]))
-        names = names[port.size() :]
+    signals = signals_of(CAR_PORTS, output_ports(driver, controller, station, estimator))
     return CarDiagram(builder, station, signals + truth_signals(station))
 
 
 def truth_signals(station: Diagram) -> Signals:
     """Ground-truth ports of a station with their column names; none for a station without plant."""
-    present = {station.get_output_port(index).get_name() for index in range(station.num_output_ports())}
-    signals: Signals = []
-    for name, fields in (("body_truth", BODY_TRUTH), ("tail_truth", TAIL_TRUTH), ("contact_truth", CONTACT_TRUTH)):
-        if name in present:
-            signals.append((station.GetOutputPort(name), list(fields.fields)))
-    if "plant_state_truth" in present:
+    ports = output_ports(station)
+    wind = ports.pop("wind_truth", None)
+    signals = signals_of(CAR_TRUTH, ports)
+    if "plant_state_truth" in ports:
         plant = simulated_car(station).plant
-        state = station.GetOutputPort("plant_state_truth")
-        names = [column.name for column in plant_position_columns(plant.GetPositionNames())]
+        names = names_of(plant_position_columns(plant.GetPositionNames()))
         names += [f"plant_velocity_{name}" for name in plant.GetVelocityNames()]
-        signals.append((state, names))
-    if "wind_truth" in present:
-        signals.append((station.GetOutputPort("wind_truth"), list(WIND_TRUTH.fields)))
-    return signals
+        signals.append((ports["plant_state_truth"], names))
+    return signals + ([] if wind is None else signals_of(CAR_TRUTH, {"wind_truth": wind}))
 
 
 def run_car(

@@ -8,27 +8,20 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.signal_table import RIG_PORTS, RIG_TRUTH
 from aerodima.workbench.controllers.rig_swing import CurrentController, TailCommander
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.log_sink import open_log
-from aerodima.workbench.logs.recorder import recorded_columns
-from aerodima.workbench.logs.sample_recorder import SampleRecorder
+from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.sensors.force_torque import sensor_errors
 from aerodima.workbench.simulate.live_view import Check, LiveView
-from aerodima.workbench.stations.rig_logs import RIG_COLUMN_NAMES, known_truth, rig_log_metadata, simulate_static_log
+from aerodima.workbench.stations.rig_logs import known_truth, rig_log_metadata, simulate_static_log
 from aerodima.workbench.stations.rig_station import RigInterfaceFactory, make_rig_station
 
 INTEGRATOR = "runge_kutta3"
 """With a fixed step: 7e-7 rad after a second at 1 ms, on tables with kinks."""
-
-TRUTH_COLUMNS = {
-    "state_truth": ("angle_truth_rad", "angular_velocity_truth_rad_per_s"),
-    "wrench_truth": tuple([f"force_{axis}_truth_n" for axis in "xyz"] + [f"torque_{axis}_truth_n_m" for axis in "xyz"]),
-    "motor_torque_truth": ("motor_torque_truth_n_m",),
-}
-"""Port of the simulated station -> columns of a swing's log. The wrench is that of the support on the rig."""
 
 
 def run_rig(
@@ -56,20 +49,14 @@ def run_rig(
         return held if log is None else read_run_log(write_run_log(held, log, force=force))
     view = view or LiveView()
     builder, station = assemble_rig(scenario, interface, view.meshcat)
-    signals = [
-        (station.GetOutputPort("rig_state"), list(RIG_COLUMN_NAMES[1:3])),
-        (station.GetOutputPort("motor_current"), list(RIG_COLUMN_NAMES[3:4])),
-        (station.GetOutputPort("force_torque"), list(RIG_COLUMN_NAMES[4:])),
-    ]
-    if interface is None:
-        signals += [(station.GetOutputPort(port), list(names)) for port, names in TRUTH_COLUMNS.items()]
+    signals = signals_of({**RIG_PORTS, **RIG_TRUTH}, output_ports(station))
     facts: dict[str, Any] = {}
     if interface is None:
         facts["truth"] = known_truth(scenario)
         facts["bias"] = sensor_errors(scenario.force_sensor, scenario.seed).bias.tolist()
     metadata = rig_log_metadata(scenario, **facts)
     with open_log(log, recorded_columns(signals), metadata, force) as rows:
-        SampleRecorder.add_to_builder(builder, rows, signals, scenario.simulation.log_rate)
+        RunRecorder.add_to_builder(builder, rows, signals, scenario.simulation.log_rate, with_samples=True)
         simulator = Simulator(builder.Build())
         ResetIntegratorFromFlags(simulator, INTEGRATOR, scenario.simulation.step)
         simulator.get_mutable_integrator().set_fixed_step_mode(True)

@@ -18,8 +18,8 @@ from pydrake.systems.primitives import MatrixGain
 from aerodima.workbench.actuators.drive import Drive, shaft_gain
 from aerodima.workbench.actuators.servo import SteeringServo
 from aerodima.workbench.actuators.tail_drive import add_tail_drive
-from aerodima.workbench.config.ports import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder

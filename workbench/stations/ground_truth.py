@@ -11,23 +11,14 @@ from pydrake.multibody.plant import ContactResults, PointPairContactInfo
 from pydrake.multibody.tree import JointIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.config.log_columns import (
-    GROUND_CONTACTS,
-    WHEELS,
-    body_truth_columns,
-    contact_truth_columns,
-    tail_truth_columns,
-    wind_truth_columns,
-)
-from aerodima.workbench.config.ports import PortFields
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, PortFields, names_of
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.sensors.imu import motion_at_imu
 
-BODY_TRUTH = PortFields("BodyTruth", tuple(column.name for column in body_truth_columns()))
-CONTACT_TRUTH = PortFields("ContactTruth", tuple(column.name for column in contact_truth_columns()))
-TAIL_TRUTH = PortFields("TailTruth", tuple(column.name for column in tail_truth_columns()))
-WIND_TRUTH = PortFields("WindTruth", tuple(column.name for column in wind_truth_columns()))
+BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
+CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
+TAIL_TRUTH = PortFields("TailTruth", tuple(names_of(CAR_TRUTH["tail_truth"])))
 
 
 LEAST_LOAD = 1e-9
@@ -39,7 +30,7 @@ class CarTruth(LeafSystem):
 
     Kinematics come from the plant's state through a context of its own; accelerations and contact forces are those of
     the plant's last step (Drake's sampled output ports). Fields, units and axes:
-    `aerodima.workbench.config.log_columns`. Bodies and joints are kept by index: see design section 13.
+    `aerodima.workbench.config.signal_table`. Bodies and joints are kept by index: see design section 13.
 
     Input ports:
         plant_state: [q; v] of the plant.

@@ -16,8 +16,8 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from aerodima.workbench.config.log_columns import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.stations.car_station import simulated_car

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.config.log_columns import rig_columns
 from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.signal_table import names_of, rig_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.plants.rig_air import rig_law
@@ -20,7 +20,7 @@ from aerodima.workbench.sensors.force_torque import sensor_errors, sensor_readin
 from aerodima.workbench.sensors.rig_encoder import count_angle, quantise
 from aerodima.workbench.systems.noise import CounterNoise
 
-RIG_COLUMN_NAMES = tuple(column.name for column in rig_columns())
+RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
 NO_OFFSETS = (0.0,) * 6
 """Of the bare bar and the robot's tail, for which none are published."""
 

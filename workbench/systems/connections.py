@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
 
-from aerodima.workbench.config.ports import PortFields
+from aerodima.workbench.config.signal_table import PortFields
 from aerodima.workbench.errors import UserError
 
 

@@ -15,7 +15,7 @@ from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.car_report import decode_report
-from aerodima.workbench.config.ports import STATUS
+from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.car.fake_devices import CarOnTheBench
 

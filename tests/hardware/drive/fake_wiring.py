@@ -10,8 +10,8 @@ from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.ports import STATUS, STATUS_SOURCES
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.signal_table import STATUS, STATUS_SOURCES
 from aerodima.workbench.errors import HardwareError
 
 PERIOD = 0.01

@@ -8,7 +8,7 @@ import pytest
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.drive.pilots import ControlPilot
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.ports import IMU, STATUS
+from aerodima.workbench.config.signal_table import IMU, STATUS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.swing_law import SwingState
 from tests.hardware.drive.fake_wiring import quick_turn

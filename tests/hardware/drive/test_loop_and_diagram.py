@@ -19,7 +19,7 @@ from aerodima.hardware.drive.pilots import AutoPilot, ManualPilot
 from aerodima.hardware.drive.plain_loop import PERIOD, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
-from aerodima.workbench.config.ports import STATION_INPUTS, STATION_OUTPUTS
+from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import read_journal

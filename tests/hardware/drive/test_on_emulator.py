@@ -12,8 +12,8 @@ import pytest
 
 from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
-from aerodima.workbench.config.log_columns import sensor_columns
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.signal_table import sensor_columns
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of

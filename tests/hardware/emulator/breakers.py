@@ -27,8 +27,8 @@ from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.drive_limits import DriveLimits
 from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
 from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
-from aerodima.workbench.config.ports import IMU
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import HardwareError, LogError
 from aerodima.workbench.logs.journal import read_journal
 

@@ -29,8 +29,8 @@ from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.car_report import Asks
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
-from aerodima.workbench.config.ports import STATUS
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.breakers import Breaker
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed

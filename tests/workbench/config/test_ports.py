@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.ports import (
+from aerodima.workbench.config.signal_table import (
     IMU,
     STATION_INPUTS,
     STATION_OUTPUTS,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.config.ports import IMU, STATUS, TAIL_STATE
+from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
 from aerodima.workbench.controllers.tail_controller import TailController
 from aerodima.workbench.errors import UserError

@@ -6,7 +6,7 @@ PROGRAM = """
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
 from aerodima.workbench.controllers.swing_law import FRESH, SwingSettings, SwingState, step
 from aerodima.workbench.controllers.tail_law import Observation
-from aerodima.workbench.config.ports import TAIL_COMMAND
+from aerodima.workbench.config.signal_table import TAIL_COMMAND
 
 schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)
 memory = FRESH

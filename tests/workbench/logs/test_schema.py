@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from aerodima.workbench.config.log_columns import car_run_columns, sensor_columns, tail_truth_columns, truth_columns
+from aerodima.workbench.config.signal_table import CAR_TRUTH, car_run_columns, sensor_columns, truth_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, signals_equal, write_run_log
 from tests.workbench.made_up_runs import made_up_run
@@ -201,7 +201,7 @@ def test_missing_columns_are_named_on_writing_and_reading(tmp_path: Path) -> Non
 
 
 def test_a_car_without_a_tail_needs_no_tail_truth(tmp_path: Path) -> None:
-    names = [column.name for column in tail_truth_columns()]
+    names = [column.name for column in CAR_TRUTH["tail_truth"]]
     bare = made_up_run(tail_mode="none")
     bare = dataclasses.replace(bare, table=bare.table.drop(columns=names))
     assert read_run_log(write_run_log(bare, tmp_path / "bare.parquet")).has_truth

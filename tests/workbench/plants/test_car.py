@@ -8,8 +8,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
-from aerodima.workbench.config.log_columns import WHEELS
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.car_model import car_sdf, wheel_rates

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from aerodima.workbench.config.log_columns import WHEELS
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.simulate.simulation import simulate
 from tests.workbench.stands import CarStand

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.config.log_columns import WHEELS
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.forces import AIR_SCALE, WHEEL_SCALE, force_arrows, point_on_axis, tail_axis
 from aerodima.workbench.replay.logged_car import add_logged_car

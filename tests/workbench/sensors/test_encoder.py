@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
-from aerodima.workbench.config.ports import TAIL_STATE
+from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
 

@@ -13,7 +13,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from aerodima.workbench.config.ports import IMU
+from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.imu import BNO055, Imu, motion_at_imu
 

@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.log_columns import car_run_columns, sensor_columns, truth_columns
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.config.signal_table import car_run_columns, sensor_columns, truth_columns
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.journal import journal_path, recover
 from aerodima.workbench.logs.schema import read_run_log, signals_equal

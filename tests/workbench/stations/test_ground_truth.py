@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from aerodima.workbench.config.log_columns import WHEELS
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.simulate.simulation import simulate
 
 STEP = 0.002
