@@ -206,23 +206,32 @@ def point_slopes(
 def _air(
     geometry: tuple[Array, ...], roll_rate: Array, alpha_rate: Array, motion: tuple[Array, ...], car: ReducedCar
 ) -> tuple[Array, ...]:
-    """Force of the air on the sail (y, z), its moments on car roll and tail roll, drag along x and its first moment.
-
-    Laws of design section 5; only a sail that faces the wind drags along x.
-    """
+    """Force of the air on the sail (y, z), its moments on car roll and tail roll, drag along x and its first moment."""
     By, Bz, n_y, n_z, e_y = (value[..., None] for value in geometry)
     speed, lateral_speed, yaw_rate = (value[..., None] for value in motion)
-    distance, area = np.array(car.section_distances), np.array(car.section_areas)
+    distance = np.array(car.section_distances)
     lever = By * n_y + Bz * n_z
     across = lever * roll_rate[..., None] + distance * alpha_rate[..., None] + lateral_speed * n_y
     along = speed - yaw_rate * distance * e_y
-    mean, half = 0.5 * (car.force_along + car.force_against), 0.5 * (car.force_along - car.force_against)
-    coefficient = mean + half * np.tanh(car.normal_side * across / SIDE_BLEND) if half else mean
-    pressure = -0.5 * car.air_density * area * np.sqrt(across * across + along * along + 1e-12)
-    force, drag = pressure * coefficient * across, pressure * car.force_chord * along
+    force, drag = sail_forces(across, along, 1.0, car)
     total, moment = force.sum(-1), (force * distance).sum(-1)
     n_y, n_z, lever = n_y[..., 0], n_z[..., 0], lever[..., 0]
     return total * n_y, total * n_z, total * lever + moment, moment, drag.sum(-1), (drag * distance).sum(-1)
+
+
+def sail_forces(across: Array, along: Array, side: float, car: ReducedCar) -> tuple[Array, Array]:
+    """Force of the air on each section along its normal and along its chord, N (design section 5).
+
+    Args:
+        across, along: velocity of the section in the air along normal and chord, m/s, (..., sections).
+        side: +1 if the normal is that of `car.normal_side`, -1 if it points the other way.
+        car: numbers; only a sail that faces the wind drags along its chord.
+    """
+    mean, half = 0.5 * (car.force_along + car.force_against), 0.5 * (car.force_along - car.force_against)
+    coefficient = mean + side * half * np.tanh(car.normal_side * across / SIDE_BLEND) if half else mean
+    speed = np.sqrt(across * across + along * along + 1e-12)
+    pressure = -0.5 * car.air_density * np.array(car.section_areas) * speed
+    return pressure * coefficient * across, pressure * car.force_chord * along
 
 
 def motion(

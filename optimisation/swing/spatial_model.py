@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aerodima.optimisation.swing.planar_model import (
-    SIDE_BLEND,
     axis_point_height,
     lift_state,
     point_slopes,
+    sail_forces,
     suspension_moment,
     wheel_height,
 )
@@ -142,18 +142,12 @@ def _tail_axes(s: Array, c: Array, p: Array, q: Array) -> tuple[Vector, Vector, 
 
 
 def _air(velocity: Vector, w: Vector, X: Vector, N: Vector, e: Vector, car: ReducedCar) -> tuple[Vector, Vector]:
-    """Force of the air on the sail and its moment about the joints (design section 5).
-
-    Normal-force law; a sail that faces the wind drags along its chord as well.
-    """
+    """Force of the air on the sail and its moment about the joints."""
     k = _cross(w, e)
-    distance, area = np.array(car.section_distances), np.array(car.section_areas)
+    distance = np.array(car.section_distances)
     across = _dot(velocity, N)[..., None] + distance * _dot(k, N)[..., None]
     along = _dot(velocity, X)[..., None] + distance * _dot(k, X)[..., None]
-    mean, half = 0.5 * (car.force_along + car.force_against), 0.5 * (car.force_along - car.force_against)
-    coefficient = mean - half * np.tanh(car.normal_side * across / SIDE_BLEND) if half else mean
-    pressure = -0.5 * car.air_density * area * np.sqrt(across * across + along * along + 1e-12)
-    normal, chord = pressure * coefficient * across, pressure * car.force_chord * along
+    normal, chord = sail_forces(across, along, -1.0, car)
     F = _sum(_times(normal.sum(-1), N), _times(chord.sum(-1), X))
     return F, _sum(_times(-(normal * distance).sum(-1), X), _times((chord * distance).sum(-1), N))
 

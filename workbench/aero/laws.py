@@ -8,9 +8,10 @@ the spanwise part v_i . a is the same for all sections. Vectors are sequences of
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from pydrake.math import arctan2
 
@@ -34,9 +35,10 @@ def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-class SectionLaw(Protocol):
+class SectionLaw(ABC):
     """What `TailForce` asks of a law."""
 
+    @abstractmethod
     def line_force(
         self,
         u: Vector,
@@ -48,15 +50,14 @@ class SectionLaw(Protocol):
         density: float,
     ) -> tuple[Scalar, ...]:
         """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame, N and N m."""
-        ...
 
     def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
         """Force on one section that sees the relative velocity v: (F_x, F_y, F_z), W frame, N."""
-        ...
+        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
 
+    @abstractmethod
     def covers(self, speed: float, angle: float) -> bool:
         """Whether a speed (m/s) and an angle of attack (rad) lie inside the measured range of the coefficients."""
-        ...
 
 
 def length(v: Vector) -> Scalar:
@@ -84,7 +85,7 @@ def float_of(value: Scalar) -> float:
 
 
 @dataclass(frozen=True)
-class NormalForceLaw:
+class NormalForceLaw(SectionLaw):
     """F = 1/2 rho A C_N(|v|) |v_p| v_n n, with v_p the velocity without its spanwise part, v_n its part along n.
 
     Equals Drake's `Wing`. The thesis' model of the robot tail (eq. 6.8, C_D = 2, force normal to the tail) has
@@ -147,10 +148,6 @@ class NormalForceLaw:
         # The moment s a x (f n) lies along a x n = -c.
         return (total * nx, total * ny, total * nz, -moment * cx, -moment * cy, -moment * cz)
 
-    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
-        """See `SectionLaw.section_force`."""
-        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
-
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`; a plain number covers everything."""
         covers = getattr(self.coefficient, "covers", None)
@@ -158,7 +155,7 @@ class NormalForceLaw:
 
 
 @dataclass(frozen=True)
-class TwoSidedLaw:
+class TwoSidedLaw(SectionLaw):
     """The normal-force law with a coefficient per side, for a half cylinder with end caps.
 
     Attributes:
@@ -193,17 +190,13 @@ class TwoSidedLaw:
         ]
         return NormalForceLaw(1.0).line_force(u, k, a, n, distances, weighted, density)
 
-    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
-        """See `SectionLaw.section_force`."""
-        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
-
     def covers(self, speed: float, angle: float) -> bool:
         """Two numbers cover everything."""
         return True
 
 
 @dataclass(frozen=True)
-class CrossedPlatesLaw:
+class CrossedPlatesLaw(SectionLaw):
     """Two plates that cross on one line: `normal` acts along n, `side` along the chord n x a.
 
     With two equal laws of constant C_N = C_D it is the drag of a sail that always faces the wind,
@@ -231,10 +224,6 @@ class CrossedPlatesLaw:
         normal = self.normal.line_force(u, k, a, n, distances, areas, density)
         side = self.side.line_force(u, k, a, cross(n, a), distances, areas, density)
         return tuple(one + other for one, other in zip(normal, side, strict=True))
-
-    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
-        """See `SectionLaw.section_force`."""
-        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
 
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`; both plates must."""

@@ -11,7 +11,7 @@ from typing import Any
 from pydrake.math import arctan2
 
 from aerodima.workbench.aero.coefficient_functions import LEAST_DRAG, RegularTable
-from aerodima.workbench.aero.laws import STILL, Scalar, Vector, dot
+from aerodima.workbench.aero.laws import STILL, Scalar, SectionLaw, Vector, dot
 from aerodima.workbench.errors import ModelError
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
@@ -20,7 +20,7 @@ _ONE_DEGREE = math.radians(1.0)
 
 
 @dataclass(frozen=True)
-class PolarLaw:
+class PolarLaw(SectionLaw):
     """F = 1/2 rho A |v|^2 (C_D d + C_L l), d = v/|v|, l perpendicular to v in the plane of v and a, on the root side.
 
     C_D and C_L are even in gamma; for gamma < 0 the lift turns to the tip side. Lift acts towards the root and the area
@@ -130,10 +130,6 @@ class PolarLaw:
             a[2] * m[0] - a[0] * m[2],
             a[0] * m[1] - a[1] * m[0],
         )
-
-    def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
-        """See `SectionLaw.section_force`."""
-        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
 
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`: both coefficients must cover the point; plain numbers cover everything."""

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any
 
+from aerodima.workbench.config.checked_files import find_file
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import SwingFileError
-from aerodima.workbench.resources import model_path
 
 NO_SWING = "none"
 
@@ -19,10 +19,7 @@ def find_swing(name_or_path: str | Path) -> SwingFile:
     Raises:
         SwingFileError: missing or malformed.
     """
-    path = Path(name_or_path)
-    if not path.suffix and path.name == str(name_or_path) and not path.exists():
-        path = model_path(f"swings/{name_or_path}.yaml")
-    return read_swing(path)
+    return read_swing(find_file(name_or_path, "swings", "swing", SwingFileError))
 
 
 def swing_of_scenario(scenario: Any) -> SwingFile | None:

@@ -17,20 +17,21 @@ waits on the left (-90 degrees) and swings with positive roll rate. A right turn
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from aerodima.workbench.config.range_check import check_range
+from aerodima.workbench.config.car_parameters import ControllerParameters
+from aerodima.workbench.config.checked_files import checked
+from aerodima.workbench.config.parameter_files import load_parameter_file
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.controllers.tail_law import EPSILON, NO_COMMAND, Observation, sign
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.resources import model_path
 
-MODES = ("none", "held", "swing")
 ACCELERATION_Y = IMU.index("acceleration_y")
-TRIGGERS = ("yaw_rate", "lateral_acceleration", "steering")
 
 
 class SwingState(IntEnum):
@@ -48,104 +49,40 @@ class SwingState(IntEnum):
     """A tracked swing left its funnel: this law finishes it (`swing_tracker_law`)."""
 
 
-@dataclass(frozen=True)
-class SwingSettings:
-    """Numbers of the law. Angles rad, rates rad/s, kp N m/rad, kd N m s/rad, times s.
-
-    The defaults are those of models/parameters/controller.yaml, and a test holds them together.
+class SwingSettings(ControllerParameters):
+    """Numbers of the law: those of a scenario's section `controller`, with its units and limits, and some of its own.
 
     Args:
         mode: "none" gives no command, "held" never swings, "swing" is the thesis' law.
-        hold_angle: roll angle at rest, measured from upright, to either side.
-        swing_kp: usually 0; any other gain pulls the swinging tail towards upright.
-        trigger: what starts the swing once it exceeds its threshold into the announced turn: the published yaw rate
-            (rad/s), the lateral acceleration of the IMU (m/s2), or the steering command (rad); the last one with a
-            delay is a swing that begins a set time after the steering.
-        travel: roll travel after which position control takes over.
-        recock_speed: speed of the reference that leads the tail back.
-        rate: controller rate, Hz.
         stall_factor: the swing is given up for SETTLE after this many times travel / swing_speed, so that a blocked
             tail is not pushed for ever.
-        ready_angle: how far the tail may stand from the inside and still be held there at once; else it is led there.
-
-    Raises:
-        UserError: a value is not finite or out of range.
+        ready_angle: how far the tail may stand from the inside and still be held there at once, rad; else it is led
+            there.
     """
 
-    mode: str = "swing"
-    hold_angle: float = math.pi / 2
-    hold_kp: float = 17.0
-    hold_kd: float = 5.0
-    swing_speed: float = 8.0
-    swing_kp: float = 0.0
-    swing_kd: float = 3.0
-    settle_kp: float = 5.0
-    settle_kd: float = 2.0
-    trigger: str = "yaw_rate"
-    trigger_yaw_rate: float = 1.0
-    trigger_lateral_acceleration: float = 3.0
-    trigger_steering_angle: float = 0.1
-    delay: float = 0.0
-    travel: float = math.radians(130.0)
-    recock_speed: float = 1.0
-    pitch_angle: float = 0.0
-    rate: float = 100.0
-    stall_factor: float = 3.0
-    ready_angle: float = 0.35
+    mode: Literal["none", "held", "swing"] = "swing"
+    stall_factor: float = Field(3.0, ge=1)
+    ready_angle: float = Field(0.35, ge=0, le=math.pi)
 
-    def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise UserError(f"tail.mode: {self.mode!r}; allowed: {', '.join(MODES)}")
-        if self.trigger not in TRIGGERS:
-            raise UserError(f"controller.trigger: {self.trigger!r}; allowed: {', '.join(TRIGGERS)}")
-        half_turn = math.pi
-        check_range("controller.hold_angle", self.hold_angle, 0.0, half_turn, "rad", above_low=True)
-        check_range("controller.pitch_angle", self.pitch_angle, -half_turn, half_turn, "rad")
-        for phase in ("hold", "swing", "settle"):
-            check_range(f"controller.{phase}_kp", getattr(self, f"{phase}_kp"), 0.0, 500.0, "N m/rad")
-            check_range(f"controller.{phase}_kd", getattr(self, f"{phase}_kd"), 0.0, 5.0, "N m s/rad")
-        for name in ("swing_speed", "recock_speed"):
-            check_range(f"controller.{name}", getattr(self, name), 0.0, 50.0, "rad/s", above_low=True)
-        check_range("controller.trigger_yaw_rate", self.trigger_yaw_rate, 0.0, 100.0, "rad/s", above_low=True)
-        check_range(
-            "controller.trigger_lateral_acceleration",
-            self.trigger_lateral_acceleration,
-            0.0,
-            100.0,
-            "m/s2",
-            above_low=True,
-        )
-        check_range("controller.trigger_steering_angle", self.trigger_steering_angle, 0.0, 1.2, "rad", above_low=True)
-        check_range("controller.delay", self.delay, 0.0, 10.0, "s")
-        check_range("controller.travel", self.travel, 0.0, 2.0 * self.hold_angle, "rad", above_low=True)
-        check_range("controller.rate", self.rate, 0.0, math.inf, "Hz", above_low=True)
-        check_range("controller.stall_factor", self.stall_factor, 1.0, math.inf, "times")
-        check_range("controller.ready_angle", self.ready_angle, 0.0, half_turn, "rad")
+    @model_validator(mode="after")
+    def _travels_over_the_top(self) -> "SwingSettings":
+        if self.travel > 2.0 * self.hold_angle:
+            raise ValueError(
+                f"travel: {self.travel:g} rad; allowed: <= twice hold_angle, {2.0 * self.hold_angle:g} rad"
+            )
+        return self
+
+    @classmethod
+    def published(cls, **changes: Any) -> "SwingSettings":
+        """The settings of `models/parameters/controller.yaml` with some changes; UserError names one out of range."""
+        entries = load_parameter_file(model_path("parameters/controller.yaml"), ControllerParameters)
+        return checked(cls, {key: entry.value for key, entry in entries.items()} | changes, "controller")
 
     @classmethod
     def from_scenario(cls, scenario: Any) -> "SwingSettings":
         """Settings from `scenario.controller` and `scenario.tail.mode` (any object with these attributes)."""
-        controller = scenario.controller
-        return cls(
-            mode=scenario.tail.mode,
-            hold_angle=controller.hold_angle,
-            hold_kp=controller.hold_kp,
-            hold_kd=controller.hold_kd,
-            swing_speed=controller.swing_speed,
-            swing_kp=controller.swing_kp,
-            swing_kd=controller.swing_kd,
-            settle_kp=controller.settle_kp,
-            settle_kd=controller.settle_kd,
-            trigger=controller.trigger,
-            trigger_yaw_rate=controller.trigger_yaw_rate,
-            trigger_lateral_acceleration=controller.trigger_lateral_acceleration,
-            trigger_steering_angle=controller.trigger_steering_angle,
-            delay=controller.delay,
-            travel=controller.travel,
-            recock_speed=controller.recock_speed,
-            pitch_angle=controller.pitch_angle,
-            rate=controller.rate,
-        )
+        values = {key: getattr(scenario.controller, key) for key in ControllerParameters.model_fields}
+        return checked(cls, {**values, "mode": scenario.tail.mode}, "controller")
 
 
 class SwingMemory(NamedTuple):
@@ -286,7 +223,7 @@ def _enter(state: SwingState, memory: SwingMemory, time: float) -> SwingMemory:
 class SwingLaw:
     """The law with its settings, in the form that `TailController` runs (see its `TailLaw`)."""
 
-    settings: SwingSettings = SwingSettings()
+    settings: SwingSettings = field(default_factory=SwingSettings.published)
 
     @property
     def rate(self) -> float:

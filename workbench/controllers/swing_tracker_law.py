@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.config.range_check import check_range
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingMemory, SwingSettings, SwingState, step
 from aerodima.workbench.controllers.swing_reference import SwingReference
@@ -78,11 +77,10 @@ class SwingTracker:
     """
 
     reference: SwingReference
-    settings: SwingSettings = field(default_factory=SwingSettings)
+    settings: SwingSettings = field(default_factory=SwingSettings.published)
     filter_settings: RollFilterSettings = field(default_factory=RollFilterSettings)
 
     def __post_init__(self) -> None:
-        check_range("controller.rate", self.settings.rate, 0.0, math.inf, "Hz", above_low=True)
         if self.filter_settings.rate != self.settings.rate:
             raise UserError(
                 f"roll_estimator.rate: {self.filter_settings.rate:g} Hz; allowed: the controller's "

@@ -15,7 +15,7 @@ from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
 from aerodima.workbench.controllers.swing_reference import KD_MAX, SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.controllers.tail_law import UNKNOWN_IMU, Observation
-from aerodima.workbench.errors import ModelError, SwingFileError, UserError
+from aerodima.workbench.errors import SwingFileError, UserError
 
 STATES = ["car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate"]
 INSIDE, OUTSIDE, LENGTH = -1.5, 1.2, 0.5
@@ -241,7 +241,7 @@ def test_a_scenario_names_its_law() -> None:
     assert isinstance(law_of_scenario(load_scenario("turn_swing")), SwingLaw)
     named = load_scenario("turn_swing", ["controller.swing_file=thesis_8_rad_per_s"])
     assert isinstance(law_of_scenario(named), SwingTracker)
-    with pytest.raises(ModelError, match=r"swings/nowhere\.yaml' does not exist .* nearest: swings/\w+\.yaml"):
+    with pytest.raises(SwingFileError, match=r"swing 'nowhere': .*; allowed: \w+"):
         law_of_scenario(load_scenario("turn_swing", ["controller.swing_file=nowhere"]))
     with pytest.raises(SwingFileError, match=r"nowhere\.yaml: no such file"):
         law_of_scenario(load_scenario("turn_swing", ["controller.swing_file=nowhere.yaml"]))

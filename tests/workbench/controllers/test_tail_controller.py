@@ -44,7 +44,7 @@ class CountingLaw:
     """The law, and the times at which it was asked."""
 
     def __init__(self, settings=None):
-        self._law = SwingLaw(settings or SwingSettings())
+        self._law = SwingLaw(settings or SwingSettings.published())
         self.rate, self.memory_size, self.start = self._law.rate, self._law.memory_size, self._law.start
         self.times = []
 
@@ -120,7 +120,7 @@ def test_reset_context_repeats_the_run():
 
 
 def test_rate_is_that_of_the_law():
-    law = CountingLaw(SwingSettings(rate=50.0))
+    law = CountingLaw(SwingSettings.published(rate=50.0))
     Bench(law).advance(0.999)
     assert len(law.times) == 50
 

@@ -9,12 +9,12 @@ from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 
 schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)
-memory = FRESH
+memory, settings = FRESH, SwingSettings.published()
 states = []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     driver = schedule.at(0.01 * tick)
     observation = Observation(0.01 * tick, yaw_rate, -1.5, 0.0, driver.planned_turn, True)
-    memory, _, roll = step(memory, observation, SwingSettings())
+    memory, _, roll = step(memory, observation, settings)
     states.append(SwingState(memory.state).name)
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0

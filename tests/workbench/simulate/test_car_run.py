@@ -153,7 +153,7 @@ def test_log_that_cannot_be_written_is_told_before_the_run(tmp_path):
     [
         (["manoeuvre.speed=20"], r"manoeuvre\.speed: 20 m/s; allowed: 0 to 14\.4 m/s"),
         (["car.mass=2"], r"car\.mass: 2 kg"),
-        (["controller.travel=3.5"], r"controller\.travel"),
+        (["controller.travel=3.5"], r"controller: travel"),
         (["car.gyration_roll=0.4"], r"car\.gyration_roll: 0\.4 m; allowed: <= 0\.183861 m"),
     ],
 )
