@@ -12,10 +12,10 @@ from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.calibration.published_data import Datum, Turn, log_likelihood
 from aerodima.optimisation.calibration.rollover_edge import Edge, closeness
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.metrics.published_figures import FlipBracket
 
-FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]
 
 TAIL_MODE = "none"

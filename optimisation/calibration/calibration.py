@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aerodima.optimisation.calibration.bracket_design import FloatArray, Runner, Target, run_cars
+from aerodima.optimisation.calibration.bracket_design import Runner, Target, run_cars
 from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan
 from aerodima.optimisation.calibration.calibration_runs import RunStore, car_values
 from aerodima.optimisation.calibration.car_prior import Prior
@@ -20,6 +20,7 @@ from aerodima.optimisation.calibration.published_data import Datum, fitted, plan
 from aerodima.optimisation.calibration.tail_draw import TailSampling, run_tails
 from aerodima.optimisation.calibration.weights import normalised, systematic_sample
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from aerodima.optimisation.calibration.calibration_plan import Plausible, prior_ranges
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.plants.car_model import chassis_centre
-
-FloatArray = NDArray[np.float64]
 
 Window = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Coordinates (m, n) -> ends (m), (m) of the coordinate of the group; it may not look at that coordinate."""

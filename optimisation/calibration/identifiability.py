@@ -9,14 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.calibration.member_draw import Draw
 from aerodima.optimisation.calibration.weights import normalised
-
-FloatArray = NDArray[np.float64]
+from aerodima.workbench.config.array_types import FloatArray
 
 STEP = 0.1
 """Step of a sensitivity, share of the prior range."""

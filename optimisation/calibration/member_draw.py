@@ -27,7 +27,6 @@ from aerodima.optimisation.calibration.bracket_design import (
     LEVELS,
     Design,
     Evaluated,
-    FloatArray,
     Runner,
     Target,
     critical_groups,
@@ -49,6 +48,7 @@ from aerodima.optimisation.calibration.tail_draw import (
     tail_surrogates,
 )
 from aerodima.optimisation.calibration.weights import effective_size, normalised, systematic_sample
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 
 POOL = 2**14

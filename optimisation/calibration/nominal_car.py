@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.calibration.bracket_design import FloatArray, Runner
+from aerodima.optimisation.calibration.bracket_design import Runner
 from aerodima.optimisation.calibration.calibration import Calibration, log_posterior
 from aerodima.optimisation.calibration.car_prior import Prior
+from aerodima.workbench.config.array_types import FloatArray
 
 
 @dataclass(frozen=True)

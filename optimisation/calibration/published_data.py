@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.calibration_plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
 from aerodima.optimisation.calibration.calibration_runs import Wanted
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.metrics.published_figures import (
     PublishedFigures,
@@ -19,8 +19,6 @@ from aerodima.workbench.metrics.published_figures import (
     metric_column,
     published_figures,
 )
-
-FloatArray = NDArray[np.float64]
 
 Use = Literal["fitted", "follows", "commanded", "held out"]
 """`follows`: Kohut is speed times a yaw rate that is fitted, so its agreement is no evidence either."""

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from aerodima.optimisation.calibration.calibration_runs import flips_in_the_turn, survives
-
-FloatArray = NDArray[np.float64]
+from aerodima.workbench.config.array_types import FloatArray
 
 GRID = np.linspace(-0.3, 1.3, 1601)
 """Critical coordinates that densities are kept at; a car may flip outside of what its group may be."""

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from aerodima.optimisation.calibration.published_data import Datum, log_density
-
-FloatArray = NDArray[np.float64]
+from aerodima.workbench.config.array_types import FloatArray
 
 LINEAR_SCALES = (0.03, 0.1, 0.3, 1.0)
 """Candidates for the prior standard deviation of a linear coefficient, in standard deviations of the quantity."""

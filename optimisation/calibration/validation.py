@@ -15,8 +15,9 @@ import pandas as pd
 
 from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan
 from aerodima.optimisation.calibration.calibration_runs import RunStore, flips_in_the_turn, survives
-from aerodima.optimisation.calibration.published_data import Datum, FloatArray, Turn, Use, plan_data
+from aerodima.optimisation.calibration.published_data import Datum, Turn, Use, plan_data
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.metrics.published_figures import flip_bracket, published_figures
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aerodima.workbench.config.array_types import FloatArray
 
 
 def normalised(log_weights: FloatArray) -> FloatArray:

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.identify.published_tables import duplicated_robot_tables, published
 from aerodima.optimisation.identify.tail_size import READINGS, TailPosterior, drawn_names, scaled, weigh
-from aerodima.optimisation.identify.tail_swings import FloatArray, lever, swing_extremes
+from aerodima.optimisation.identify.tail_swings import lever, swing_extremes
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
 

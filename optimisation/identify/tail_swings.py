@@ -12,12 +12,11 @@ from dataclasses import dataclass, fields
 from types import SimpleNamespace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.plants.rig_model import robot_tail_properties
 
-FloatArray = NDArray[np.float64]
 Tails = Mapping[str, FloatArray]
 """Column -> value per tail: the keys of `models/identification/tail_size.yaml`, and `law`.
 

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
@@ -29,13 +28,12 @@ from aerodima.optimisation.swing.search_state import open_rows
 from aerodima.optimisation.swing.swing_candidate import Candidate, Car, Score, score
 from aerodima.optimisation.swing.swing_shape import changed, changes
 from aerodima.workbench.batch.row_store import Row, RowStore, content_key
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.errors import SwingFileError
 from aerodima.workbench.plants.clearance import RangeOfMotion, make_range_of_motion
-
-FloatArray = NDArray[np.float64]
 
 CLEARANCE = 0.01
 """Least distance of the tail's planned path from the car, m."""

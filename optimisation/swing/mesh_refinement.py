@@ -7,13 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from aerodima.optimisation.swing.solver import Solution, solve
 from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, Problem
-
-FloatArray = NDArray[np.float64]
+from aerodima.workbench.config.array_types import FloatArray
 
 MOST_KNOTS = 241
 """Finest mesh that is tried."""

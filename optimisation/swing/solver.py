@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
@@ -25,8 +24,8 @@ from aerodima.optimisation.swing.transcription import (
     Collocation,
     Problem,
 )
+from aerodima.workbench.config.array_types import FloatArray
 
-FloatArray = NDArray[np.float64]
 SolverName = Literal["snopt", "ipopt"]
 
 FEASIBLE = 1e-5

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, TORQUE, Problem
-
-FloatArray = NDArray[np.float64]
+from aerodima.workbench.config.array_types import FloatArray
 
 
 def random_start(problem: Problem, generator: np.random.Generator) -> FloatArray:

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from aerodima.optimisation.fit.fit_errors import SwingError
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
-
-FloatArray = NDArray[np.float64]
 
 PLACES = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Where roll is moved, as shares of the movement's duration; pitch also where it begins."""

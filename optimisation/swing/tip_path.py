@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.figures.figure_style import BLACK, GREY, TURN_SHADE, VERMILION, new_figure, styled
 
-FloatArray = NDArray[np.float64]
 TICKS = 0.1
 """s between two marks on the path."""
 

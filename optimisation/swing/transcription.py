@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import TurnProfile
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.plants.clearance import RangeOfMotion
 
 Objective = Literal["friction", "speed", "roll", "effort"]
 OBJECTIVES: tuple[Objective, ...] = ("friction", "speed", "roll", "effort")
-FloatArray = NDArray[np.float64]
 
 COMPLEX_STEP = 1e-30
 CAR_PARTS = ("cage", "deck", "wheels")

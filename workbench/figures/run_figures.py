@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import (
@@ -23,8 +23,6 @@ from aerodima.workbench.figures.figure_style import (
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, LowPass, low_pass
 from aerodima.workbench.metrics.turn_signals import turn_window
-
-FloatArray = NDArray[np.float64]
 
 _WHEEL_STYLES = {
     "front_left": (BLUE, "-"),

@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import TIME, rig_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.resting import (
     LEAST_REST_SAMPLES,
     REST,
     BoolArray,
-    FloatArray,
     Interval,
     in_parts,
     stated_rest,

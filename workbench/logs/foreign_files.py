@@ -15,14 +15,12 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
 from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
-
-FloatArray = NDArray[np.float64]
 
 SIDECAR_SUFFIX = ".json"
 """An exported `run.csv` has its metadata in `run.csv.json`."""

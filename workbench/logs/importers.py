@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.config.units import unit_to
 from aerodima.workbench.errors import LogError
@@ -30,8 +30,6 @@ from aerodima.workbench.logs.log_findings import (
 from aerodima.workbench.logs.mapping import ColumnSource, Mapping, known_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time
-
-FloatArray = NDArray[np.float64]
 
 CONTINUOUS = ("imu_yaw_rad",)
 """Angles whose jumps of a whole turn are taken out, as in a log of this project."""

@@ -9,15 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import detrend
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.signals import GAP_FACTOR
-
-FloatArray = NDArray[np.float64]
 
 FEW_SAMPLES = 32
 """Fewer rows than this cannot be filtered and hold no experiment."""

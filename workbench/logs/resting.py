@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Interval = tuple[float, float]
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
-
-FloatArray = NDArray[np.float64]
 
 GAP_FACTOR = 1.5
 """A step longer than this many median steps is a gap."""

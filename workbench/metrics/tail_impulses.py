@@ -20,15 +20,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-
-FloatArray = NDArray[np.float64]
 
 FLIP_TILT = math.radians(75.0)
 """Beyond this tilt the car has rolled over, rad."""

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import tail_mode_of
 from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
 from aerodima.workbench.replay.reckoned_motion import RECKONED
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.logged_car import LoggedCar
 from aerodima.workbench.replay.reckoned_motion import RECKONED
-
-FloatArray = NDArray[np.float64]
 
 WHEEL_COLOUR = (0.10, 0.55, 0.25)
 AIR_COLOUR = (0.85, 0.25, 0.10)

@@ -13,8 +13,6 @@ from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 
-FloatArray = NDArray[np.float64]
-
 _BEFORE, _AFTER = 0.25, 0.75
 """Time shown before the turn and after it, s."""
 _TIPPING = np.radians(35.0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aerodima.workbench.config.array_types import FloatArray
 
 _SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
 """Direction to the sun in the picture's axes: x to the right, y away from the camera, z up."""

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import cumulative_trapezoid
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.errors import LogError, ScenarioError
@@ -23,8 +23,6 @@ from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 from aerodima.workbench.replay.logged_car import with_turning_sail
-
-FloatArray = NDArray[np.float64]
 
 RECKONED = "reckoned"
 """Key in the `extra` of a log whose motion was reckoned."""

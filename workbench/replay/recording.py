@@ -13,13 +13,12 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatAnimation, MeshcatCone, M
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.forces import ForceArrow, force_arrows
 from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car
 from aerodima.workbench.replay.viewer import WORLD, area_around, draw_ground
-
-FloatArray = NDArray[np.float64]
 
 FRAMES_PER_SECOND = 50.0
 """Frames per second of the replay, whatever its rate."""

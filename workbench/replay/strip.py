@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.caption import caption_of, speed_and_roll
@@ -20,8 +20,6 @@ from aerodima.workbench.replay.moments import Moment, five_moments
 from aerodima.workbench.replay.picture import Camera, draw_picture
 from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, camera_azimuth
 from aerodima.workbench.replay.surfaces import posed_triangles, visible_surfaces
-
-FloatArray = NDArray[np.float64]
 
 FRAME = (440, 470)
 """Width and height of one picture, pixels."""

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
     Cylinder,
@@ -21,10 +20,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.car import CarPlant
-
-FloatArray = NDArray[np.float64]
 
 _ROUND = 28
 """Corners of a circle."""

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
@@ -24,7 +24,6 @@ from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_truth import contact_slots, ground_forces
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
 
-FloatArray = NDArray[np.float64]
 Signals = Sequence[tuple[Any, Sequence[str]]]
 
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")

@@ -79,7 +79,7 @@ def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
 
 def test_another_law_takes_the_place_of_the_scenarios():
     scenario = turn("swing", 3.0)
-    held = simulate(scenario, record="outcome", law=SwingLaw(SwingSettings(mode="held")))
+    held = simulate(scenario, record="outcome", law=SwingLaw(SwingSettings.published(mode="held")))
     assert held.extra["tail_law"] == "SwingLaw"
     assert SwingState.SWING not in held.signal("controller_state")
     assert SwingState.SWING in simulate(scenario, record="outcome").signal("controller_state")
