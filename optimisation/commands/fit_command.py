@@ -94,7 +94,7 @@ def static(
     chosen: Any = report.choice("--bounds", bounds, ("wide", "printed"))
     drifts: Any = report.choice("--drift", drift, DRIFTS)
     hold_loss: Any = report.choice("--loss", loss, HOLD_LOSSES)
-    options, more = _options(batch, drift=drifts, hold_loss=hold_loss)
+    options, more = _options(batch, ["static"], drift=drifts, hold_loss=hold_loss)
     settings = {"fit": "static", "bounds": bounds, "freeze": sorted(freeze or []), "seeds": seeds, "rest": rest}
     settings |= {key: value for key, value in more.items() if key not in ("loss", "bound")}
     work = partial(
@@ -115,7 +115,7 @@ def friction(
     from aerodima.optimisation.identify.log_fits import fit_friction_log
     from aerodima.optimisation.identify.swing_fit import friction_names
 
-    options, chosen = _options(batch, batch.loss, batch.bound)
+    options, chosen = _options(batch, ["bar_swing", "robot_swing"], batch.loss, batch.bound)
     options.require_known(friction_names(stribeck))
     work = partial(fit_friction_log, stribeck=stribeck, options=options)
     settings = {"fit": "friction", "stribeck": stribeck, **chosen}
@@ -145,7 +145,7 @@ def added_mass(
     for name in seeds:
         require_seed(name)
     limits: Any = report.choice("--bounds", bounds, BOUNDS)
-    options, chosen = _options(batch, batch.loss, batch.bound)
+    options, chosen = _options(batch, ["swing"], batch.loss, batch.bound)
     options.require_known(["added_mass"])
     work = partial(fit_added_mass_log, seeds=seeds, bounds=limits, options=options)
     settings = {"fit": "added-mass", "seeds": list(seeds), "bounds": bounds, **chosen}
@@ -165,7 +165,7 @@ def robot_tail(
     from aerodima.optimisation.identify.log_fits import fit_robot_tail_log
 
     shaped: Any = report.choice("--shape", shape, ("constant", "line", "bins"))
-    options, chosen = _options(batch, batch.loss, batch.bound)
+    options, chosen = _options(batch, ["robot_swing"], batch.loss, batch.bound)
     work = partial(fit_robot_tail_log, shape=shaped, options=options)
     settings = {"fit": "robot-tail", "shape": shape, **chosen}
     report.fit_batch("Robot tail", work, batch, settings, report.robot_tables)
@@ -230,13 +230,20 @@ def _loss(name: str) -> Any:
 
 
 def _options(
-    batch: RigFitOptions, loss: str = "squares", bound: list[str] | None = None, **more: Any
+    batch: RigFitOptions, kinds: list[str], loss: str = "squares", bound: list[str] | None = None, **more: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """The `FitOptions` of a command, and what of them tells results apart; what is as ever is not in it."""
+    """The `FitOptions` of a command for logs of some kinds, and what of them tells results apart but for defaults.
+
+    What is wrong with rig, settings and constants is refused here, once and not for every log.
+    """
     from aerodima.optimisation.identify.fit_options import FitOptions
+    from aerodima.optimisation.identify.log_rig import named_rig
+    from aerodima.optimisation.identify.rig_uncertainty import constant_names, require_constants
 
     names = tuple(dict.fromkeys(name.strip() for name in batch.free.split(",") if name.strip()))
+    require_constants(names, list(dict.fromkeys(name for kind in kinds for name in constant_names(kind))))
     rig = batch.rig, tuple(batch.settings or ())
+    named_rig(*rig)
     options = FitOptions(_loss(loss), report.bounds_of(bound), *rig, names, **more)
     told = {key: value for key, value in asdict(options).items() if value != getattr(FitOptions(), key)}
     return options, {"loss": loss, "bound": [list(entry) for entry in options.bounds], **told}

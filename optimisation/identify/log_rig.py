@@ -24,6 +24,7 @@ CurrentSampling = Literal["mean", "instantaneous"]
 LARGEST_SPEED = 60.0
 """m/s of wind that a log may state: far beyond any tunnel for tails of this size, below a slip of the unit."""
 _TRUTH = ("aero", "seed", "name", "schema", "simulation")
+_OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
 _FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
 
 
@@ -63,13 +64,21 @@ def _over(below: Any, value: Any) -> Any:
 
 @lru_cache(maxsize=16)
 def named_rig(rig: str, settings: tuple[str, ...]) -> dict[str, Any]:
-    """What the user says of the rig: section -> key -> value; do not change it in place."""
+    """What the user says of the rig: section -> key -> value; do not change it in place.
+
+    Raises:
+        FitError: a setting is about what the log says.
+        ScenarioError: not the name of a rig, no such key, a value out of range.
+    """
     data: dict[str, Any] = {}
     if rig:
         path = find_file(rig, RigScenario.folder, "scenario")
         data = {key: value for key, value in read_yaml(path).items() if key not in ("schema", "name", "seed")}
     for setting in settings:
         RigScenario.apply_setting(data, setting)
+        if setting.split("=")[0].strip() in _OF_THE_LOG:
+            raise FitError(f"--set {setting}: a log says itself what was tested; allowed: what describes the rig")
+    _scenario(json.dumps(data, sort_keys=True))
     return data
 
 

@@ -85,6 +85,13 @@ def constant_names(kind: str) -> tuple[str, ...]:
     return tuple(name for name in (*CONSTANTS, *BIASES) if name not in unused)
 
 
+def require_constants(free: Sequence[str], names: Sequence[str]) -> None:
+    """FitError for a constant to free that is not among the names."""
+    for name in free:
+        if name not in names:
+            raise FitError(f"--free {name}: this fit has no such constant; {nearest(name, names)}")
+
+
 def constant_parameters(
     log: RunLog,
     scenario: RigScenario,
@@ -103,9 +110,7 @@ def constant_parameters(
         FitError: `options.free` names something else.
     """
     names = [name for name in constant_names(kind) if name not in without]
-    for name in options.free:
-        if name not in names:
-            raise FitError(f"--free {name}: this fit has no such constant; {nearest(name, names)}")
+    require_constants(options.free, names)
     deviations = scenario.uncertainty.model_dump()
     if is_simulated(log):  # exact, but for what the user says of them
         stated = named_rig(options.rig, options.settings).get("uncertainty", {})

@@ -161,6 +161,13 @@ def test_wrong_options_are_told_once_and_leave_nothing(springs: list[Path], tmp_
         ("friction", "--bound", "mass=0,1"): "bound on 'mass': the free parameters are coulomb, viscous",
         ("added-mass", "--bound", "cd=0,1"): "bound on 'cd': the free parameters are added_mass",
         ("static", "--freeze", "mass"): "--freeze mass: allowed: cd, cl, psi3, current",
+        ("static", "--free", "encoder_zer"): "--free encoder_zer: this fit has no such constant; did you mean "
+        "'encoder_zero'?",
+        ("friction", "--set", "maxon.torque=1"): "rig scenario: maxon.torque: unknown key; did you mean "
+        "'torque_constant'?",
+        ("added-mass", "--set", "experiment.tail=2"): "--set experiment.tail=2: a log says itself what was tested; "
+        "allowed: what describes the rig",
+        ("robot-tail", "--rig", "none.yaml"): "none.yaml: no such file",
     }
     for (kind, *options), message in wrong.items():
         done = run(kind, *springs, *options, "--out", tmp_path / "none")
