@@ -16,7 +16,7 @@ from .identify.log_fits import fit_added_mass_log as fit_added_mass_log
 from .identify.log_fits import fit_friction_log as fit_friction_log
 from .identify.log_fits import fit_robot_tail_log as fit_robot_tail_log
 from .identify.log_fits import fit_static_log as fit_static_log
-from .studies.reproduction.reproduction_report import write_report as write_report
+from .studies.reproduction_report import write_report as write_report
 from .studies.survival_study import survival_figure as survival_figure
 from .studies.survival_study import survival_study as survival_study
 from .sweep.rollover_threshold import critical_friction as critical_friction
@@ -24,7 +24,7 @@ from .sweep.run_study import run_study as run_study
 from .sweep.study import Range as Range
 from .sweep.study import load_study as load_study
 from .sweep.study_engine import open_engine as open_engine
-from .swing.search_options import SearchOptions as SearchOptions
+from .swing.search_state import SearchOptions as SearchOptions
 from .swing.swing_search import optimise_swing as optimise_swing
 from .swing.verification import verify_swing as verify_swing
 from .swing.verification_report import plot_verification as plot_verification

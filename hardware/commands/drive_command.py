@@ -71,8 +71,7 @@ def drive(
     from aerodima.hardware.drive.drive_session import DriveOptions, run_drive
     from aerodima.hardware.drive.held_car import connect
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
-    from aerodima.workbench.controllers.law_file import load_law
-    from aerodima.workbench.controllers.scenario_bundle import load_drive
+    from aerodima.workbench.controllers.law_of_scenario import load_drive, load_law
     from aerodima.workbench.errors import HardwareError, LogError
 
     name = wiring_name(wiring)

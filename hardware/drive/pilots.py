@@ -11,8 +11,7 @@ from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import DriverInput, make_schedule
-from aerodima.workbench.controllers.observation import observe
-from aerodima.workbench.controllers.tail_law import TailLaw
+from aerodima.workbench.controllers.tail_law import TailLaw, observe
 
 
 class PilotStep(NamedTuple):

@@ -43,9 +43,9 @@ def leaderboard(
     """
     from dataclasses import replace
 
-    from aerodima.optimisation.studies.leaderboard.contestants import shipped_swings, standard_contestants
-    from aerodima.optimisation.studies.leaderboard.leaderboard import make_leaderboard
-    from aerodima.optimisation.studies.leaderboard.leaderboard_runs import QUICK, Plan
+    from aerodima.optimisation.studies.contestants import shipped_swings, standard_contestants
+    from aerodima.optimisation.studies.leaderboard import make_leaderboard
+    from aerodima.optimisation.studies.leaderboard_runs import QUICK, Plan
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.progress import terminal

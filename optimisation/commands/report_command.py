@@ -29,7 +29,7 @@ def report(
     work: WorkOptions,
 ) -> None:
     """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
-    from aerodima.optimisation.studies.reproduction.reproduction_report import write_report
+    from aerodima.optimisation.studies.reproduction_report import write_report
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.progress import terminal

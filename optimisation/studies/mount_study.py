@@ -11,8 +11,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.studies.study_reading import band, by_value, ran, survived_share
-from aerodima.optimisation.studies.study_report import Findings
+from aerodima.optimisation.studies.study_report import Findings, band, by_value, ran, survived_share
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study import Block, Range, Study, Value
 from aerodima.optimisation.sweep.study_engine import SweepError

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     Factory = Callable[..., tuple[Study, Reader]]
 
 
-def _of_its_module(name: str) -> Factory:
+def _read_from(module: str, name: str) -> Factory:
     def make(settings: Sequence[str], ensemble: str | None, members: int | None) -> tuple[Study, Reader]:
-        module = import_module(f"aerodima.optimisation.studies.{name}_study")
-        return getattr(module, f"{name}_study")(settings, ensemble, members), getattr(module, f"read_{name}")
+        found = import_module(f"aerodima.optimisation.studies.{module}")
+        return getattr(found, f"{name}_study")(settings, ensemble, members), getattr(found, f"read_{name}")
 
     return make
 
@@ -33,8 +33,7 @@ def _shapes(
     settings: Sequence[str], ensemble: str | None, members: int | None, goals: Path | None = None
 ) -> tuple[Study, Reader]:
     """goals: table of CFD goals (CSV); None: that of the thesis."""
-    from aerodima.optimisation.studies.shape_goals import load_goals, published_goals
-    from aerodima.optimisation.studies.shape_study import read_shapes, shapes_study
+    from aerodima.optimisation.studies.shape_study import load_goals, published_goals, read_shapes, shapes_study
 
     table = published_goals() if goals is None else load_goals(goals)
     return shapes_study(table, settings, ensemble, members), partial(read_shapes, table)
@@ -44,13 +43,16 @@ def _monte_carlo(
     settings: Sequence[str], ensemble: str | None, members: int | None, samples: int = 32, seed: int = 1
 ) -> tuple[Study, Reader]:
     """samples: per tail mode."""
-    from aerodima.optimisation.studies.monte_carlo_study import monte_carlo_study, read_monte_carlo
+    from aerodima.optimisation.studies.survival_study import monte_carlo_study, read_monte_carlo
 
     return monte_carlo_study(samples, seed, settings, ensemble, members), read_monte_carlo
 
 
 STUDIES: dict[str, Factory] = {
-    **{name: _of_its_module(name) for name in ("turn", "tail", "mount", "trigger")},
+    "turn": _read_from("turn_study", "turn"),
+    "tail": _read_from("grip_study", "tail"),
+    "mount": _read_from("mount_study", "mount"),
+    "trigger": _read_from("grip_study", "trigger"),
     "shapes": _shapes,
     "monte-carlo": _monte_carlo,
 }

@@ -10,7 +10,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.studies.study_reading import (
+from aerodima.optimisation.studies.study_report import (
+    Findings,
     Step,
     band,
     by_value,
@@ -20,7 +21,6 @@ from aerodima.optimisation.studies.study_reading import (
     tipped,
     weights_of,
 )
-from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study import Block, Range, Study, Value
 from aerodima.workbench.config.ensemble import weighted_quantiles

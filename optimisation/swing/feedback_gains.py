@@ -173,7 +173,7 @@ class _Nominal:
     Attributes:
         states: as the tracker saw them, (ticks, 4) as `FEEDBACK_NAMES`.
         torque: of the roll motor, mean over each tick, N m, (ticks,).
-        truth: true roll of the car and reported tail, not mirrored, (ticks, 4) as `planar.STATES`.
+        truth: true roll of the car and reported tail, not mirrored, (ticks, 4) as `planar_model.STATES`.
         release: s.
         run_log: with all signals.
     """

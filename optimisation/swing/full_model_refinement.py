@@ -1,12 +1,12 @@
-"""The last word of the full car: CMA-ES over the release and the shape of a swing, with the criterion that counts.
+"""Full-model refinement: CMA-ES over the release and the shape of a swing, with the criterion that counts.
 
 A swing counts by the highest tyre friction that the full car survives clean, and only if the turn stays the turn: at
 the highest friction that the published swing survives as well, the heading change must be at least 95 % of that
 swing's (design section 10). A reduced model is driven by the yaw motion of a run and cannot know this; so the changes
-of `shape` are searched on the full car itself, ranked as `candidate` says. The target friction rises whenever the best
-candidate is clean at it. The search runs at the scenario's step; the last candidates to reach a target are then driven
-at the fine step over an unbroken row of frictions, and what is best there is what is claimed (`choice`). With several
-cars all of them must survive and turn.
+of `swing_construction` are searched on the full car itself, ranked as `swing_ranking` says. The target friction rises
+whenever the best candidate is clean at it. The search runs at the scenario's step; the last candidates to reach a
+target are then driven at the fine step over an unbroken row of frictions, and what is best there is what is claimed
+(`swing_ranking.choose`). With several cars all of them must survive and turn.
 """
 
 from __future__ import annotations
@@ -21,12 +21,10 @@ import numpy as np
 
 from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
-from aerodima.optimisation.swing.final_choice import choose
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
-from aerodima.optimisation.swing.search_options import SearchOptions, Told
-from aerodima.optimisation.swing.search_state import open_rows
-from aerodima.optimisation.swing.swing_candidate import Candidate, Car, Score, score
-from aerodima.optimisation.swing.swing_shape import changed, changes
+from aerodima.optimisation.swing.search_state import SearchOptions, Told, open_rows
+from aerodima.optimisation.swing.swing_construction import changed, changes
+from aerodima.optimisation.swing.swing_ranking import Candidate, Car, Score, choose, score
 from aerodima.workbench.batch.row_store import Row, RowStore, content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict

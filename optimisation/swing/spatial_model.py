@@ -1,13 +1,8 @@
-"""The spatial reduced model: the car's roll under a told roll and pitch motion of the tail.
+"""The spatial reduced model: the car's roll under a prescribed roll and pitch motion of the tail.
 
-The car is that of `planar`: it rolls, and slides sideways on its tyres. The tail is a rigid body on a pitch and a roll
-joint whose motion is told; forward and yaw motion come from the profile of the turn. The tail's whole wrench acts on
-the car: its roll moment directly; its yaw moment through the rear tyres, which give what the yaw motion then asks for;
-its pitch moment through the load on the front axle. So a sail that drags on the inside of the turn costs rear grip as
-well, and one that is pitched into the wind presses down.
-
-Axes: x forwards, y to the left, z up, not rolled with the car. Valid as `planar`; with the pitch at zero it is the
-planar model, apart from the gyroscopic terms that a yawing tail would have in both.
+The car is that of `planar_model`: it rolls, and slides sideways on its tyres. The tail is a rigid body on two joints;
+forward and yaw motion come from the profile of the turn. The tail's whole wrench acts on the car: its roll moment
+directly; its yaw moment through the rear tyres; its pitch moment through the load on the front axle.
 """
 
 from __future__ import annotations
@@ -41,7 +36,7 @@ def motion(
     Args:
         roll, roll_rate: of the car, (...).
         tail: angles, rates and accelerations of roll and pitch, each (..., 2).
-        inputs: (..., 6) as `planar.INPUTS`.
+        inputs: (..., 6) as `planar_model.INPUTS`.
         car: numbers.
 
     Returns:

@@ -3,7 +3,7 @@
 Each round takes the profile of the turn from a run of the full car that survived with the present swing, solves the
 programme within a trust region of friction (or speed) around that run, and drives the full car with the new swing. The
 round is kept if the full car then survives more than before; the search ends when a round gains less than one step.
-On demand a polish on the full car follows (`polish`), and gains of a tracker (`feedback`).
+On demand a refinement on the full car follows (`full_model_refinement`), and gains of a tracker (`feedback_gains`).
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ from aerodima.optimisation.swing.full_car import drive, frictions, profile_of, v
 from aerodima.optimisation.swing.full_model_refinement import polished
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.search_options import SearchOptions, Told
-from aerodima.optimisation.swing.search_state import Search, begin, keep, open_search, resumed, run
+from aerodima.optimisation.swing.search_state import Search, SearchOptions, Told, begin, keep, open_search, resumed, run
 from aerodima.optimisation.swing.solver import Solution, best_of, multi_start
-from aerodima.optimisation.swing.swing_result import even_swing, swing_file
+from aerodima.optimisation.swing.swing_construction import even_swing, swing_file
 from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, default_values

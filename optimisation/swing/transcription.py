@@ -34,7 +34,7 @@ ANGLE, RATE, ACCELERATION, ROLL, ROLL_RATE, TORQUE = 1.0, 8.0, 80.0, 0.1, 0.5, 5
 
 
 class ReducedModel(Protocol):
-    """A reduced model: `planar`, `spatial`."""
+    """A reduced model: `planar_model`, `spatial_model`."""
 
     def motion(
         self, roll: Any, roll_rate: Any, tail: tuple[Any, Any, Any], inputs: Any, car: ReducedCar

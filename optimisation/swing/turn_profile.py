@@ -37,7 +37,7 @@ class TurnProfile:
 
     Attributes:
         time: s, shape (n,), increasing; begins before 0.
-        inputs: (n, 6) as `planar.INPUTS`, for the friction and the speed of the run.
+        inputs: (n, 6) as `planar_model.INPUTS`, for the friction and the speed of the run.
         friction: tyre friction of the run.
         speed: at the start of the turn, m/s.
         roll, roll_rate: of the car in that run, outwards, rad and rad/s, shape (n,).

@@ -6,7 +6,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.optimisation.studies.reproduction.evidence import throttle_speed
+from aerodima.optimisation.studies.reproduction_evidence import throttle_speed
 from aerodima.optimisation.studies.turn_study import TAIL_SPEEDS, TAILED_SPEEDS, TAILLESS_SPEEDS
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.metrics.published_figures import TurnMetrics

@@ -66,7 +66,7 @@ def export(
 
     from aerodima.workbench.atomic_write import write_atomically
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.controllers.scenario_bundle import make_bundle
+    from aerodima.workbench.controllers.law_of_scenario import make_bundle
     from aerodima.workbench.errors import UserError
 
     text = json.dumps(make_bundle(load_scenario(scenario, settings)), indent=2) + "\n"

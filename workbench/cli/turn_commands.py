@@ -181,7 +181,7 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
 
 
 def _own_law(place: str, scenario: Scenario) -> TailLaw:
-    from aerodima.workbench.controllers.law_file import load_law
+    from aerodima.workbench.controllers.law_of_scenario import load_law
     from aerodima.workbench.errors import UserError
 
     if scenario.tail.mode == "none":

@@ -1,14 +1,22 @@
-"""The control law that a scenario names: the thesis' swing, or the tracker of a swing file. Plain Python."""
+"""Which law drives: that of a scenario or bundle (the thesis' swing, or the tracker of a swing file), or one's own.
 
+A bundle is a scenario in one JSON file that needs no other: resolved, with its swing inside; the no-Drake mode drives
+it. A law of one's own is a class in a Python file, named as `my_law.py:MyLaw`. No Drake.
+"""
+
+import importlib.util
+import json
+import sys
 from pathlib import Path
 from typing import Any
 
 from aerodima.workbench.config.checked_files import find_file
-from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing
+from aerodima.workbench.config.scenario import Scenario, load_scenario, scenario_from_dict
+from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing, swing_from_dict
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.errors import ScenarioError, SwingFileError, UserError
 
 NO_SWING = "none"
 
@@ -56,3 +64,97 @@ def law_of_scenario(scenario: Any) -> TailLaw:
     if swing is None:
         return SwingLaw(SwingSettings.from_scenario(scenario))
     return SwingTracker.from_scenario(swing, scenario)
+
+
+_SWING = "swing"
+
+
+def make_bundle(scenario: Scenario) -> dict[str, Any]:
+    """The scenario as plain data, with the swing that it names, if any, under `swing`.
+
+    Raises:
+        SwingFileError: the swing is missing or malformed.
+    """
+    data, swing = scenario.resolved(), swing_of_scenario(scenario)
+    if swing is not None:
+        data[_SWING] = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return data
+
+
+def load_drive(name_or_path: str, settings: list[str] | None = None) -> tuple[Scenario, TailLaw]:
+    """Scenario and tail law of a bundle (`.json`), a scenario file or the name of one that ships.
+
+    Args:
+        name_or_path: as `load_scenario` takes it, or a bundle.
+        settings: overrides such as `manoeuvre.speed=3`; not for a bundle, which is what was exported.
+
+    Raises:
+        UserError: wrong scenario, swing or bundle; names the file and what is allowed.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".json":
+        scenario = load_scenario(name_or_path, settings)
+        return scenario, law_of_scenario(scenario)
+    if settings:
+        raise ScenarioError(f"--set {' '.join(settings)}: {path} is a bundle; allowed: set it before the export")
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{path}: cannot be read as JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise ScenarioError(f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima export`")
+    swing = data.pop(_SWING, None)
+    scenario = scenario_from_dict(data, str(path))
+    if swing is None:
+        return scenario, law_of_scenario(scenario)
+    return scenario, SwingTracker.from_scenario(swing_from_dict(swing, f"{path}: {_SWING}"), scenario)
+
+
+_MEMBERS = ("rate", "memory_size", "start", "step")
+
+
+def load_law(place: str) -> TailLaw:
+    """Makes the law that a flag names: a class without arguments in a Python file, `my_law.py:MyLaw`.
+
+    The file is run, as a script would be.
+
+    Raises:
+        UserError: no such file or class, the file fails, or what it holds is no `TailLaw`; names the place.
+    """
+    path, _, name = place.rpartition(":")
+    if not path or not name.isidentifier():
+        raise UserError(f"--law {place}: allowed: a Python file and a class in it, such as my_law.py:MyLaw")
+    maker = getattr(_run_file(Path(path)), name, None)
+    if not isinstance(maker, type):
+        raise UserError(f"--law {place}: {path} has no class {name}")
+    try:
+        law: Any = maker()
+    except Exception as error:
+        raise UserError(f"--law {place}: {name}() failed: {_in_words(error)}") from error
+    missing = [member for member in _MEMBERS if not hasattr(law, member)]
+    if missing:
+        raise UserError(f"--law {place}: {name} has no {', '.join(missing)}; a tail law has {', '.join(_MEMBERS)}")
+    found: TailLaw = law
+    return found
+
+
+def _run_file(path: Path) -> Any:
+    if path.suffix != ".py" or not path.is_file():
+        raise UserError(f"--law {path}: no such Python file")
+    module_name = f"aerodima_law_{path.stem}"
+    specification = importlib.util.spec_from_file_location(module_name, path)
+    assert specification is not None  # the ending is .py
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[module_name] = module  # dataclasses look there for the names in annotations
+    try:
+        specification.loader.exec_module(module)
+    except Exception as error:
+        raise UserError(f"--law {path}: running it failed: {_in_words(error)}") from error
+    return module
+
+
+def _in_words(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

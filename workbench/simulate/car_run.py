@@ -12,11 +12,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
+from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.law_of_scenario import swing_facts
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
-from aerodima.workbench.controllers.tail_controller import TailController
 from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.controllers.turn_driver import TurnDriver
 from aerodima.workbench.logs.log_sink import open_log
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata

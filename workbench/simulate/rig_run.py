@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_PORTS, RIG_TRUTH
-from aerodima.workbench.controllers.rig_swing import CurrentController, TailCommander
+from aerodima.workbench.controllers.controller_systems import CurrentController, TailCommander
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.log_sink import open_log
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of

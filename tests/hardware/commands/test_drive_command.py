@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.controllers.scenario_bundle import load_drive, make_bundle
+from aerodima.workbench.controllers.law_of_scenario import load_drive, make_bundle
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 
 

@@ -6,34 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies import (
-    grip_study as critical_friction,
-)
-from aerodima.optimisation.studies import (
-    monte_carlo_study as monte_carlo,
-)
-from aerodima.optimisation.studies import (
-    mount_study as mount,
-)
-from aerodima.optimisation.studies import (
-    shape_study as shapes,
-)
-from aerodima.optimisation.studies import (
-    study_reading as reading,
-)
-from aerodima.optimisation.studies import (
-    survival_study as survival,
-)
-from aerodima.optimisation.studies import (
-    tail_study as tail,
-)
-from aerodima.optimisation.studies import (
-    trigger_study as trigger,
-)
-from aerodima.optimisation.studies import (
-    turn_study as turn,
-)
-from aerodima.optimisation.studies.shape_goals import load_goals, mean_drag, published_goals
+from aerodima.optimisation.studies import grip_study as critical_friction
+from aerodima.optimisation.studies import mount_study as mount
+from aerodima.optimisation.studies import shape_study as shapes
+from aerodima.optimisation.studies import study_report as reading
+from aerodima.optimisation.studies import survival_study as survival
+from aerodima.optimisation.studies import turn_study as turn
+from aerodima.optimisation.studies.shape_study import load_goals, mean_drag, published_goals
 from aerodima.optimisation.studies.study_report import make_report
 from aerodima.optimisation.sweep.study import Range, check_factors, plan_runs
 from aerodima.workbench.config.scenario import load_scenario
@@ -43,16 +22,16 @@ from tests.optimisation.sweep.made_up_engine import MadeUpEngine
 GOALS = published_goals()
 STUDIES = {
     "turn": (turn.turn_study, turn.read_turn, 68),
-    "tail": (tail.tail_study, tail.read_tail, 13 * 10),
+    "tail": (critical_friction.tail_study, critical_friction.read_tail, 13 * 10),
     "mount": (mount.mount_study, mount.read_mount, 10 * 3),
     "shapes": (partial(shapes.shapes_study, GOALS), partial(shapes.read_shapes, GOALS), 10 * 10),
-    "monte_carlo": (partial(monte_carlo.monte_carlo_study, 8, 1), monte_carlo.read_monte_carlo, 24),
+    "monte_carlo": (partial(survival.monte_carlo_study, 8, 1), survival.read_monte_carlo, 24),
 }
 
 
 @pytest.mark.parametrize("name", [*STUDIES, "trigger"])
 def test_every_run_of_a_study_has_a_scenario_that_can_be_made(name):
-    study = (trigger.trigger_study if name == "trigger" else STUDIES[name][0])()
+    study = (critical_friction.trigger_study if name == "trigger" else STUDIES[name][0])()
     check_factors(study, name)
     runs = plan_runs(study)
     assert name == "trigger" or len(runs) == STUDIES[name][2]
@@ -75,7 +54,7 @@ def test_study_writes_table_findings_plots_and_page(tmp_path, name):
 
 
 def test_critical_friction_of_each_case_is_between_survived_and_flipped(tmp_path):
-    page = make_report(tail.tail_study(), tail.read_tail, tmp_path, MadeUpEngine())
+    page = make_report(critical_friction.tail_study(), critical_friction.read_tail, tmp_path, MadeUpEngine())
     found = pd.read_parquet(page.parent / "findings.parquet").set_index("case")["critical_friction"]
     lost = 0.02 * (critical_friction.CASE_SPEED - 3.33)
     for case, limit in (("no tail", 0.62), ("tail held", 0.72), ("length 0.7 m", 0.82)):
@@ -83,8 +62,8 @@ def test_critical_friction_of_each_case_is_between_survived_and_flipped(tmp_path
 
 
 def test_ensemble_gives_a_band_and_every_member_counts_by_its_weight(tmp_path):
-    study = tail.tail_study((), "car", 3)
-    page = make_report(study, tail.read_tail, tmp_path, MadeUpEngine())
+    study = critical_friction.tail_study((), "car", 3)
+    page = make_report(study, critical_friction.read_tail, tmp_path, MadeUpEngine())
     table = pd.read_parquet(tmp_path / "table.parquet")
     assert len(table) == 13 * 10 * table["member"].nunique()
     assert "members of the ensemble" in page.read_text(encoding="utf-8")

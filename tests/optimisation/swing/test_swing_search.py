@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.solver import solve
 from aerodima.optimisation.swing.solver_starts import random_start
-from aerodima.optimisation.swing.swing_result import RAMP, even_swing, swing_file
+from aerodima.optimisation.swing.swing_construction import RAMP, even_swing, swing_file
 from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
 from aerodima.optimisation.swing.transcription import ANGLE
 from aerodima.workbench.cli.program import build_app

@@ -6,8 +6,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
+from aerodima.workbench.controllers.controller_systems import TailController
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
-from aerodima.workbench.controllers.tail_controller import TailController
 from aerodima.workbench.errors import UserError
 
 HOLD, SWING, SETTLE = float(SwingState.HOLD), float(SwingState.SWING), float(SwingState.SETTLE)

@@ -4,8 +4,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
+from aerodima.workbench.controllers.controller_systems import TurnDriver
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
-from aerodima.workbench.controllers.turn_driver import TurnDriver
 from aerodima.workbench.errors import UserError
 
 SCHEDULE = TurnSchedule(SpeedRamp(4.0, 1.0, ThrottleLine(10.0, -1.0)), 1.0, 0.5, 2.0, 0.5)

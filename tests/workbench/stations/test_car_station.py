@@ -7,9 +7,8 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from aerodima.workbench.actuators.servo import knuckle_angles
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
+from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.manoeuvre import make_schedule
-from aerodima.workbench.controllers.tail_controller import TailController
-from aerodima.workbench.controllers.turn_driver import TurnDriver
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car

@@ -9,9 +9,8 @@ from pydrake.systems.framework import LeafSystem
 
 from aerodima.workbench.actuators.servo import SteeringServo
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.controllers.tail_controller import TailController
-from aerodima.workbench.controllers.turn_driver import TurnDriver
 from aerodima.workbench.logs.recorder import RunRecorder
 from aerodima.workbench.sensors.encoder import MotorEncoder
 from aerodima.workbench.sensors.gps import GpsSpeed

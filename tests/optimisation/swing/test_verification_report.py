@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aerodima.optimisation.swing.tip_path import plot_tip_path, tip_position
+from aerodima.optimisation.swing.verification_report import plot_tip_path, tip_position
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.law_of_scenario import find_swing
 

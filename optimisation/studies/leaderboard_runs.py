@@ -15,7 +15,7 @@ from typing import Any
 
 import pandas as pd
 
-from aerodima.optimisation.studies.leaderboard.contestants import (
+from aerodima.optimisation.studies.contestants import (
     FIXED_RELEASES,
     FIXED_SPEEDS,
     SWINGING,
@@ -23,6 +23,7 @@ from aerodima.optimisation.studies.leaderboard.contestants import (
     Contestant,
     best_fixed,
     fixed_law,
+    perturbations,
     standard_contestants,
     trackings_of,
 )
@@ -39,7 +40,6 @@ from aerodima.optimisation.sweep.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.study_store import make_frame
 from aerodima.optimisation.sweep.study_task import RunTask
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
-from aerodima.optimisation.swing.perturbations import perturbations
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 

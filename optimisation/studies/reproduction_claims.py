@@ -8,10 +8,12 @@ from aerodima.optimisation.calibration.published_data import Datum, yaw_rate_of
 from aerodima.optimisation.identify.published_check import robot_tail_line
 from aerodima.optimisation.identify.published_tables import published, robot_tail_rows
 from aerodima.optimisation.identify.weighted_averages import recompute_averages
-from aerodima.optimisation.studies.reproduction.evidence import NO_FLICK_THROTTLE, Evidence, basis_of
-from aerodima.optimisation.studies.reproduction.reproduction_rows import (
+from aerodima.optimisation.studies.reproduction_evidence import (
     CLOSE,
+    NO_FLICK_THROTTLE,
+    Evidence,
     Row,
+    basis_of,
     change_row,
     figure_row,
     missing_row,

@@ -12,8 +12,8 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.studies.leaderboard.contestants import HELD, NO_TAIL, SWINGING, THESIS, Contestant, fixed_law
-from aerodima.optimisation.studies.leaderboard.leaderboard_runs import FRICTION_CLIMB, SCENARIO
+from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, SWINGING, THESIS, Contestant, fixed_law
+from aerodima.optimisation.studies.leaderboard_runs import FRICTION_CLIMB, SCENARIO
 from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case, find_thresholds, is_clean
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.optimisation.sweep.study_store import make_frame

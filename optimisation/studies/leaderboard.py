@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from aerodima.optimisation.studies.leaderboard.leaderboard_page import write_leaderboard
-from aerodima.optimisation.studies.leaderboard.leaderboard_runs import SCENARIO, Leaderboard, Plan, measure
+from aerodima.optimisation.studies.leaderboard_page import write_leaderboard
+from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, Plan, measure
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.run_memory import RememberingEngine
 from aerodima.optimisation.sweep.study_engine import Engine

@@ -1,30 +1,50 @@
-"""The report as a page: verdicts, every row, plots in the style of the thesis' figures with the ensemble's band."""
+"""The reproduction report: rows and runs as tables, replays, and a page in the style of the thesis' figures."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from aerodima.optimisation.calibration.calibration_runs import RunStore
 from aerodima.optimisation.calibration.published_data import turn_of
+from aerodima.optimisation.calibration.validation import as_table, compare
 from aerodima.optimisation.identify.published_tables import published
-from aerodima.optimisation.studies.reproduction.evidence import Evidence
-from aerodima.optimisation.studies.reproduction.reproduction_rows import (
+from aerodima.optimisation.studies.reproduction_claims import all_rows
+from aerodima.optimisation.studies.reproduction_evidence import (
     CLOSE,
     LEVELS,
+    PAIRS,
     SURE,
     WIDEST,
     Basis,
+    Evidence,
     Row,
     Verdict,
+    gather,
+    survival_section,
+    survival_table,
 )
-from aerodima.optimisation.studies.reproduction.survival_curves import survival_section
+from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.config.ensemble import Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
+from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.report.number_words import metric_name, metric_unit
-from aerodima.workbench.report.report_page import Bullets, Finding, Link, Noted, Page, Part, Plot, Section, Table
+from aerodima.workbench.report.report_page import (
+    Bullets,
+    Finding,
+    Link,
+    Noted,
+    Page,
+    Part,
+    Plot,
+    Section,
+    Table,
+    write_files,
+)
 
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "direction only", "not reproduced", "not computable")
 SHOWN = (
@@ -200,3 +220,74 @@ def _bar(axis: object, place: float, values: np.ndarray, weights: np.ndarray) ->
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.4g}"
+
+
+PAGE, TABLE, FIGURES, SURVIVAL = "index.html", "rows.csv", "figures.csv", "survival.csv"
+
+
+def write_report(
+    ensemble: Ensemble,
+    number: int,
+    out: Path,
+    engine: Engine,
+    say: Callable[[str], None],
+    *,
+    replays: bool = True,
+    force: bool = False,
+    settings: tuple[str, ...] = (),
+    survival: bool = False,
+) -> Path:
+    """Runs members drawn by weight, writes `rows.csv`, `figures.csv` and `index.html`; the path of the page.
+
+    Args:
+        number: of members; all of them if there are fewer.
+        out: folder; runs that are in it are not run again.
+        settings: overrides that all runs share, such as a shorter run.
+        survival: also runs every tail mode at every speed of `survival.SPEEDS` and writes `survival.csv`.
+
+    Raises:
+        UserError: wrong number of members, one that is no possible car, or the folder holds runs of other parameters.
+    """
+    members = ensemble.drawn(number)
+    for member in members:
+        ensemble.scenario(member, "turn_swing")
+    varied = {key for member in ensemble.members for key in member.values}
+    fitted = ensemble.provenance.get("fitted", ())
+    with RunStore(out, varied, force=force) as store:
+        evidence = gather(members, fitted, store, engine, say, settings, PAIRS if survival else ())
+    rows = all_rows(evidence)
+    compared = [compare(d, evidence.rows[d.turn.tail_mode, d.turn.speed], evidence.weights) for d in evidence.data]
+    shares = survival_table(evidence) if survival else None
+    tables = {TABLE: pd.DataFrame([row.as_row() for row in rows]), FIGURES: as_table(compared)}
+    if shares is not None:
+        tables[SURVIVAL] = shares
+    write_files(out, tables)
+    made = _replays(ensemble, evidence, out, say, settings) if replays else {}
+    write_files(out, {PAGE: reproduction_page(rows, evidence, ensemble, made, shares)})
+    return out / PAGE
+
+
+def _replays(
+    ensemble: Ensemble, evidence: Evidence, out: Path, say: Callable[[str], None], settings: tuple[str, ...]
+) -> dict[str, str]:
+    """Replays of the best member: both sides of the tailless bracket, the swung tail, the held one; words -> file."""
+    from aerodima.workbench.report.replay_page import write_replay_html
+    from aerodima.workbench.simulate.simulation import simulate
+
+    none, swing = flip_bracket("tailless"), flip_bracket("tailed")
+    shown = (
+        ("none", none.survived),
+        ("none", none.flipped),
+        ("swing", swing.survived),
+        ("held", evidence.held_speed),
+    )
+    made = {}
+    for mode, speed in shown:
+        name = f"replay_{mode}_{speed:.2f}.html"
+        say(f"{name} ...")
+        overrides = [f"manoeuvre.speed={speed!r}", *settings]
+        scenario = ensemble.scenario(ensemble.best, f"turn_{mode}", overrides)
+        run = simulate(scenario)
+        write_replay_html(run, out / name, force=True)
+        made[f"tail {mode}, {speed:.2f} m/s: {metrics_of(run).outcome.result}"] = name
+    return made

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.controllers.law_file import load_law
+from aerodima.workbench.controllers.law_of_scenario import load_law
 from aerodima.workbench.errors import UserError
 
 LAW = """

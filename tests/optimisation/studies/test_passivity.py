@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from aerodima.optimisation.studies.leaderboard.passivity import measure_passivity, tails, write_passivity
+from aerodima.optimisation.studies.passivity_study import measure_passivity, tails, write_passivity
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
 from aerodima.optimisation.sweep.study_task import RunTask
 from aerodima.workbench.config.scenario import load_scenario

@@ -1,1 +1,0 @@
-"""Every tail controller on the same turns and the same possible cars."""
