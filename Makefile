@@ -39,6 +39,7 @@ soak: $(STAMP)
 	@$(BIN)/python -m tests.soak --out out/soak
 
 bench: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	@$(BIN)/python -m tests.benchmarks --out out/bench/bench.csv
 
 # Emulated car, drive, watchdog and browser share the machine here: nothing beside it, and two more tries as above.

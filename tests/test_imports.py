@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -93,18 +95,30 @@ def test_allowed_arrow_passes(package: str, source: str) -> None:
     assert not arrows(package, source)
 
 
-def test_every_distribution_that_is_imported_is_declared() -> None:
+def undeclared(folders: Iterable[str], extras: Iterable[str] | None = None) -> set[str]:
+    """Imports of distributions that neither the package nor these extras (all of them by default) bring."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    lines = [line for group in project["optional-dependencies"].values() for line in group] + project["dependencies"]
+    optional = project["optional-dependencies"]
+    lines = [line for name in extras or optional for line in optional[name]] + project["dependencies"]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
-    undeclared = {
+    return {
         f"{path.relative_to(ROOT)}: {name}"
-        for package in PACKAGES
-        for path in (ROOT / package).rglob("*.py")
-        for name in imported_names(path.read_text(encoding="utf-8")) - sys.stdlib_module_names - set(PACKAGES)
+        for folder in folders
+        for path in (ROOT / folder).rglob("*.py")
+        for name in imported_names(path.read_text(encoding="utf-8")) - sys.stdlib_module_names - TOP_LEVEL
         if DISTRIBUTION_OF_MODULE.get(name, canonicalize_name(name)) not in declared
     }
-    assert not undeclared
+
+
+def test_every_distribution_that_is_imported_is_declared() -> None:
+    assert not undeclared(PACKAGES)
+
+
+def test_make_bench_installs_what_the_benchmarks_import() -> None:
+    rules = re.split(r"^(?=[a-z]+:)", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.M)
+    installed = {rule.partition(":")[0]: re.findall(r"-e '\.\[(\w+)\]'", rule) for rule in rules}
+    assert not undeclared(["tests/benchmarks"], [*installed["bench"], "dev"])
+    assert undeclared(["tests/benchmarks"], ["dev"])
 
 
 def test_models_hold_data_only() -> None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from aerodima.workbench.logs.schema import RunLog, read_run_log
 from aerodima.workbench.realtime import permitted
-from tests.benchmarks.rows import BenchRow
+from tests.benchmarks.rows import BenchRow, NotPermittedError
 
 _PROGRAM = str(Path(sys.executable).with_name("aerodima"))
 _SETTINGS = (
@@ -67,8 +67,7 @@ def bench_plain_drive_beside_load() -> Iterator[BenchRow]:
 
 def _rows_beside_load(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:
     if not all(permitted()):
-        print(f"{wiring}, {loop}: skipped: real-time priority or locked memory is not permitted here")
-        return
+        raise NotPermittedError("real-time priority or locked memory is not permitted here")
     with _load():
         yield from _rows(wiring, loop, flags)
 

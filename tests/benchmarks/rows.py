@@ -10,6 +10,10 @@ CSV_HEADER = ("name", "value", "unit", "goal", "peer_value", "ratio")
 _COMPARISONS: dict[str, Callable[[float, float], bool]] = {"<=": operator.le, ">=": operator.ge, "==": operator.eq}
 
 
+class NotPermittedError(Exception):
+    """The computer does not let a benchmark run: what is missing, as the right to real-time priority."""
+
+
 @dataclass(frozen=True)
 class BenchRow:
     """A benchmark's result.
