@@ -3,6 +3,7 @@
 Everything is drawn below the path `/drake`, so that a replay can move the world under a camera that stays with the car.
 """
 
+import ctypes
 import logging
 
 import numpy as np
@@ -24,11 +25,6 @@ _SHADOW_BIAS = -0.01 / 500.0
 """One centimetre of the 500 m that the shadow of Meshcat's lamp reaches."""
 _LIVE_AREA = (-4.0, 16.0, -8.0, 10.0)
 """Floor of a live run (x from, x to, y from, y to; m): it is not known yet where the car will go."""
-
-
-_KEPT: list[Meshcat] = []
-"""Every viewer of this process, until it ends. Drake aborts the process when another thread than its maker's destroys
-one, and Python's garbage collector runs in whatever thread it is due, such as those of a sweep's engine."""
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
@@ -65,8 +61,18 @@ def _start(port: int | None) -> Meshcat:
         raise UserError(f"Meshcat: {place}; choose another --port ({PORTS[0]} to {PORTS[1]})") from error
     finally:
         log.setLevel(level)
-    _KEPT.append(meshcat)
+    _keep_for_ever(meshcat)
     return meshcat
+
+
+def _keep_for_ever(meshcat: Meshcat) -> None:
+    """One reference too many, so that nothing destroys the viewer before the process is gone.
+
+    Drake aborts the process when another thread than its maker's destroys a viewer. The garbage collector runs in
+    whatever thread it is due; the interpreter, when it ends, clears modules in the main thread, and a Dask worker has
+    made its replays in another one.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(meshcat))
 
 
 def _set_lights(meshcat: Meshcat) -> None:
