@@ -18,7 +18,6 @@ from aerodima.workbench.config.signal_table import sensor_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import run_metadata
-from aerodima.workbench.realtime import restore_ordinary
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
 """Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
@@ -37,6 +36,9 @@ def drive_columns() -> list[str]:
 
 class RunJournal(JournalWriter):
     """A `JournalWriter` whose rows are written by a thread.
+
+    The thread keeps the scheduling of the one that opens the journal. At ordinary priority another program could
+    displace it while it holds the interpreter's lock, and the loop would wait for both.
 
     Attributes:
         columns: names, in order.
@@ -97,7 +99,6 @@ class RunJournal(JournalWriter):
             super().abandon()
 
     def _write(self) -> None:
-        restore_ordinary()  # a log may wait; the loop that started this thread may not
         while (row := self._waiting.get()) is not None:
             if self.error:
                 self.lost += 1

@@ -1,8 +1,10 @@
 """The plain loop and the diagram are one drive: same commands, same log; both write what a simulation writes."""
 
 import math
+import os
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -24,6 +26,7 @@ from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.journal import read_journal
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.realtime import permitted
 from aerodima.workbench.stations.car_station import make_car_station
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 
@@ -187,6 +190,26 @@ def test_a_stick_that_jumps_does_not_swing_the_tail():
     assert roll[0] == pytest.approx(-1.5 + most)
     assert np.all(np.abs(np.diff(roll)) <= most + 1e-12)
     assert (roll[-1], pitch[-1]) == (pytest.approx(1.5), pytest.approx(-0.2))
+
+
+@pytest.mark.skipif(not permitted()[0], reason="real-time priority is not permitted here")
+def test_the_log_of_a_loop_with_priority_is_written_with_priority(tmp_path):
+    """An ordinary thread, displaced by another program while it holds the interpreter's lock, would stop the loop."""
+    found = []
+
+    def drive():
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(7))
+        journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "direct_can")
+        journal.append(np.zeros(len(journal.columns)))
+        while journal._waiting.qsize():
+            time.sleep(0.001)
+        found.append(os.sched_getscheduler(journal._thread.native_id))
+        journal.discard()
+
+    thread = threading.Thread(target=drive)
+    thread.start()
+    thread.join()
+    assert found == [os.SCHED_RR]
 
 
 def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):

@@ -28,11 +28,12 @@ pytestmark = [pytest.mark.emulated, pytest.mark.slow]
 SETTINGS = [
     "drive.governor=true",  # at its speed in a second, where the open-loop car takes a dozen
     # The car's throttle comes on at a limited rate, the simulated one's at once: after ten seconds both are as fast.
+    "manoeuvre.speed=2.0",  # at that of the parameter files it tips over, and the drive stops it
     "manoeuvre.straight_time=10",
     "manoeuvre.log_end=13",
     # Both events of the swing come well after a tick of the simulation's controller, so that readings that are some
     # milliseconds older show them at the same tick or at the next one: a tick more or less is 0.08 rad of the swing.
-    "controller.trigger_yaw_rate=0.36",
+    "controller.trigger_yaw_rate=0.297",
     "controller.travel=2.225",
     "servo.frame_rate=250",  # frames of 100 Hz begin at any time within a tick of the drive
     "simulation.step=0.004",  # half the load of a step of 2 ms for a machine that runs car and drive
