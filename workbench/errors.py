@@ -27,3 +27,15 @@ class HardwareError(UserError):
 
 class EnsembleError(UserError, ValueError):
     """An ensemble file is missing, malformed, of another schema, or one of its members is no possible car."""
+
+
+class FitError(UserError, ValueError):
+    """A fit cannot be set up or solved: bounds exclude the seed, a residual is not finite, too little data."""
+
+
+class SwingError(UserError, ValueError):
+    """A swing cannot be posed or found: no tail, a turn that needs none, limits that leave no motion, no solver."""
+
+
+class SweepError(UserError):
+    """A sweep cannot go on: a folder in use, a damaged or full one, a study that is none."""

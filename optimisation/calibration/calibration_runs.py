@@ -13,9 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aerodima.optimisation.sweep.run_memory import RememberingEngine
-from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.optimisation.sweep.study_task import RunTask, tipped_before_turn
+from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine, RunTask, tipped_before_turn
 from aerodima.workbench.batch.row_store import RowStore, content_key
 from aerodima.workbench.batch.worker_record import Say
 from aerodima.workbench.config.ensemble import Value

@@ -23,7 +23,7 @@ def coverage(
     Example: aerodima rig campaign static --out holds, aerodima fit static holds/*.parquet --out fits,
     aerodima coverage fits
     """
-    from aerodima.optimisation.fit.interval_coverage import coverage as measure
+    from aerodima.optimisation.fit.fit_batch import coverage as measure
 
     table = measure(fits)
     path = fits / "coverage.csv"

@@ -158,7 +158,7 @@ def finish(out: Path, failed: dict[str, str], total: int, left_out: Sequence[str
 
 def choice(flag: str, given: str, allowed: tuple[str, ...]) -> str:
     """`given`, when it is one of the allowed words; FitError otherwise."""
-    from aerodima.optimisation.fit.fit_errors import FitError
+    from aerodima.workbench.errors import FitError
 
     if given not in allowed:
         raise FitError(f"{flag} {given}: allowed: {', '.join(allowed)}")
@@ -167,7 +167,7 @@ def choice(flag: str, given: str, allowed: tuple[str, ...]) -> str:
 
 def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
     """`name=low,high` as name and two numbers; FitError where that cannot be read."""
-    from aerodima.optimisation.fit.fit_errors import FitError
+    from aerodima.workbench.errors import FitError
 
     found = []
     for text in given or []:

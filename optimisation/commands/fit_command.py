@@ -224,7 +224,7 @@ def throttle(
 
 
 def _loss(name: str) -> Any:
-    from aerodima.optimisation.fit.robust_loss import LOSSES
+    from aerodima.optimisation.fit.least_squares import LOSSES
 
     return report.choice("--loss", name, LOSSES)
 
@@ -257,10 +257,10 @@ def published(
 
     Example: aerodima fit published --out fits
     """
-    from aerodima.optimisation.fit.fit_errors import FitError
     from aerodima.optimisation.fit.fit_report import write_report
     from aerodima.optimisation.identify.published_check import check_published
     from aerodima.workbench.atomic_write import make_folder
+    from aerodima.workbench.errors import FitError
 
     make_folder(out, FitError)
     found = check_published(seeds)
@@ -289,11 +289,11 @@ def tail_size(
     Possible tails are swung and weighted by the published speeds; prior: models/identification/tail_size.yaml.
     Example: aerodima fit tail-size --out fits
     """
-    from aerodima.optimisation.fit.fit_errors import FitError
     from aerodima.optimisation.fit.fit_report import write_report
     from aerodima.optimisation.identify.tail_size import find_tails, published_ranges
     from aerodima.optimisation.identify.tail_size_tables import report_tables
     from aerodima.workbench.atomic_write import make_folder
+    from aerodima.workbench.errors import FitError
 
     make_folder(out, FitError)
     with typer.progressbar(length=tails, label="swinging", file=sys.stderr) as bar:

@@ -63,7 +63,6 @@ def swing(
     """
     from contextlib import nullcontext
 
-    from aerodima.optimisation.fit.fit_errors import SwingError
     from aerodima.optimisation.sweep.study_engine import SerialEngine, open_engine
     from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
     from aerodima.optimisation.swing.transcription import OBJECTIVES
@@ -71,6 +70,7 @@ def swing(
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.config.swing_file import write_swing
     from aerodima.workbench.controllers.law_of_scenario import find_swing
+    from aerodima.workbench.errors import SwingError
 
     chosen: Any = objective
     solver_name: Any = solver
@@ -119,7 +119,7 @@ def _refuse_unwritable(folder: Path) -> None:
     """A search takes minutes: that its result cannot be written is said before it."""
     import tempfile
 
-    from aerodima.optimisation.fit.fit_errors import SwingError
+    from aerodima.workbench.errors import SwingError
 
     try:
         with tempfile.TemporaryFile(dir=folder):

@@ -27,10 +27,9 @@ def passivity(
     Asked for again after Ctrl-C it keeps the runs that are there.
     Example: aerodima passivity --speed 4.5 --speed 6 --out out/passivity
     """
-    from aerodima.optimisation.studies.leaderboard import open_runs
-    from aerodima.optimisation.studies.passivity_study import SPEEDS, measure_passivity, write_passivity
-    from aerodima.optimisation.sweep.run_memory import RememberingEngine
-    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.optimisation.studies.leaderboard.leaderboard import open_runs
+    from aerodima.optimisation.studies.leaderboard.passivity import SPEEDS, measure_passivity, write_passivity
+    from aerodima.optimisation.sweep.study_engine import RememberingEngine, open_engine
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.progress import saying_how_to_go_on, terminal
 

@@ -62,10 +62,9 @@ def run(
 
     Example: aerodima sweep run study.yaml --out sweeps/study
     """
-    from aerodima.optimisation.sweep.run_study import run_study
+    from aerodima.optimisation.sweep.run_study import TABLE, run_study
     from aerodima.optimisation.sweep.study import load_study, plan_runs
     from aerodima.optimisation.sweep.study_engine import open_engine
-    from aerodima.optimisation.sweep.study_store import TABLE
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.progress import terminal
 

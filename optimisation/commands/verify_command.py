@@ -38,7 +38,6 @@ def verify(
 
     Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
     """
-    from aerodima.optimisation.fit.fit_errors import SwingError
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.optimisation.swing.verification import verify_swing
     from aerodima.optimisation.swing.verification_report import PAGE, RUNS, VERDICT, write_verification
@@ -47,6 +46,7 @@ def verify(
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.controllers.law_of_scenario import find_swing, law_of_scenario, refuse_other_car
+    from aerodima.workbench.errors import SwingError
     from aerodima.workbench.plants.clearance import make_range_of_motion
 
     for name in (RUNS, VERDICT, PAGE):

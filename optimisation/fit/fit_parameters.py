@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.workbench.errors import FitError
 
 
 @dataclass(frozen=True)

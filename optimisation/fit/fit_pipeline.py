@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.least_squares import Problem, Solution, Solver, solve
-from aerodima.optimisation.fit.robust_loss import Loss, solve_huber
-from aerodima.optimisation.fit.uncertainty import Noise, Uncertainty, uncertainty
+from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution, Solver, solve, solve_huber
+from aerodima.optimisation.fit.residual_noise import Noise
+from aerodima.optimisation.fit.uncertainty import Uncertainty, uncertainty
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def fit(
         channels: per channel where it stands in the residual and the weight that its residual was divided by.
         warnings: of the data, kept before those of the fit.
         loss: `huber` goes on from the least-squares solution with Huber's loss
-        (`aerodima.optimisation.fit.robust_loss`).
+        (`aerodima.optimisation.fit.least_squares`).
 
     Raises:
         FitError: no start could be solved.

@@ -15,9 +15,10 @@ from scipy.special import chdtrc
 
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.fit_pipeline import FitResult, NoiseModel, result_of
-from aerodima.optimisation.fit.least_squares import Problem, Solution, solve, solve_rollout
-from aerodima.optimisation.fit.robust_loss import Loss, huber
-from aerodima.optimisation.fit.uncertainty import Noise, uncertainty
+from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution, huber, solve
+from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
+from aerodima.optimisation.fit.residual_noise import Noise
+from aerodima.optimisation.fit.uncertainty import uncertainty
 
 _NEGLIGIBLE = 0.03
 """A constant whose standard deviation moves the whitened residual by less is left as it is."""

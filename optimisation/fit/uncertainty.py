@@ -1,11 +1,14 @@
-"""How sure a fit is: covariance, 95 % intervals with the effective number of samples, and what the data do not show.
+"""How sure a fit is: covariance, 95 % intervals, and what the data do not determine.
 
 To first order the estimate is x = truth - J^+ e with e the error of the weighted residual, so Cov x = J^+ S J^+' with
-S the covariance of e. The pseudo-inverse leaves out the directions that the data do not see; a parameter with a part in
+S the covariance of e. The pseudo-inverse leaves out the directions that are unidentifiable; a parameter with a part in
 one of them has an infinite interval.
 
-Filtered signals repeat themselves: n samples with autocorrelation rho_k count as n / (1 + 2 sum rho_k) (design section
-11: intervals that ignore this held the truth in 23 % of the cases instead of 95 %).
+A parameter that stopped at a bound would, without it, be moved further, to r >= 0 standard deviations beyond. Given
+that the truth lies within the bounds, what remains is the end of a distribution: with F its upper tail, the truth lies
+within q standard deviations inside with 95 % confidence, where F(r + q) = 5 % of F(r). The more the data ask for what
+the bound forbids, the shorter that is. The others are estimated with the parameter kept at its bound; what they would
+change by if it moved inside by q is added to their intervals, in quadrature and on the side where it leads.
 """
 
 from __future__ import annotations
@@ -15,11 +18,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
+from scipy.special import ndtr, stdtr, stdtrit
 
-from aerodima.optimisation.fit.active_bounds import held_at_bounds
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.least_squares import Solution
+from aerodima.optimisation.fit.residual_noise import Noise
+from aerodima.workbench.errors import FitError
 
 CONFIDENCE = 0.95
 _RANK_TOLERANCE = 1e-7
@@ -29,30 +32,6 @@ _EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
 """Share of a standard deviation that evenly spread errors have: below the first the sum is as good as normal."""
 _SHARE = 0.05
 """A parameter whose squared share in an unseen direction exceeds the square of this is not determined."""
-
-_EXCESS = 0.2
-"""A residual whose variance exceeds that of its rounding by this part is not explained by it.
-
-Chosen on simulated swings, whose intervals hardly change between 0.05 and 1.
-"""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Covariance of the error of the weighted residual, and how much data it was estimated from.
-
-    Attributes:
-        covariance: (m x m), or its diagonal (m).
-        degrees_of_freedom: of the variance estimate; infinite when it is known.
-        effective_samples: that the residual stands for.
-        rounding: change of the residual (m) per half count of a reading that was rounded; its error is evenly spread,
-            not normal. It is part of `covariance` (a third of its square).
-    """
-
-    covariance: np.ndarray
-    degrees_of_freedom: float = np.inf
-    effective_samples: float = np.nan
-    rounding: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +67,7 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     """Covariance and intervals at the solution.
 
     Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a bound is one-sided,
-    and those of the others take that into account (`aerodima.optimisation.fit.active_bounds`). Not determined by the
+    and those of the others take that into account. Not determined by the
     data is a parameter in an unseen direction, one whose interval is wider than its bounds, and one whose interval
     would be another half as wide, or narrower, elsewhere within the intervals of the parameters: there the linear
     theory does not hold.
@@ -235,53 +214,71 @@ def _in_words(direction: np.ndarray, names: tuple[str, ...]) -> str:
     return text
 
 
-def correlation_time(residual: np.ndarray) -> float:
-    """1 + 2 sum rho_k of a signal (n): how many samples count as one; at least 1.
+_TAIL = 0.05
+_LEAST_TAIL = 1e-250
+"""Smaller tails are not counted with: the floating-point numbers end."""
 
-    The autocorrelation is summed in pairs until a pair is no longer positive (initial positive sequence): longer sums
-    scatter too much in short logs. Of a steep filter, whose autocorrelation rings, this takes the first lobe only and
-    makes intervals about 8 % too wide.
+
+@dataclass(frozen=True)
+class GivenBounds:
+    """Of the scaled unknowns, some of which are held at a bound.
+
+    Attributes:
+        inverse: pseudo-inverse of the Jacobian of the others (p x m); zero in the rows of what is held.
+        beyond: how far the data ask for more than the bound allows, in standard deviations (p); NaN for the others.
+        reach: how far inside the truth may lie (p); zero for the others.
+        shift: change of the others per unknown that is held, when it moves inside by its reach (p x p).
     """
-    x = np.asarray(residual, float) - np.mean(residual)
-    n = len(x)
-    power = float(x @ x)
-    if n < 4 or power <= 0.0:
-        return 1.0
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(x, size)
-    rho = np.fft.irfft(spectrum * spectrum.conj(), size)[: n // 2] / power
-    pairs = rho[0 : len(rho) - 1 : 2] + rho[1 : len(rho) : 2]
-    end = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else len(pairs)
-    return max(1.0, float(2.0 * np.sum(pairs[:end]) - 1.0))
+
+    inverse: np.ndarray
+    beyond: np.ndarray
+    reach: np.ndarray
+    shift: np.ndarray
 
 
-def serial_noise(residual: np.ndarray, channels: list[slice], unknowns: int, rounding: float = 0.0) -> Noise:
-    """Noise of time series, one per channel, from the residual itself: its variance, times its correlation time.
+def held_at_bounds(
+    jacobian: np.ndarray,
+    residual: np.ndarray,
+    covariance: np.ndarray,
+    sides: np.ndarray,
+    freedom: float,
+    rank_tolerance: float,
+) -> GivenBounds:
+    """What the bounds do, see the head of this module.
 
     Args:
-        residual: weighted, of all channels (m).
-        channels: where each time series stands in it.
-        unknowns: number of the free parameters; they are paid for out of the effective samples.
-        rounding: step of the readings, in units of the residual. Where a reading moves through many steps, rounding
-            errors are evenly spread and average out at least as fast as white noise, also when they look like a saw: a
-            residual whose variance they explain (a twelfth of the step's square) counts for single samples, one that
-            exceeds it by a fifth counts by its correlation, and in between by both in part.
+        jacobian: of the weighted residual by the scaled unknowns (m x p).
+        residual: weighted (m).
+        covariance: of its error (m x m), or the diagonal (m).
+        sides: -1 where an unknown is held at its lower bound, 1 at its upper one, 0 where it is free (p).
+        freedom: degrees of freedom of the variance.
+        rank_tolerance: singular values below this part of the largest count as zero.
     """
-    variance = np.empty(len(residual))
-    effective = 0.0
-    for channel in channels:
-        part = residual[channel]
-        power = float(np.mean(np.square(part)))
-        explained = rounding**2 / 12.0
-        slow = min(max(power / explained - 1.0, 0.0) / _EXCESS, 1.0) if explained > 0.0 else 1.0
-        variance[channel] = power * (1.0 + slow * (correlation_time(part) - 1.0))
-        effective += len(part) * (power / variance[channel][0] if power > 0.0 else 1.0)
-    freedom = max(effective - unknowns, 1.0)
-    return Noise(variance * effective / freedom, freedom, effective)
+    count = len(sides)
+    free = np.flatnonzero(sides == 0)
+    inverse = np.zeros(jacobian.T.shape)
+    inverse[free] = np.linalg.pinv(jacobian[:, free], rank_tolerance)
+    beyond, reach = np.full(count, math.nan), np.zeros(count)
+    shift = np.zeros((count, count))
+    for k in np.flatnonzero(sides):
+        # What is left of this column once the others have followed it.
+        alone = jacobian[:, k] - jacobian @ (inverse @ jacobian[:, k])
+        row = alone / float(alone @ alone)
+        spread = row * covariance if covariance.ndim == 1 else row @ covariance
+        deviation = math.sqrt(max(float(spread @ row), 0.0))
+        asked = max(-float(row @ residual) * sides[k], 0.0)
+        beyond[k] = asked / deviation if deviation > 0.0 else math.inf
+        reach[k] = deviation * reach_inside(float(beyond[k]), freedom)
+        shift[:, k] = sides[k] * reach[k] * (inverse @ jacobian[:, k])
+    return GivenBounds(inverse, beyond, reach, shift)
 
 
-def independent_noise(residual: np.ndarray, unknowns: int) -> Noise:
-    """Noise of rows that do not repeat each other (a table): one variance, from the residual."""
-    freedom = max(len(residual) - unknowns, 1)
-    variance = float(residual @ residual) / freedom
-    return Noise(np.full(len(residual), variance), freedom, float(len(residual)))
+def reach_inside(beyond: float, freedom: float) -> float:
+    """The q of this module's head, in standard deviations: 1.96 at `beyond` = 0, about 3 / beyond far out."""
+    tail = float(stdtr(freedom, -beyond))
+    if tail > _LEAST_TAIL:
+        return -float(stdtrit(freedom, _TAIL * tail)) - beyond
+    # F goes like (1 + r^2 / freedom)^(-(freedom + 1) / 2); in the limit of a known variance like exp(-r^2 / 2).
+    drop = -2.0 * math.log(_TAIL)
+    more = drop if math.isinf(freedom) else math.expm1(drop / (freedom + 1.0)) * (beyond**2 + freedom)
+    return more / (math.sqrt(beyond**2 + more) + beyond)

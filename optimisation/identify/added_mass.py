@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.fit.least_squares import Problem
@@ -24,6 +23,7 @@ from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import SwingData
 from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
 from aerodima.workbench.aero.laws import SectionLaw
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig_air import rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT

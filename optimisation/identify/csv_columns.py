@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.fit.fit_errors import FitError
+from aerodima.workbench.errors import FitError
 
 
 def read_columns(path: Path | str, columns: Sequence[str]) -> pd.DataFrame:

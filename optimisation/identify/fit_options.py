@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter
-from aerodima.optimisation.fit.robust_loss import Loss
+from aerodima.optimisation.fit.least_squares import Loss
 from aerodima.optimisation.identify.hold_mean import Drift, HoldLoss
+from aerodima.workbench.errors import FitError
 
 
 @dataclass(frozen=True)

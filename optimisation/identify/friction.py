@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.published_tables import published
@@ -10,6 +9,7 @@ from aerodima.optimisation.identify.robot_tail import motor_of
 from aerodima.optimisation.identify.swing_fit import SwingModel, friction_of, friction_parameters
 from aerodima.optimisation.identify.swing_log import SwingData
 from aerodima.optimisation.identify.swing_model import Pendulum, air_torque
+from aerodima.workbench.errors import FitError
 
 
 def friction_seed(robot: bool) -> tuple[float, float]:

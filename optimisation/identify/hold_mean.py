@@ -10,16 +10,16 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.residual_check import (
+from aerodima.optimisation.fit.least_squares import LIMIT, spread
+from aerodima.optimisation.fit.residual_noise import (
     CHANCE,
     FAR_OFF,
     FEW_FAR_OFF,
     ResidualCheck,
     chance_of,
     check_residual,
+    correlation_time,
 )
-from aerodima.optimisation.fit.robust_loss import LIMIT, spread
-from aerodima.optimisation.fit.uncertainty import correlation_time
 
 Drift = Literal["linear", "quadratic", "exponential"]
 DRIFTS: tuple[Drift, ...] = ("linear", "quadratic", "exponential")

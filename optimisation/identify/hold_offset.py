@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.static_balance import REACTIONS
 from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog
 

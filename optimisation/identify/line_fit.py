@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Problem, solve_formula
-from aerodima.optimisation.fit.robust_loss import Loss
-from aerodima.optimisation.fit.uncertainty import independent_noise
+from aerodima.optimisation.fit.least_squares import Loss, Problem
+from aerodima.optimisation.fit.least_squares_solvers import solve_formula
+from aerodima.optimisation.fit.residual_noise import independent_noise
+from aerodima.workbench.errors import FitError
 
 
 def fit_line(

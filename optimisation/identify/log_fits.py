@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aerodima.optimisation.fit.fit_pipeline import FitResult
-from aerodima.optimisation.fit.robust_loss import Loss
+from aerodima.optimisation.fit.least_squares import Loss
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.logs.schema import read_run_log
 

@@ -12,10 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.workbench.config.checked_files import find_file, read_yaml
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 
 CURRENT_SAMPLING = "current_sampling"

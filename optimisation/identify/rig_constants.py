@@ -16,9 +16,9 @@ import pandas as pd
 
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Problem, solve_rollout
-from aerodima.optimisation.fit.robust_loss import huber
-from aerodima.optimisation.fit.uncertainty import Noise
+from aerodima.optimisation.fit.least_squares import Problem, huber
+from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
+from aerodima.optimisation.fit.residual_noise import Noise
 from aerodima.optimisation.identify.published_tables import static_rows
 from aerodima.optimisation.identify.static_balance import StaticBalance
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict

@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.fit.least_squares import Problem
@@ -16,6 +15,7 @@ from aerodima.optimisation.identify.swing_fit import SwingModel, normal_force_la
 from aerodima.optimisation.identify.swing_log import SwingData
 from aerodima.optimisation.identify.swing_model import Pendulum, Torque, air_torque, friction_torque
 from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.errors import FitError
 
 Shape = Literal["constant", "line", "bins"]
 BIN = 2.0

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_pipeline import FitResult
-from aerodima.optimisation.fit.robust_loss import Loss
+from aerodima.optimisation.fit.least_squares import Loss
 from aerodima.optimisation.identify.csv_columns import read_columns
 from aerodima.optimisation.identify.line_fit import fit_line
+from aerodima.workbench.errors import FitError
 
 DISPLACEMENT, FORCE = "displacement_m", "force_n"
 LARGEST_DISPLACEMENT = 0.5

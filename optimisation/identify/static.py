@@ -13,16 +13,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Problem, Solution, solve_formula
+from aerodima.optimisation.fit.least_squares import Problem, Solution
+from aerodima.optimisation.fit.least_squares_solvers import solve_formula
 from aerodima.optimisation.fit.priors import fit_with_priors
-from aerodima.optimisation.fit.uncertainty import Noise
+from aerodima.optimisation.fit.residual_noise import Noise
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, shifted
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
 from aerodima.optimisation.identify.static_log import StaticData, accuracies, speed_accuracy
+from aerodima.workbench.errors import FitError
 
 Bounds = Literal["wide", "printed"]
 BOUNDS = {"cd": (-0.1, 3.0), "cl": (-0.5, 3.0), "psi3": (-0.35, 0.35), "current": (-10.0, 30.0)}

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter
-from aerodima.optimisation.fit.uncertainty import correlation_time
+from aerodima.optimisation.fit.residual_noise import correlation_time
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.hold_mean import HoldMean, hold_mean, residual_warnings
 from aerodima.optimisation.identify.hold_offset import HoldOffset, stated_offset
@@ -26,7 +25,7 @@ from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
 from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.resting import stated_rest
 from aerodima.workbench.logs.schema import RunLog

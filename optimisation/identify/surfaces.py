@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.weighted_averages import aggregate
 from aerodima.workbench.aero.coefficient_files import coefficients_from_dict
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT, ROBOT_LIMIT, SCHEMA
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.errors import FitError
 
 _ANGLE_STEP = 1.0
 """Holds within half of this (degrees) of each other are one node."""

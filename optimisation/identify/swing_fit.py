@@ -14,10 +14,10 @@ import numpy as np
 
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Problem, Solution, solve_rollout
+from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution
+from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
 from aerodima.optimisation.fit.priors import fit_with_priors
-from aerodima.optimisation.fit.robust_loss import Loss
-from aerodima.optimisation.fit.uncertainty import Noise, serial_noise
+from aerodima.optimisation.fit.residual_noise import Noise, serial_noise
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.rig_uncertainty import shifted
 from aerodima.optimisation.identify.static_log import speed_accuracy

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.identify.fit_options import FREE, FitOptions
 from aerodima.optimisation.identify.log_rig import CurrentSampling, current_sampling, differences, mean_currents, rig_of
 from aerodima.optimisation.identify.rig_uncertainty import constant_parameters
 from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
 from aerodima.workbench.config.rig_scenario import RigScenario
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.conditioning import earlier_shift
 from aerodima.workbench.logs.resting import stated_rest
 from aerodima.workbench.logs.schema import RunLog

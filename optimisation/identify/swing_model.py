@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.rig_motion import RigMotion
 
 Torque = Callable[[float, float], float]

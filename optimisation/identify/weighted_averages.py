@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_pipeline import FitResult
-from aerodima.optimisation.fit.robust_loss import LIMIT, spread
+from aerodima.optimisation.fit.least_squares import LIMIT, spread
 from aerodima.optimisation.identify.published_tables import Flag, published
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.resources import model_path
 
 PERCENTILES = (10.0, 90.0)

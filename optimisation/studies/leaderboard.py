@@ -8,8 +8,7 @@ from pathlib import Path
 from aerodima.optimisation.studies.leaderboard_page import write_leaderboard
 from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, Plan, measure
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
-from aerodima.optimisation.sweep.run_memory import RememberingEngine
-from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine
 from aerodima.workbench.batch.progress import saying_how_to_go_on
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.ensemble import Member

@@ -36,9 +36,8 @@ from aerodima.optimisation.sweep.rollover_threshold import (
     find_thresholds,
     is_clean,
 )
-from aerodima.optimisation.sweep.run_memory import RememberingEngine
-from aerodima.optimisation.sweep.study_store import make_frame
-from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.sweep.run_study import make_frame
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario

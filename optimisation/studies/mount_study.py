@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.studies.study_report import Findings, band, by_value, ran, survived_share
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study import Block, Range, Study, Value
-from aerodima.optimisation.sweep.study_engine import SweepError
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
 from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, new_figure, styled
 from aerodima.workbench.report.report_page import Plot
 

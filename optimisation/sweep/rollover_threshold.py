@@ -18,9 +18,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine, SweepError
-from aerodima.optimisation.sweep.study_task import RunTask, tipped_before_turn
+from aerodima.optimisation.sweep.study_engine import Engine, RunTask, SerialEngine, tipped_before_turn
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
 
 SPEED, FRICTION = "manoeuvre.speed", "car.tyre_friction"
 TIPPED = "tipped over before its turn"

@@ -11,13 +11,12 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
-from aerodima.optimisation.sweep.study_engine import SweepError
-from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.sweep.study_engine import RunTask
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
-from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.errors import ScenarioError, SweepError
 
 STUDY_SCHEMA = "aerodima/study/1"
 MOST_RUNS = 100_000

@@ -1,15 +1,138 @@
-"""Runs of sweeps on the workbench's engine: a run that kills its worker is a row with an error."""
+"""The runs of sweeps: one run as a task and its flat row, engines that run many, and one that keeps their rows.
+
+A run that kills its worker is a row with an error. Rows are kept on the disk, so that work can be stopped and go on, or
+be widened.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
-from aerodima.optimisation.sweep.study_task import WORKER_LOST, RunTask, evaluate, failed_row
 from aerodima.workbench import batch
+from aerodima.workbench.batch.progress import Progress
+from aerodima.workbench.batch.row_store import RowStore, content_key
+from aerodima.workbench.batch.worker_record import Say
+from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.metrics.run_summary import RunSummary
+
+WORKER_LOST = "its worker process was lost"
+"""Begins the error of a run whose worker died under it again and again."""
+
+DRIVING = 0.9
+"""Share of the commanded speed that a car must have reached when its turn begins."""
+
+CAUSES = ("aerodynamic", "weight", "inertial")
+
+
+@dataclass(frozen=True)
+class RunTask:
+    """One run, small enough to send anywhere; files that it names must be there where it runs.
+
+    Attributes:
+        name: of the run within its study.
+        scenario: name or path, as for `load_scenario`.
+        settings: overrides, such as `car.tyre_friction=0.7`.
+        signals: `all` also gives the impulses of the tail, at twice the price.
+    """
+
+    name: str
+    scenario: str
+    settings: tuple[str, ...] = ()
+    signals: Literal["all", "outcome"] = "outcome"
+
+
+def evaluate(task: RunTask) -> dict[str, Any]:
+    """Runs a task; one row of outcome, metrics and provenance, without anything that differs from time to time.
+
+    A run that cannot be made (impossible scenario, plant that does not load, solver that gives up, NaN) gives a row
+    without outcome, with one line in `error`. Units are at the end of the names.
+    """
+    try:
+        scenario = load_scenario(task.scenario, list(task.settings))
+    except UserError as error:
+        return failed_row(task, str(error))
+    try:
+        return _measured(task, scenario)
+    except (UserError, ArithmeticError, RuntimeError, ValueError) as error:
+        return failed_row(task, " ".join(str(error).split()) or type(error).__name__, scenario)
+
+
+def tipped_before_turn(row: Mapping[Any, Any]) -> bool:
+    """Whether a run flipped before its turn, so that it says nothing about the turn.
+
+    A high car with its tail behind may tip over backwards while it gathers speed; it is slow, or lies, when the turn
+    begins.
+    """
+    speed, commanded = row.get("speed_m_per_s"), row.get("commanded_speed_m_per_s")
+    if row["outcome"] != "flipped" or speed is None or commanded is None:
+        return False
+    return float(speed) < DRIVING * float(commanded)
+
+
+def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> dict[str, Any]:
+    """Row of a run that came to nothing; the columns of the metrics are missing in it."""
+    return {"run": task.name, "outcome": None, "error": error, **_provenance(task, scenario)}
+
+
+def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
+    from aerodima.workbench.metrics.run_summary import summarise
+    from aerodima.workbench.simulate.simulation import simulate
+    from aerodima.workbench.stations.outcome_record import STOPPED
+
+    run = simulate(scenario, record=task.signals, stop_when_flipped=True)
+    summary = summarise(run, scenario.name)
+    row = {"run": task.name, **_numbers(summary), "stopped_at_flip_s": run.extra.get(STOPPED)}
+    if task.signals == "all":
+        row |= _impulses(summary)
+        if run.has_tail:
+            from aerodima.workbench.metrics.tail_impulses import tail_yaw_impulses
+
+            yaw = tail_yaw_impulses(run)
+            row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
+    return row | {"error": "", **_provenance(task, scenario)}
+
+
+def _numbers(summary: RunSummary) -> dict[str, Any]:
+    return {
+        "tail_mode": summary.tail_mode,
+        "commanded_speed_m_per_s": summary.commanded_speed,
+        **summary.metrics.as_row(),
+        "swing_trigger_time_s": summary.trigger_time,
+        "swing_end_time_s": summary.swing_end_time,
+        "imu_peak_yaw_rate_rad_per_s": summary.peak_gyro,
+    }
+
+
+def _impulses(summary: RunSummary) -> dict[str, Any]:
+    """About the heading axis, positive = against rolling outwards."""
+    found = {"window": summary.over_window, "until_peak_roll": summary.until_peak_roll}
+    return {
+        f"{cause}_impulse_{label}_n_m_s": None if impulses is None else getattr(impulses, cause)
+        for label, impulses in found.items()
+        for cause in CAUSES
+    }
+
+
+def _provenance(task: RunTask, scenario: Scenario | None) -> dict[str, Any]:
+    resolved = None if scenario is None else json.dumps(scenario.resolved(), sort_keys=True)
+    return {
+        "scenario": task.scenario,
+        "settings": " ".join(task.settings),
+        "seed": None if scenario is None else scenario.seed,
+        "scenario_sha256": None if resolved is None else hashlib.sha256(resolved.encode()).hexdigest(),
+        **{f"version_{name}": version for name, version in sorted(software_versions().items())},
+    }
+
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -19,10 +142,6 @@ Done = Callable[[int, Any], None]
 WORKER_LOST_AGAIN = (
     f"{WORKER_LOST} again and again, also alone in the cluster (out of memory, or a crash in the solver)"
 )
-
-
-class SweepError(UserError):
-    """A sweep cannot go on: a folder in use, a damaged or full one, a study that is none."""
 
 
 class Engine(Protocol):
@@ -85,3 +204,76 @@ def open_engine(
         workers, scheduler, say=say, record=record, memory=memory, module="aerodima.workbench.simulate.car_run"
     ) as engine:
         yield RunEngine(engine)
+
+
+class RememberingEngine:
+    """Runs a task only if its store does not hold it yet; an `Engine`.
+
+    Args:
+        engine: where new tasks are run.
+        store: open.
+        say: told lines of progress.
+        stage: what is being run, for these lines; may be changed on the way.
+    """
+
+    def __init__(self, engine: Engine, store: RowStore, say: Say | None = None, stage: str = "") -> None:
+        self._engine, self.store, self._say = engine, store, say or (lambda _line: None)
+        self.stage = stage
+        self.ran = 0
+
+    @property
+    def workers(self) -> int:
+        """See `Engine`."""
+        return self._engine.workers
+
+    @property
+    def startup(self) -> float:
+        """See `Engine`."""
+        return self._engine.startup
+
+    def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
+        """See `Engine`; the row of a remembered task carries the name of this one, and `done` is told of new ones."""
+        keys = [run_key(task) for task in tasks]
+        known = self.store.rows
+        missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
+        places = list(missing)
+        progress = Progress(self._say, len(set(keys)), len(set(keys)) - len(missing))
+
+        def keep(place: int, row: dict[str, Any]) -> None:
+            self.store.add(places[place], row)
+            self.ran += 1
+            progress.one_more(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
+            if done is not None:
+                done(place, row)
+
+        self._engine.rows(list(missing.values()), keep)
+        return [known[key] | {"run": task.name} for key, task in zip(keys, tasks, strict=True)]
+
+    def call(self, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+        """See `Engine`; not remembered."""
+        return self._engine.call(function, items)
+
+
+def run_key(task: RunTask) -> str:
+    """The same for the same run, whatever it is called: of everything that determines its row, swing file included."""
+    try:
+        scenario = load_scenario(task.scenario, list(task.settings))
+        content = [scenario.resolved(), _swing(scenario.controller.swing_file)]
+    except UserError as error:
+        content = [str(error)]
+    return content_key(task.scenario, task.settings, task.signals, _versions(), content)
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return software_versions()
+
+
+def _swing(name: str) -> str:
+    path = Path(name)
+    return "" if name == NO_SWING else _swing_content(name, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@lru_cache
+def _swing_content(name: str, _changed: int) -> str:
+    return find_swing(name).model_dump_json()

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.planar_model import INPUTS, linearise
 from aerodima.optimisation.swing.planar_model import STATES as PLANAR_STATES
 from aerodima.optimisation.swing.reduced_car import ReducedCar
@@ -28,6 +27,7 @@ from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.controllers.swing_reference import SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker, TrackerMemory
 from aerodima.workbench.controllers.tail_law import Observation
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.simulate.simulation import simulate
 

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
 from aerodima.optimisation.swing.search_state import SearchOptions, Told, open_rows
@@ -30,7 +29,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
-from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.errors import SwingError, SwingFileError
 from aerodima.workbench.plants.clearance import RangeOfMotion, make_range_of_motion
 
 CLEARANCE = 0.01

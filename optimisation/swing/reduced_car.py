@@ -7,11 +7,11 @@ from typing import Any
 
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import AXLES
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.plants.car_model import wheel_rates
 from aerodima.workbench.stations.car_air import sail_law, sail_layout

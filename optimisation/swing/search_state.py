@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.full_car import Outcome, drive, drive_all, outcome, varied
 from aerodima.optimisation.swing.planar_model import lift_roll
 from aerodima.optimisation.swing.reduced_car import ReducedCar
@@ -17,6 +16,7 @@ from aerodima.optimisation.swing.transcription import Objective
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
 
 Told = Callable[[str], None]

@@ -11,7 +11,6 @@ import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.solver_starts import random_start
 from aerodima.optimisation.swing.transcription import (
     ACCELERATION,
@@ -25,6 +24,7 @@ from aerodima.optimisation.swing.transcription import (
     Problem,
 )
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.errors import SwingError
 
 SolverName = Literal["snopt", "ipopt"]
 

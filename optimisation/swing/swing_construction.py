@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.solver import Solution
 from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, TORQUE, Problem, SwingLimits
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
 
 HOLD = {"kp": 17.0, "kd": 5.0}

@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Start
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
 from aerodima.optimisation.swing.full_car import (
@@ -39,6 +38,7 @@ from aerodima.optimisation.swing.full_car import (
 from aerodima.optimisation.swing.search_state import Told
 from aerodima.workbench.config.scenario import Scenario, default_values, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.plants.clearance import ground_clearance
 
 HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.optimisation.swing import planar_model as planar
@@ -32,6 +31,7 @@ from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimi
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, default_values
 from aerodima.workbench.config.swing_file import Provenance, SwingFile
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.plants.clearance import make_range_of_motion
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.workbench.config.parameter_files import load_entries_without_model
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.resources import model_path
 
 _STATIONS = 201

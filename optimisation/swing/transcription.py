@@ -17,10 +17,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import TurnProfile
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.plants.clearance import RangeOfMotion
 
 Objective = Literal["friction", "speed", "roll", "effort"]

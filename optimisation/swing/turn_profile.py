@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing import spatial_model as spatial
 from aerodima.optimisation.swing.planar_model import INPUTS
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.workbench.config.signal_table import WHEELS
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_signals import turn_sign
 

@@ -14,16 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.fit.fit_errors import SwingError
-from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
-from aerodima.optimisation.sweep.study_store import make_frame
-from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.sweep.run_study import make_frame
+from aerodima.optimisation.sweep.study_engine import Engine, RunTask, SerialEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP, LEAST_HEADING
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import RunSummary, summarise
 from aerodima.workbench.plants.clearance import RangeOfMotion, ground_clearance

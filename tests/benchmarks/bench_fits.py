@@ -14,7 +14,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from aerodima.optimisation.fit.fit_batch import fit_logs
-from aerodima.optimisation.fit.least_squares import Problem, Solver, solve_formula, solve_rollout
+from aerodima.optimisation.fit.least_squares import Problem, Solver
+from aerodima.optimisation.fit.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.added_mass import added_mass_problem
 from aerodima.optimisation.identify.friction import friction_model, friction_seed
 from aerodima.optimisation.identify.log_fits import fit_static_log

@@ -11,8 +11,7 @@ from pathlib import Path
 from aerodima.optimisation.studies.turn_study import turn_study
 from aerodima.optimisation.sweep.run_study import run_study
 from aerodima.optimisation.sweep.study import plan_runs
-from aerodima.optimisation.sweep.study_engine import open_engine
-from aerodima.optimisation.sweep.study_task import evaluate
+from aerodima.optimisation.sweep.study_engine import evaluate, open_engine
 from tests.benchmarks.rows import BenchRow
 
 SETTINGS = tuple(os.environ.get("AERODIMA_BENCH_SWEEP_SETTINGS", "").split())

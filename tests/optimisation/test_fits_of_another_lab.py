@@ -13,8 +13,7 @@ import yaml
 from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
-from aerodima.optimisation.fit.fit_errors import FitError
-from aerodima.optimisation.fit.residual_check import chance_of, check_residual
+from aerodima.optimisation.fit.residual_noise import chance_of, check_residual
 from aerodima.optimisation.identify.added_mass import added_mass_model, added_mass_parameter
 from aerodima.optimisation.identify.fit_options import FitOptions
 from aerodima.optimisation.identify.friction import fit_friction
@@ -23,6 +22,7 @@ from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.logs.schema import RunLog

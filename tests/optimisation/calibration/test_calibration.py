@@ -18,7 +18,7 @@ from aerodima.optimisation.calibration.published_data import Datum, fitted, log_
 from aerodima.optimisation.calibration.rollover_edge import Edge
 from aerodima.optimisation.calibration.validation import validate
 from aerodima.optimisation.calibration.weights import normalised
-from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.sweep.study_engine import RunTask
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import load_parameter_entries, load_scenario
 from aerodima.workbench.errors import ScenarioError, UserError

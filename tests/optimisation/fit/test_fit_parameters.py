@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
+from aerodima.workbench.errors import FitError
 
 
 def test_bounds_that_exclude_the_seed_are_refused_with_name_value_and_bounds() -> None:

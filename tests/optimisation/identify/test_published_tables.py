@@ -7,7 +7,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.published_tables import (
     flag_added_mass,
     flag_robot_tail,
@@ -16,6 +15,7 @@ from aerodima.optimisation.identify.published_tables import (
     static_rows,
 )
 from aerodima.optimisation.identify.weighted_averages import aggregate, recompute_averages, weights
+from aerodima.workbench.errors import FitError
 
 
 def test_200_of_210_static_rows_and_160_of_185_robot_rows_are_distinct() -> None:

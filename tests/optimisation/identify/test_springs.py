@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.springs import fit_spring
+from aerodima.workbench.errors import FitError
 
 
 def data(x: np.ndarray, force: np.ndarray) -> pd.DataFrame:

@@ -11,11 +11,10 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.static import fit_static, static_parameters, static_problem
 from aerodima.optimisation.identify.static_balance import StaticBalance
 from aerodima.optimisation.identify.static_log import static_data
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.conditioning import cut
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig

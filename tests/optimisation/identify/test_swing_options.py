@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.least_squares import Attempt, Problem, solve
 from aerodima.optimisation.identify.added_mass import (
@@ -26,6 +25,7 @@ from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.optimisation.identify.swing_model import Pendulum
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.errors import FitError
 from tests.optimisation.identify import swing_truth as truth
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.added_mass import (
     added_mass_model,
     added_mass_parameter,
@@ -22,7 +21,7 @@ from aerodima.optimisation.identify.robot_tail import fit_robot_tail
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out, torque_response
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
-from aerodima.workbench.errors import LogError
+from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate

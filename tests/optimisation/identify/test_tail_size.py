@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.identify.tail_size import (
     READINGS,
     SwingRange,
@@ -30,6 +29,7 @@ from aerodima.optimisation.identify.tail_swings import (
 )
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate
 

@@ -15,8 +15,7 @@ from aerodima.optimisation.studies.leaderboard import make_leaderboard
 from aerodima.optimisation.studies.leaderboard_page import PAGE
 from aerodima.optimisation.studies.leaderboard_runs import Plan
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
-from aerodima.optimisation.sweep.run_memory import run_key
-from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.sweep.study_engine import RunTask, run_key
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import read_swing, write_swing

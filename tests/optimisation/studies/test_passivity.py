@@ -10,7 +10,7 @@ import pytest
 
 from aerodima.optimisation.studies.passivity_study import measure_passivity, tails, write_passivity
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
-from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.sweep.study_engine import RunTask
 from aerodima.workbench.config.scenario import load_scenario
 
 

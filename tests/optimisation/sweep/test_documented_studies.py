@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from aerodima.optimisation.sweep.run_study import read_table
 from aerodima.optimisation.sweep.study import load_study, plan_runs
-from aerodima.optimisation.sweep.study_store import read_table
 from aerodima.workbench.cli.program import build_app
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md").read_text(encoding="utf-8")

@@ -13,8 +13,8 @@ from aerodima.optimisation.sweep.rollover_threshold import (
     critical_friction,
     find_thresholds,
 )
-from aerodima.optimisation.sweep.study_engine import SerialEngine, SweepError
-from aerodima.workbench.errors import UserError
+from aerodima.optimisation.sweep.study_engine import SerialEngine
+from aerodima.workbench.errors import SweepError, UserError
 
 
 class MadeUp(SerialEngine):

@@ -9,11 +9,19 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from aerodima.optimisation.sweep.run_study import run_study
+from aerodima.optimisation.sweep.run_study import (
+    METADATA_KEY,
+    ROWS,
+    TABLE,
+    make_frame,
+    open_store,
+    read_table,
+    run_study,
+)
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.optimisation.sweep.study_engine import SerialEngine, SweepError
-from aerodima.optimisation.sweep.study_store import METADATA_KEY, ROWS, TABLE, make_frame, open_store, read_table
+from aerodima.optimisation.sweep.study_engine import SerialEngine
 from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.errors import SweepError
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 
 

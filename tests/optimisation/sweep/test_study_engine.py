@@ -6,8 +6,7 @@ import re
 import pytest
 
 from aerodima.optimisation.sweep import study_engine as engine_module
-from aerodima.optimisation.sweep.study_engine import SerialEngine, open_engine
-from aerodima.optimisation.sweep.study_task import WORKER_LOST, RunTask, evaluate
+from aerodima.optimisation.sweep.study_engine import WORKER_LOST, RunTask, SerialEngine, evaluate, open_engine
 from aerodima.workbench.batch import dask_cluster
 from aerodima.workbench.errors import UserError
 from tests.optimisation.sweep.tiny import POISON, TINY_SETTINGS, evaluate_or_die

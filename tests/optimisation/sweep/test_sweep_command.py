@@ -13,10 +13,9 @@ import psutil
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.sweep.run_study import run_study
+from aerodima.optimisation.sweep.run_study import ROWS, TABLE, run_study
 from aerodima.optimisation.sweep.study import load_study
 from aerodima.optimisation.sweep.study_engine import SerialEngine
-from aerodima.optimisation.sweep.study_store import ROWS, TABLE
 from aerodima.workbench.cli.program import build_app
 from tests.optimisation.sweep.tiny import tiny_study, write_study
 

@@ -10,13 +10,13 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner, Result
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.feedback_gains import FEEDBACK_NAMES, discretise, lqr_gains, with_feedback
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
 from aerodima.workbench.controllers.swing_reference import SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.metrics.turn_metrics import RunMetrics, metrics_of
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.simulate.simulation import simulate

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing import full_car as full_car_module
 from aerodima.optimisation.swing import swing_ranking as candidate_module
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
@@ -34,7 +33,7 @@ from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_from_dict
-from aerodima.workbench.errors import SwingFileError
+from aerodima.workbench.errors import SwingError, SwingFileError
 
 REFERENCE = Reference(0.675, 0.767)
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing import planar_model as planar
 from aerodima.optimisation.swing import spatial_model as spatial
 from aerodima.optimisation.swing.full_car import drive, varied
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import turn_profile
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.stations.car_air import sail_law
 from tests.optimisation.swing.turn import car
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing import full_car
 from aerodima.optimisation.swing import swing_search as optimise
 from aerodima.optimisation.swing.full_car import Outcome, drive_all, varied
@@ -15,6 +14,7 @@ from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swi
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.resources import model_path
 
 SETTINGS = ("manoeuvre.speed=4.5", "manoeuvre.turn_start=1.6", "manoeuvre.duration=3.2", "simulation.step=0.004")

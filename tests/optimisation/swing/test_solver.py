@@ -7,7 +7,6 @@ import time
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.mesh_refinement import collocation_error, refined, tail_at
 from aerodima.optimisation.swing.solver import best_of, bounds_of, linear_rows, multi_start, solve, violations_of
 from aerodima.optimisation.swing.solver_starts import random_start
@@ -19,6 +18,7 @@ from aerodima.optimisation.swing.transcription import (
     SwingLimits,
     gradient_error,
 )
+from aerodima.workbench.errors import SwingError
 from tests.optimisation.swing.turn import car, problem
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.solver import solve
 from aerodima.optimisation.swing.solver_starts import random_start
 from aerodima.optimisation.swing.swing_construction import RAMP, even_swing, swing_file
@@ -18,6 +17,7 @@ from aerodima.optimisation.swing.transcription import ANGLE
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_at, write_swing
+from aerodima.workbench.errors import SwingError
 from tests.optimisation.swing.turn import problem
 
 

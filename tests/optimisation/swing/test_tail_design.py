@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_errors import FitError
 from aerodima.optimisation.swing.tail_design import design_tail
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.tail import arm_inertia
 
 SCENARIO = load_scenario("turn_designed")

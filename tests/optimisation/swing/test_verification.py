@@ -13,8 +13,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from aerodima.optimisation.sweep.study_engine import SerialEngine
-from aerodima.optimisation.sweep.study_task import RunTask
+from aerodima.optimisation.sweep.study_engine import RunTask, SerialEngine
 from aerodima.optimisation.swing.verification import StateErrors, _complaints, heading_ratio
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
