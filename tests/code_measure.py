@@ -140,7 +140,7 @@ def measures(root: Path) -> dict[str, object]:
     names = {
         package: Counter(path.stem for path in trees if path.is_relative_to(root / package)) for package in PACKAGES
     }
-    static = "optimisation.identify.log_fits"
+    static = "optimisation.identify.static_fit"
     prefix = "aerodima." if (root / "src").is_dir() else ""
     found = (path for path in (root / "workbench").rglob("*station.py") if "rig" not in path.name)
     station = next(found).relative_to(root).with_suffix("")
@@ -152,9 +152,7 @@ def measures(root: Path) -> dict[str, object]:
         "statements (AST)": sum(isinstance(node, ast.stmt) for tree in trees.values() for node in ast.walk(tree)),
         "modules": len(trees),
         "files directly in workbench/": len(list((root / "workbench").glob("*.py"))),
-        "modules loaded by the fit of a static log": loaded_by(
-            root, f"from {prefix}{static} import fit_static_log as f; import {prefix}optimisation.identify.static"
-        ),
+        "modules loaded by the fit of a static log": loaded_by(root, f"from {prefix}{static} import fit_static_log"),
         "modules loaded by the station": loaded_by(root, f"import {prefix}{'.'.join(station.parts)}"),
         "deep modules that notebooks import": len(deep_imports(root)),
         f"pairs of places with {REPEATED} statements alike": len(repeated_places(trees)),

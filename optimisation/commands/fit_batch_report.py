@@ -81,7 +81,7 @@ def _further_tables(
 
 def averages(results: list[FitResult], out: Path) -> Extra:
     """All averages of every parameter over the logs."""
-    from aerodima.optimisation.identify.weighted_averages import averages_table
+    from aerodima.optimisation.identify.coefficient_averages import averages_table
 
     return {"averages": averages_table(results)}, []
 
@@ -100,8 +100,7 @@ def static_tables(results: list[FitResult], out: Path) -> Extra:
     """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind speed."""
     from dataclasses import replace
 
-    from aerodima.optimisation.identify.surfaces import node_angle, static_sets, write_sets
-    from aerodima.optimisation.identify.weighted_averages import averages_table
+    from aerodima.optimisation.identify.coefficient_averages import averages_table, node_angle, static_sets, write_sets
 
     sets, left_out = static_sets(results)
     for path in write_sets(out, sets):
@@ -112,7 +111,7 @@ def static_tables(results: list[FitResult], out: Path) -> Extra:
 
 def robot_tables(results: list[FitResult], out: Path) -> Extra:
     """A coefficient file of the bins, and all averages."""
-    from aerodima.optimisation.identify.surfaces import robot_tail_set, write_sets
+    from aerodima.optimisation.identify.coefficient_averages import robot_tail_set, write_sets
 
     found = robot_tail_set(results)
     for path in write_sets(out, {"robot_tail_bins": found} if found else {}):

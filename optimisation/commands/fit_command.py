@@ -86,8 +86,7 @@ def static(
     Example: aerodima fit static logs/*.parquet --out fits --set maxon.torque_constant=0.40
     """
     from aerodima.optimisation.identify.hold_mean import DRIFTS, HOLD_LOSSES
-    from aerodima.optimisation.identify.log_fits import fit_static_log
-    from aerodima.optimisation.identify.static import UNITS
+    from aerodima.optimisation.identify.static_fit import UNITS, fit_static_log
 
     for name in freeze or []:
         report.choice("--freeze", name, tuple(UNITS))
@@ -112,11 +111,10 @@ def friction(
 
     Example: aerodima fit friction bar_*.parquet --out fits
     """
-    from aerodima.optimisation.identify.log_fits import fit_friction_log
-    from aerodima.optimisation.identify.swing_fit import friction_names
+    from aerodima.optimisation.identify.swing_coefficients import fit_friction_log, friction_parameters
 
     options, chosen = _options(batch, ["bar_swing", "robot_swing"], batch.loss, batch.bound)
-    options.require_known(friction_names(stribeck))
+    options.require_known([p.name for p in friction_parameters(0.0, 0.0, stribeck)])
     work = partial(fit_friction_log, stribeck=stribeck, options=options)
     settings = {"fit": "friction", "stribeck": stribeck, **chosen}
     report.fit_batch("Friction", work, batch, settings, report.averages)
@@ -138,8 +136,7 @@ def added_mass(
 
     Example: aerodima fit added-mass flick_*.parquet --out fits
     """
-    from aerodima.optimisation.identify.added_mass import BOUNDS, DEFAULT_SEEDS, require_seed
-    from aerodima.optimisation.identify.log_fits import fit_added_mass_log
+    from aerodima.optimisation.identify.added_mass import BOUNDS, DEFAULT_SEEDS, fit_added_mass_log, require_seed
 
     seeds = tuple(dict.fromkeys(seed or DEFAULT_SEEDS))
     for name in seeds:
@@ -162,7 +159,7 @@ def robot_tail(
 
     Example: aerodima fit robot-tail swing_*.parquet --shape line --out fits
     """
-    from aerodima.optimisation.identify.log_fits import fit_robot_tail_log
+    from aerodima.optimisation.identify.swing_coefficients import fit_robot_tail_log
 
     shaped: Any = report.choice("--shape", shape, ("constant", "line", "bins"))
     options, chosen = _options(batch, ["robot_swing"], batch.loss, batch.bound)
@@ -177,7 +174,7 @@ def springs(batch: SpringOptions, loss: LossOption = "squares") -> None:
 
     Example: aerodima fit springs front_tyre.csv rear_tyre.csv --out fits
     """
-    from aerodima.optimisation.identify.log_fits import fit_spring_file
+    from aerodima.optimisation.identify.line_fits import fit_spring_file
 
     work = partial(fit_spring_file, loss=_loss(loss))
     report.fit_batch("Spring rates", work, batch, {"fit": "springs", "loss": loss})
@@ -199,7 +196,7 @@ def throttle(
     import pandas as pd
 
     from aerodima.optimisation.fit.fit_report import write_report
-    from aerodima.optimisation.identify.throttle import SteadyRule, fit_throttle, read_drive, steady_points
+    from aerodima.optimisation.identify.line_fits import SteadyRule, fit_throttle, read_drive, steady_points
     from aerodima.workbench.errors import UserError
 
     chosen = _loss(loss)
@@ -236,8 +233,7 @@ def _options(
 
     What is wrong with rig, settings and constants is refused here, once and not for every log.
     """
-    from aerodima.optimisation.identify.fit_options import FitOptions
-    from aerodima.optimisation.identify.log_rig import named_rig
+    from aerodima.optimisation.identify.log_rig import FitOptions, named_rig
     from aerodima.optimisation.identify.rig_uncertainty import constant_names, require_constants
 
     names = tuple(dict.fromkeys(name.strip() for name in batch.free.split(",") if name.strip()))

@@ -17,14 +17,14 @@ from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.fit.least_squares import Problem
 from aerodima.optimisation.identify.added_mass_comparison import compare
-from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.log_rig import FREE, FitOptions
+from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.swing_fit import SwingModel
-from aerodima.optimisation.identify.swing_log import SwingData
-from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque
+from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.errors import FitError
-from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.schema import RunLog, read_run_log
 from aerodima.workbench.plants.rig_air import rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
 
@@ -190,3 +190,19 @@ def _refusal(model: SwingModel, low: float, high: float, value: float) -> str:
     except FitError as error:
         return str(error)
     return f"{value:g} kg lies outside the bounds {low:.4g} .. {high:.4g} kg"
+
+
+def fit_added_mass_log(
+    path: str,
+    *,
+    seeds: tuple[str, ...] = ("zero", "table-4.12"),
+    bounds: Bounds = "wide",
+    options: FitOptions = FREE,
+) -> FitResult:
+    """Added mass per part of a swing (kg), see `fit_added_mass`; the reactions are compared too.
+
+    Raises:
+        UserError: what is wrong with the log or the options.
+    """
+    log = read_run_log(path)
+    return fit_added_mass(swing_data(log, "swing", options=options), log, seeds=seeds, bounds=bounds, options=options)

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.identify.coefficient_averages import aggregate
 from aerodima.optimisation.identify.static_balance import REACTIONS
 from aerodima.optimisation.identify.static_log import COLUMNS, largest_reading
 from aerodima.optimisation.identify.swing_fit import SwingModel
-from aerodima.optimisation.identify.weighted_averages import aggregate
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT
 from aerodima.workbench.config.rig_scenario import RigScenario

@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from aerodima.optimisation.fit.fit_parameters import Parameter
-from aerodima.optimisation.identify.fit_options import FitOptions
-from aerodima.optimisation.identify.log_rig import is_simulated, named_rig
+from aerodima.optimisation.identify.log_rig import FitOptions, is_simulated, named_rig
 from aerodima.workbench.config.quantity import nearest, unit_of
 from aerodima.workbench.config.rig_parameters import RigUncertaintyParameters
 from aerodima.workbench.config.rig_scenario import RigScenario

@@ -17,10 +17,8 @@ import numpy as np
 
 from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.residual_noise import correlation_time
-from aerodima.optimisation.identify.fit_options import FREE, FitOptions
-from aerodima.optimisation.identify.hold_mean import HoldMean, hold_mean, residual_warnings
-from aerodima.optimisation.identify.hold_offset import HoldOffset, stated_offset
-from aerodima.optimisation.identify.log_rig import LARGEST_SPEED, differences, rig_of, wind_speed
+from aerodima.optimisation.identify.hold_mean import HoldMean, HoldOffset, hold_mean, residual_warnings, stated_offset
+from aerodima.optimisation.identify.log_rig import FREE, LARGEST_SPEED, FitOptions, differences, rig_of, wind_speed
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance

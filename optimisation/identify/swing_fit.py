@@ -18,13 +18,11 @@ from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution
 from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
 from aerodima.optimisation.fit.priors import fit_with_priors
 from aerodima.optimisation.fit.residual_noise import Noise, serial_noise
-from aerodima.optimisation.identify.fit_options import FREE, FitOptions
+from aerodima.optimisation.identify.log_rig import FREE, FitOptions
+from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
 from aerodima.optimisation.identify.rig_uncertainty import shifted
 from aerodima.optimisation.identify.static_log import speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
-from aerodima.optimisation.identify.swing_model import Pendulum, Torque, friction_torque, roll_out, torque_response
-from aerodima.workbench.aero.coefficient_functions import SpeedLine, SpeedTable
-from aerodima.workbench.aero.laws import NormalForceLaw
 
 Values = Mapping[str, float]
 _START_ANGLE, _START_RATE = 0.02, 1.0
@@ -224,36 +222,3 @@ class SwingModel:
             "model": self.readings(values).tolist(),
             "labels": ["time after the release, s", "angle, rad"],
         }
-
-
-def friction_parameters(coulomb: float, viscous: float, stribeck: bool = False) -> list[Parameter]:
-    """Cf and Vf from seeds; with `stribeck` also breakaway excess and Stribeck speed."""
-    found = [
-        Parameter("coulomb", "N m", coulomb, 0.0, 2.0, scale=0.05),
-        Parameter("viscous", "N m s/rad", viscous, 0.0, 1.0, scale=0.02),
-    ]
-    if stribeck:
-        found.append(Parameter("breakaway_excess", "N m", 0.01, 0.0, 2.0, scale=0.05))
-        found.append(Parameter("stribeck_speed", "rad/s", 0.5, 0.02, 10.0, scale=0.5))
-    return found
-
-
-def friction_names(stribeck: bool = False) -> list[str]:
-    """Of the parameters of the friction law."""
-    return [p.name for p in friction_parameters(0.0, 0.0, stribeck)]
-
-
-def friction_of(values: Values, tanh_gain: float) -> Torque:
-    """The friction law of some values."""
-    stribeck = (values["breakaway_excess"], values["stribeck_speed"]) if "breakaway_excess" in values else ()
-    return friction_torque(values["coulomb"], values["viscous"], tanh_gain, stribeck)
-
-
-def normal_force_law(kind: str, values: Values, speeds: tuple[float, float]) -> NormalForceLaw:
-    """C_N as `constant`, `line` or `bins` over the relative speed."""
-    if kind == "constant":
-        return NormalForceLaw(values["cn"])
-    if kind == "line":
-        return NormalForceLaw(SpeedLine(values["cn_slope"], values["cn_intercept"], speeds))
-    nodes = [(float(name.removeprefix("cn_at_")), value) for name, value in values.items() if name.startswith("cn_at_")]
-    return NormalForceLaw(SpeedTable(tuple(v for v, _ in nodes), tuple(c for _, c in nodes)))

@@ -10,8 +10,15 @@ from typing import Any
 import numpy as np
 
 from aerodima.optimisation.fit.fit_parameters import Parameter
-from aerodima.optimisation.identify.fit_options import FREE, FitOptions
-from aerodima.optimisation.identify.log_rig import CurrentSampling, current_sampling, differences, mean_currents, rig_of
+from aerodima.optimisation.identify.log_rig import (
+    FREE,
+    CurrentSampling,
+    FitOptions,
+    current_sampling,
+    differences,
+    mean_currents,
+    rig_of,
+)
 from aerodima.optimisation.identify.rig_uncertainty import constant_parameters
 from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
 from aerodima.workbench.config.rig_scenario import RigScenario

@@ -17,11 +17,9 @@ from aerodima.optimisation.fit.fit_batch import fit_logs
 from aerodima.optimisation.fit.least_squares import Problem, Solver
 from aerodima.optimisation.fit.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.added_mass import added_mass_problem
-from aerodima.optimisation.identify.friction import friction_model, friction_seed
-from aerodima.optimisation.identify.log_fits import fit_static_log
-from aerodima.optimisation.identify.static import fit_static, static_parameters, static_problem
+from aerodima.optimisation.identify.static_fit import fit_static, fit_static_log, static_parameters, static_problem
 from aerodima.optimisation.identify.static_log import StaticData, static_data
-from aerodima.optimisation.identify.swing_fit import friction_parameters
+from aerodima.optimisation.identify.swing_coefficients import friction_model, friction_parameters, friction_seed
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log

@@ -23,10 +23,10 @@ import numpy as np
 from aerodima.optimisation.fit.fit_batch import fit_logs
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.added_mass import fit_added_mass
-from aerodima.optimisation.identify.fit_options import FitOptions
-from aerodima.optimisation.identify.friction import fit_friction
-from aerodima.optimisation.identify.static import fit_static
+from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
+from aerodima.optimisation.identify.swing_coefficients import fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog

@@ -13,7 +13,7 @@ import yaml
 from typer.testing import CliRunner
 
 from aerodima.optimisation.fit.fit_batch import fit_logs
-from aerodima.optimisation.identify.log_fits import fit_spring_file
+from aerodima.optimisation.identify.line_fits import fit_spring_file
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.fit.fit_figures import figures_of
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names
 from aerodima.optimisation.fit.fit_report import in_words, write_report
-from aerodima.optimisation.identify.surfaces import write_sets
+from aerodima.optimisation.identify.coefficient_averages import write_sets
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.errors import ModelError
 

@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from aerodima.optimisation.fit.residual_noise import chance_of, check_residual
 from aerodima.optimisation.identify.added_mass import added_mass_model, added_mass_parameter
-from aerodima.optimisation.identify.fit_options import FitOptions
-from aerodima.optimisation.identify.friction import fit_friction
-from aerodima.optimisation.identify.static import fit_static
+from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
+from aerodima.optimisation.identify.swing_coefficients import fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario

@@ -12,9 +12,8 @@ import pytest
 from pydrake.solvers import MathematicalProgram
 
 from aerodima.optimisation.fit import least_squares_solvers
+from aerodima.optimisation.identify.line_fits import SteadyPoint, fit_spring, fit_throttle
 from aerodima.optimisation.identify.published_check import robot_tail_line
-from aerodima.optimisation.identify.springs import fit_spring
-from aerodima.optimisation.identify.throttle import SteadyPoint, fit_throttle
 
 ROOT = Path(least_squares_solvers.__file__).parent.parent
 

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.least_squares import Problem, Solver, huber, solve, solve_huber, spread
 from aerodima.optimisation.fit.least_squares_solvers import solve_algebraic, solve_formula, solve_rollout
-from aerodima.optimisation.identify.line_fit import fit_line
+from aerodima.optimisation.identify.line_fits import fit_line
 from aerodima.workbench.errors import FitError
 
 METHODS = [solve_algebraic, solve_rollout, solve_formula]

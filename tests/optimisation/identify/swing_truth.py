@@ -11,8 +11,8 @@ import math
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.identify.robot_tail import motor_of
-from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out
+from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
+from aerodima.optimisation.identify.swing_coefficients import motor_of
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata

@@ -18,11 +18,11 @@ from aerodima.optimisation.identify.added_mass import (
     seed_value,
 )
 from aerodima.optimisation.identify.added_mass_comparison import by_wind_speed, compare, section_coefficients
-from aerodima.optimisation.identify.fit_options import FitOptions
-from aerodima.optimisation.identify.friction import fit_friction
+from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.pendulum import Pendulum
 from aerodima.optimisation.identify.static_log import COLUMNS
+from aerodima.optimisation.identify.swing_coefficients import fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.optimisation.identify.swing_model import Pendulum
 from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.errors import FitError

@@ -16,10 +16,9 @@ from aerodima.optimisation.identify.added_mass import (
     added_mass_problem,
     fit_added_mass,
 )
-from aerodima.optimisation.identify.friction import fit_friction
-from aerodima.optimisation.identify.robot_tail import fit_robot_tail
+from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out, torque_response
+from aerodima.optimisation.identify.swing_coefficients import fit_friction, fit_robot_tail
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.optimisation.identify.swing_model import Pendulum, air_torque, friction_torque, roll_out, torque_response
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.recipe import apply_recipe, recipe_from

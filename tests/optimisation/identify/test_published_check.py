@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aerodima.optimisation.identify.published_tables import static_rows
-from aerodima.optimisation.identify.rig_constants import (
+from aerodima.optimisation.identify.published_check import (
     balances,
     constants_parameters,
     fit_rig_constants,
     predicted_currents,
 )
+from aerodima.optimisation.identify.published_tables import static_rows
 
 
 def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:

@@ -11,8 +11,8 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.identify.static import fit_static, static_parameters, static_problem
 from aerodima.optimisation.identify.static_balance import StaticBalance
+from aerodima.optimisation.identify.static_fit import fit_static, static_parameters, static_problem
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.conditioning import cut

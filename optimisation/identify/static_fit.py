@@ -19,11 +19,13 @@ from aerodima.optimisation.fit.least_squares import Problem, Solution
 from aerodima.optimisation.fit.least_squares_solvers import solve_formula
 from aerodima.optimisation.fit.priors import fit_with_priors
 from aerodima.optimisation.fit.residual_noise import Noise
+from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, shifted
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
-from aerodima.optimisation.identify.static_log import StaticData, accuracies, speed_accuracy
+from aerodima.optimisation.identify.static_log import StaticData, accuracies, speed_accuracy, static_data
 from aerodima.workbench.errors import FitError
+from aerodima.workbench.logs.schema import read_run_log
 
 Bounds = Literal["wide", "printed"]
 BOUNDS = {"cd": (-0.1, 3.0), "cl": (-0.5, 3.0), "psi3": (-0.35, 0.35), "current": (-10.0, 30.0)}
@@ -278,3 +280,26 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
         f"their uncertainty ({reach:.2g} A) and Coulomb friction ({stuck:.2g} A); is maxon.torque_constant "
         f"{motor:g} N m/A that of this rig (--set)?"
     ]
+
+
+def fit_static_log(
+    path: str,
+    *,
+    bounds: Bounds = "wide",
+    frozen: tuple[str, ...] = (),
+    random_seeds: int = 0,
+    rest: tuple[float, float] | None = None,
+    options: FitOptions = FREE,
+) -> FitResult:
+    """C_D, C_L, psi3 and holding current of a static hold.
+
+    Args:
+        path: of the log.
+        bounds, frozen, random_seeds: see `fit_static`.
+        rest: first and last time of the rest without wind, s; by default as the log states it.
+        options: rig, constants, drift and loss of the samples.
+
+    Raises:
+        UserError: what is wrong with the log or the options.
+    """
+    return fit_static(static_data(read_run_log(path), rest, options), bounds, frozen, random_seeds)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.identify.springs import fit_spring
+from aerodima.optimisation.identify.line_fits import fit_spring
 from aerodima.workbench.errors import FitError
 
 
