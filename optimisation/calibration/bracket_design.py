@@ -7,10 +7,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aerodima.optimisation.calibration.calibration_runs import RunStore, Wanted, car_values, flips_in_the_turn, survives
+from aerodima.optimisation.calibration.calibration_runs import (
+    Datum,
+    RunStore,
+    Turn,
+    Wanted,
+    car_values,
+    flips_in_the_turn,
+    log_likelihood,
+    survives,
+)
 from aerodima.optimisation.calibration.car_prior import Prior
-from aerodima.optimisation.calibration.published_data import Datum, Turn, log_likelihood
-from aerodima.optimisation.calibration.rollover_edge import Edge, closeness
+from aerodima.optimisation.calibration.surrogates import Edge, closeness
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario

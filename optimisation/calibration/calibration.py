@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.bracket_design import Runner, Target, run_cars
 from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan
-from aerodima.optimisation.calibration.calibration_runs import RunStore, car_values
-from aerodima.optimisation.calibration.car_prior import Prior
+from aerodima.optimisation.calibration.calibration_runs import Datum, RunStore, car_values, fitted, plan_data
+from aerodima.optimisation.calibration.car_prior import Prior, normalised, systematic_sample
 from aerodima.optimisation.calibration.member_draw import Draw, draw_cars
-from aerodima.optimisation.calibration.published_data import Datum, fitted, plan_data
 from aerodima.optimisation.calibration.tail_draw import TailSampling, run_tails
-from aerodima.optimisation.calibration.weights import normalised, systematic_sample
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value

@@ -14,10 +14,9 @@ from aerodima.optimisation.calibration.calibration import Calibration, member_fr
 from aerodima.optimisation.calibration.calibration_page import calibration_page
 from aerodima.optimisation.calibration.calibration_plan import assumed_elsewhere, fitted_names
 from aerodima.optimisation.calibration.calibration_runs import RunStore
+from aerodima.optimisation.calibration.car_prior import systematic_sample
 from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
-from aerodima.optimisation.calibration.nominal_car import Shipped, shipped_car
-from aerodima.optimisation.calibration.validation import LEVELS, as_table, validate
-from aerodima.optimisation.calibration.weights import systematic_sample
+from aerodima.optimisation.calibration.validation import LEVELS, Shipped, as_table, shipped_car, validate
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
 from aerodima.workbench.logs.schema import software_versions

@@ -1,10 +1,10 @@
-"""Prior of the cars: uniform over the ranges of the parameters, cut to what is plausible.
+"""Prior of the cars: uniform over the ranges of the parameters, cut to what is plausible; weights and draws by weight.
 
 A car is a point of the unit cube, one coordinate per parameter. The coordinate of the centre of mass stands for the
-group G = friction x height / half track, which decides the flip (design section 7): drawn uniformly within the plan's
-limits it spends the runs where the flip is. Half the track is that of the line on which the outer tyres stand once
-the car leans (`CarParameters.outer_half_track`). A uniform prior of the height then has the density half track /
-friction in G, which `Prior.log_density` returns.
+friction over the static stability factor, mu/SSF = friction x height / half track, which decides the flip (design
+section 7): drawn uniformly within the plan's limits it spends the runs where the flip is. Half the track is that of the
+line on which the outer tyres stand once the car leans (`CarParameters.outer_half_track`). A uniform prior of the height
+then has the density half track / friction in mu/SSF, which `Prior.log_density` returns.
 """
 
 from collections.abc import Callable
@@ -156,3 +156,26 @@ class Prior:
 
     def _half_track_over_friction(self, values: FloatArray) -> FloatArray:
         return self.half_track(values) / values[:, self.keys.index(FRICTION)]
+
+
+def normalised(log_weights: FloatArray) -> FloatArray:
+    """Weights (m) that sum to 1; zero where the logarithm is -inf. All zero if there is none above."""
+    finite = np.isfinite(log_weights)
+    if not np.any(finite):
+        return np.zeros(len(log_weights))
+    weights = np.where(finite, np.exp(np.where(finite, log_weights, 0.0) - np.max(log_weights[finite])), 0.0)
+    return weights / np.sum(weights)
+
+
+def effective_size(weights: FloatArray) -> float:
+    """Effective sample size (sum w)^2 / sum w^2; 0 for weights that are all zero."""
+    power = float(np.sum(np.square(weights)))
+    return float(np.sum(weights)) ** 2 / power if power > 0.0 else 0.0
+
+
+def systematic_sample(weights: FloatArray, number: int, seed: int) -> NDArray[np.int64]:
+    """Indices of `number` draws with probability proportional to the weights, by systematic resampling."""
+    start = np.random.default_rng(seed).random()
+    places = (start + np.arange(number)) / number
+    cumulative = np.cumsum(weights) / np.sum(weights)
+    return np.minimum(np.searchsorted(cumulative, places), len(weights) - 1)

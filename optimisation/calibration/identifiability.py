@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from aerodima.optimisation.calibration.car_prior import Prior
+from aerodima.optimisation.calibration.car_prior import Prior, normalised
 from aerodima.optimisation.calibration.member_draw import Draw
-from aerodima.optimisation.calibration.weights import normalised
 from aerodima.workbench.config.array_types import FloatArray
 
 STEP = 0.1

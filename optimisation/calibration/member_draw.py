@@ -6,7 +6,7 @@ the group that meets it is narrow: some hundredths of what the group may be. So 
 
 1. All but its group and its tail, from candidates of the prior, with probability q ~ prior x surrogate likelihood of
    the figures, that of the tailed runs averaged over tails.
-2. A few pilot runs say where its window lies (`aerodima.optimisation.calibration.rollover_edge`), and its group is
+2. A few pilot runs say where its window lies (`aerodima.optimisation.calibration.surrogates`), and its group is
    drawn uniformly from an interval that holds the window. It is a member when its own runs there meet the bracket.
 3. It is run with a few tails (`aerodima.optimisation.calibration.tail_draw`), one of which becomes its own.
 
@@ -33,10 +33,9 @@ from aerodima.optimisation.calibration.bracket_design import (
     run_through,
 )
 from aerodima.optimisation.calibration.calibration_plan import Round, Size
-from aerodima.optimisation.calibration.car_prior import Prior
-from aerodima.optimisation.calibration.published_data import Datum
-from aerodima.optimisation.calibration.rollover_edge import Edge
-from aerodima.optimisation.calibration.surrogate import FlipSurrogate, Surrogate, fit, surrogate_log_likelihood
+from aerodima.optimisation.calibration.calibration_runs import Datum
+from aerodima.optimisation.calibration.car_prior import Prior, effective_size, normalised, systematic_sample
+from aerodima.optimisation.calibration.surrogates import Edge, FlipSurrogate, Surrogate, fit, surrogate_log_likelihood
 from aerodima.optimisation.calibration.tail_draw import (
     LEAST_RUNS,
     Tails,
@@ -47,7 +46,6 @@ from aerodima.optimisation.calibration.tail_draw import (
     no_tails,
     tail_surrogates,
 )
-from aerodima.optimisation.calibration.weights import effective_size, normalised, systematic_sample
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 

@@ -13,10 +13,9 @@ from scipy.special import logsumexp
 from scipy.stats import qmc
 
 from aerodima.optimisation.calibration.bracket_design import Runner, run_turns
-from aerodima.optimisation.calibration.car_prior import Prior
-from aerodima.optimisation.calibration.published_data import Datum, Turn, log_likelihood
-from aerodima.optimisation.calibration.surrogate import Surrogate, fit, surrogate_log_likelihood
-from aerodima.optimisation.calibration.weights import normalised, systematic_sample
+from aerodima.optimisation.calibration.calibration_runs import Datum, Turn, log_likelihood
+from aerodima.optimisation.calibration.car_prior import Prior, normalised, systematic_sample
+from aerodima.optimisation.calibration.surrogates import Surrogate, fit, surrogate_log_likelihood
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 

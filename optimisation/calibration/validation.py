@@ -1,4 +1,4 @@
-"""Every published figure and outcome beside the ensemble: what the weights rest on, and what tests them.
+"""Every published figure and outcome beside the ensemble, and where the car of `models/parameters` lies in it.
 
 Each row is compared with metrics from the signals that the thesis took for it
 (`aerodima.workbench.metrics.published_figures.SIGNALS`). The turns are those of the simulation at the speed of the row,
@@ -13,9 +13,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aerodima.optimisation.calibration.bracket_design import Runner
+from aerodima.optimisation.calibration.calibration import Calibration, log_posterior
 from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan
-from aerodima.optimisation.calibration.calibration_runs import RunStore, flips_in_the_turn, survives
-from aerodima.optimisation.calibration.published_data import Datum, Turn, Use, plan_data
+from aerodima.optimisation.calibration.calibration_runs import (
+    Datum,
+    RunStore,
+    Turn,
+    Use,
+    flips_in_the_turn,
+    plan_data,
+    survives,
+)
+from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
@@ -136,3 +146,35 @@ def _ratio(difference: float, variance: float) -> float:
     if variance > 0.0:
         return difference / float(np.sqrt(variance))
     return math.copysign(math.inf, difference) if math.isfinite(difference) else math.nan
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """The shipped car with its tail.
+
+    Attributes:
+        values: of its parameters (n), in the order of the keys of car and tail.
+        z: (value - mean of the ensemble) / standard deviation of the ensemble (n).
+        relative_density: posterior density over that of the best member; 0 when it misses the tailless bracket.
+    """
+
+    values: FloatArray
+    z: FloatArray
+    relative_density: float
+
+
+def shipped_car(result: Calibration, runner: Runner) -> Shipped:
+    """Runs the shipped car as each member was run and compares it with the ensemble."""
+    prior, weights = result.draw.prior, result.draw.weights
+    members = prior.values(result.draw.coordinates)
+    mean = weights @ members
+    deviation = np.sqrt(weights @ (members - mean) ** 2)
+    own = _values(prior)
+    cars = np.vstack([prior.coordinates(own[None])[0], result.draw.coordinates[result.best]])
+    shipped, best = log_posterior(result.draw, cars, runner)
+    return Shipped(own, (own - mean) / deviation, float(np.exp(shipped - best)))
+
+
+def _values(prior: Prior) -> FloatArray:
+    sections = (key.split(".") for key in prior.keys)
+    return np.array([float(getattr(getattr(prior.base, section), name)) for section, name in sections])

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 
 from aerodima.optimisation.calibration.calibration_plan import SPEED_IN_TURN
-from aerodima.optimisation.calibration.published_data import Datum, yaw_rate_of
+from aerodima.optimisation.calibration.calibration_runs import Datum, yaw_rate_of
 from aerodima.optimisation.identify.published_check import robot_tail_line
 from aerodima.optimisation.identify.published_tables import published, robot_tail_rows
 from aerodima.optimisation.identify.weighted_averages import recompute_averages

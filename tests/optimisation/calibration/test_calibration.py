@@ -11,13 +11,18 @@ from aerodima.optimisation.calibration.bracket_design import Design, Runner, cri
 from aerodima.optimisation.calibration.calibration import SHIPPED_DIGITS, Calibration, calibrate
 from aerodima.optimisation.calibration.calibration_output import ensemble_text, write_calibration
 from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan, fitted_names, load_plan, prior_ranges
-from aerodima.optimisation.calibration.calibration_runs import RunStore, car_values
+from aerodima.optimisation.calibration.calibration_runs import (
+    Datum,
+    RunStore,
+    car_values,
+    fitted,
+    log_likelihood,
+    plan_data,
+)
+from aerodima.optimisation.calibration.car_prior import normalised
 from aerodima.optimisation.calibration.member_draw import Draw
-from aerodima.optimisation.calibration.nominal_car import shipped_car
-from aerodima.optimisation.calibration.published_data import Datum, fitted, log_likelihood, plan_data
-from aerodima.optimisation.calibration.rollover_edge import Edge
-from aerodima.optimisation.calibration.validation import validate
-from aerodima.optimisation.calibration.weights import normalised
+from aerodima.optimisation.calibration.surrogates import Edge
+from aerodima.optimisation.calibration.validation import shipped_car, validate
 from aerodima.optimisation.sweep.study_engine import RunTask
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import load_parameter_entries, load_scenario
