@@ -11,11 +11,11 @@ from .fit.fit_pipeline import Estimate as Estimate
 from .fit.fit_pipeline import FitResult as FitResult
 from .fit.fit_pipeline import fit as fit
 from .fit.fit_report import in_words as in_words
-from .identify.fit_options import FitOptions as FitOptions
-from .identify.log_fits import fit_added_mass_log as fit_added_mass_log
-from .identify.log_fits import fit_friction_log as fit_friction_log
-from .identify.log_fits import fit_robot_tail_log as fit_robot_tail_log
-from .identify.log_fits import fit_static_log as fit_static_log
+from .identify.added_mass import fit_added_mass_log as fit_added_mass_log
+from .identify.log_rig import FitOptions as FitOptions
+from .identify.static_fit import fit_static_log as fit_static_log
+from .identify.swing_coefficients import fit_friction_log as fit_friction_log
+from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
 from .studies.reproduction_report import write_report as write_report
 from .studies.survival_study import survival_figure as survival_figure
 from .studies.survival_study import survival_study as survival_study

@@ -1,4 +1,4 @@
-"""The commands of this package: one module each, heavy imports inside the functions."""
+"""The commands of this package, heavy imports inside the functions."""
 
 from __future__ import annotations
 
@@ -6,19 +6,7 @@ from importlib import import_module
 
 import typer
 
-COMMAND_MODULES: tuple[str, ...] = (
-    "fit_command",
-    "optimise_command",
-    "coverage_command",
-    "feedback_command",
-    "verify_command",
-    "sweep_command",
-    "threshold_command",
-    "leaderboard_command",
-    "passivity_command",
-    "calibrate_command",
-    "report_command",
-)
+COMMAND_MODULES = ("fit_command", "swing_commands", "study_commands", "leaderboard_commands", "thesis_commands")
 """Modules of this package in the order of the help page; each has `register(app)`."""
 
 

@@ -88,7 +88,7 @@ def require_constants(free: Sequence[str], names: Sequence[str]) -> None:
     """FitError for a constant to free that is not among the names."""
     for name in free:
         if name not in names:
-            raise FitError(f"--free {name}: this fit has no such constant; {nearest(name, names)}")
+            raise FitError(f"--free {name}: this fit has no such constant; {nearest(name, list(names))}")
 
 
 def constant_parameters(

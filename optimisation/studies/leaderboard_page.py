@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.contestants import THESIS, Contestant
 from aerodima.optimisation.studies.leaderboard_runs import OUTCOMES, Leaderboard
-from aerodima.optimisation.sweep.study_store import make_frame
+from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.swing.full_car import LEAST_HEADING, SPIN
 from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.figures.figure_style import (

@@ -22,8 +22,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.calibration_plan import load_plan
-from aerodima.optimisation.calibration.calibration_runs import RunStore, Wanted, flips_in_the_turn, survives
-from aerodima.optimisation.calibration.published_data import Datum, plan_data
+from aerodima.optimisation.calibration.calibration_runs import (
+    Datum,
+    RunStore,
+    Wanted,
+    flips_in_the_turn,
+    plan_data,
+    survives,
+)
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.config.scenario import load_parameter_entries

@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.calibration.calibration_runs import RunStore
-from aerodima.optimisation.calibration.published_data import turn_of
+from aerodima.optimisation.calibration.calibration_runs import RunStore, turn_of
 from aerodima.optimisation.calibration.validation import as_table, compare
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.studies.reproduction_claims import all_rows

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.studies.grip_study import Setup, friction_study, read_friction
 from aerodima.optimisation.studies.study_report import Findings
 from aerodima.optimisation.sweep.study import Study
-from aerodima.optimisation.sweep.study_engine import SweepError
 from aerodima.workbench.aero.coefficient_files import NormalLine, load_coefficients
 from aerodima.workbench.aero.coefficient_functions import SpeedLine
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
 from aerodima.workbench.figures.figure_style import BLACK, GREY, new_figure, styled
 from aerodima.workbench.report.report_page import Plot
 from aerodima.workbench.resources import model_path

@@ -15,12 +15,11 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from aerodima.optimisation.sweep.run_study import Say, run_study
+from aerodima.optimisation.sweep.run_study import CSV, TABLE, Say, make_frame, run_study
 from aerodima.optimisation.sweep.study import Study
-from aerodima.optimisation.sweep.study_engine import Engine, SweepError
-from aerodima.optimisation.sweep.study_store import CSV, TABLE, make_frame
-from aerodima.optimisation.sweep.study_task import tipped_before_turn
+from aerodima.optimisation.sweep.study_engine import Engine, tipped_before_turn
 from aerodima.workbench.config.ensemble import weighted_quantiles
+from aerodima.workbench.errors import SweepError
 from aerodima.workbench.report.report_page import (
     Bullets,
     Finding,

@@ -11,7 +11,6 @@ import yaml
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from aerodima.optimisation.fit.fit_errors import SwingError
 from aerodima.optimisation.swing.full_car import LEAST_HEADING
 from aerodima.optimisation.swing.verification import Verification
 from aerodima.workbench.config.array_types import FloatArray
@@ -19,6 +18,7 @@ from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingState
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.figures.figure_style import (
     BLACK,
     BLUE,

@@ -163,8 +163,8 @@ def test_wrong_options_are_told_once_and_leave_nothing(springs: list[Path], tmp_
         ("static", "--freeze", "mass"): "--freeze mass: allowed: cd, cl, psi3, current",
         ("static", "--free", "encoder_zer"): "--free encoder_zer: this fit has no such constant; did you mean "
         "'encoder_zero'?",
-        ("friction", "--set", "maxon.torque=1"): "rig scenario: maxon.torque: unknown key; did you mean "
-        "'torque_constant'?",
+        ("friction", "--set", "maxon.torque=1"): "scenario: maxon.torque: unknown key; allowed: "
+        "current_limit, current_noise, gear_ratio, reflected_inertia, torque_constant",
         ("added-mass", "--set", "experiment.tail=2"): "--set experiment.tail=2: a log says itself what was tested; "
         "allowed: what describes the rig",
         ("robot-tail", "--rig", "none.yaml"): "none.yaml: no such file",

@@ -76,7 +76,7 @@ sys.modules["dask"] = sys.modules["distributed"] = None
 from pathlib import Path
 from aerodima.optimisation.sweep.run_study import run_study
 from aerodima.optimisation.sweep.study import load_study
-from aerodima.optimisation.sweep.study_engine import SerialEngine
+from aerodima.optimisation.sweep.study_engine import (SerialEngine)
 run_study(load_study(Path({str(tiny_study(tmp_path))!r})), Path({str(tmp_path / "out")!r}), SerialEngine())
 """
     subprocess.run([sys.executable, "-c", code], check=True)

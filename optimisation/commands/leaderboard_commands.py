@@ -1,4 +1,4 @@
-"""`aerodima leaderboard`: every tail controller on the same turns and the same possible cars."""
+"""`aerodima leaderboard` and `passivity`: tail controllers on the same turns and cars, passive and active tails."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import Annotated
 
 import typer
 
+from aerodima.optimisation.commands.study_commands import engine_for
 from aerodima.workbench.cli.help_sections import SWINGS
 from aerodima.workbench.cli.options import Ensemble, Scheduler, Workers
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command(rich_help_panel=SWINGS)(leaderboard)
+    """Adds the commands."""
+    for command in (leaderboard, passivity):
+        app.command(rich_help_panel=SWINGS)(command)
 
 
 def leaderboard(
@@ -46,9 +48,6 @@ def leaderboard(
     from aerodima.optimisation.studies.contestants import shipped_swings, standard_contestants
     from aerodima.optimisation.studies.leaderboard import make_leaderboard
     from aerodima.optimisation.studies.leaderboard_runs import QUICK, Plan
-    from aerodima.optimisation.sweep.study_engine import open_engine
-    from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.batch.progress import terminal
     from aerodima.workbench.config.ensemble import load_ensemble
 
     swings = swing if swing is not None else shipped_swings()
@@ -58,8 +57,7 @@ def leaderboard(
     plan = replace(QUICK if quick else Plan(perturbed=robustness), step=step)
     if speed:
         plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
-    say = terminal()
-    with open_engine(workers, scheduler, say=say, record=out / WORKER_RECORD) as engine:
+    with engine_for(out, workers, scheduler) as (engine, say):
         board, files = make_leaderboard(out, plan, swings, chosen, engine, replays=replays, force=force, say=say)
     for row in board.claims.to_dict("records"):
         typer.echo(
@@ -67,3 +65,32 @@ def leaderboard(
             f"({row['gain_over_8_rad_per_s']:+.1%}), heading {row['heading_ratio']:.1%} of that with 8 rad/s"
         )
     typer.echo(f"page: {files[-1]}")
+
+
+def passivity(
+    out: Annotated[Path, typer.Option(help="Folder for passivity.csv and passivity.png.")] = Path("out/passivity"),
+    speed: Annotated[
+        list[float] | None, typer.Option(help="Speed of the turn, m/s; may be repeated.", min=1.0, max=8.0)
+    ] = None,
+    workers: Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.", min=1)] = 2,
+) -> None:
+    """Is a more passive tail better at higher speed? Highest friction survived clean, tail by tail.
+
+    Asked for again after Ctrl-C it keeps the runs that are there.
+    Example: aerodima passivity --speed 4.5 --speed 6 --out out/passivity
+    """
+    from aerodima.optimisation.studies.leaderboard import open_runs
+    from aerodima.optimisation.studies.passivity_study import SPEEDS, measure_passivity, write_passivity
+    from aerodima.optimisation.sweep.study_engine import RememberingEngine
+    from aerodima.workbench.batch.progress import saying_how_to_go_on
+
+    with (
+        engine_for(out, workers) as (engine, say),
+        open_runs(out) as store,
+        saying_how_to_go_on(say, lambda: f"{len(store.rows)} runs"),
+    ):
+        table = measure_passivity(RememberingEngine(engine, store, say, "passive and active tails"), speed or SPEEDS)
+    for row in table.to_dict("records"):
+        typer.echo(f"{row['tail']:24} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f}")
+    for path in write_passivity(table, out):
+        typer.echo(f"written: {path}")

@@ -1,4 +1,4 @@
-"""`aerodima optimise swing`: from a scenario to a swing file."""
+"""`aerodima optimise swing`, `feedback` and `verify`: find a tail swing, give it feedback, judge it on the full car."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from typing import Annotated, Any
 import typer
 
 from aerodima.workbench.cli.help_sections import SWINGS
-from aerodima.workbench.cli.options import Ensemble, Force, ScenarioArgument, Settings
+from aerodima.workbench.cli.options import Ensemble, Force, Members, ScenarioArgument, Settings, SwingArgument, Workers
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the group `optimise`."""
+    """Adds the group `optimise` and the commands `feedback` and `verify`."""
     group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
     group.callback()(_group)
     group.command()(swing)
     app.add_typer(group, name="optimise", rich_help_panel=SWINGS)
+    for command in (feedback, verify):
+        app.command(rich_help_panel=SWINGS)(command)
 
 
 def _group() -> None:
@@ -126,3 +128,101 @@ def _refuse_unwritable(folder: Path) -> None:
             pass
     except OSError as cause:
         raise SwingError(f"{folder}: cannot be written ({cause.strerror}); allowed: another --out") from None
+
+
+def feedback(
+    swing: SwingArgument,
+    out: Annotated[Path, typer.Option(help="Swing file to write.")],
+    scenario: Annotated[
+        str | None, typer.Option(help="Turn to hold the car to; by default the file's own, else turn_swing.")
+    ] = None,
+    settings: Settings = None,
+    other_car: Annotated[bool, typer.Option("--other-car", help="Use another car than it was made for.")] = False,
+    force: Force = False,
+) -> None:
+    """Run a swing on the full car, linearise the planar model along that run, and store finite-horizon LQR gains.
+
+    Make them at the highest friction or speed that the swing survives by itself: there they know a car on two wheels.
+    Example: aerodima feedback thesis_8_rad_per_s --set manoeuvre.speed=3.61 --out tracked.yaml
+    """
+    from aerodima.optimisation.swing.feedback_gains import with_feedback
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.config.swing_file import write_swing
+    from aerodima.workbench.controllers.law_of_scenario import find_swing, refuse_other_car
+    from aerodima.workbench.errors import SwingFileError
+
+    refuse_existing(out, force, SwingFileError)
+    plain = find_swing(swing)
+    turn = scenario or plain.provenance.scenario or "turn_swing"
+    resolved = load_scenario(turn, ["tail.mode=swing", *(settings or []), f"controller.swing_file={swing}"])
+    if not other_car:
+        refuse_other_car(resolved)
+    tracked = with_feedback(plain, resolved)
+    write_swing(tracked, out, force=force)
+    gains = tracked.gains.feedback
+    assert gains is not None
+    typer.echo(f"feedback on {', '.join(gains.states)} at {len(gains.time_s)} times over {gains.time_s[-1]:.2f} s")
+    typer.echo(f"swing: {out}")
+
+
+def verify(
+    swing: SwingArgument,
+    out: Annotated[Path, typer.Option(help="Folder for verification.csv, verification.yaml and report.html.")],
+    scenario: Annotated[
+        str | None, typer.Option(help="Turn to make; by default the one that the file names, else turn_swing.")
+    ] = None,
+    settings: Settings = None,
+    ensemble: Ensemble = "car",
+    members: Members = None,
+    step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
+    tracking: Annotated[str, typer.Option(help="automatic, feedback, torque, joint_pd or open_loop.")] = "automatic",
+    workers: Workers = 2,
+    other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
+    force: Force = False,
+) -> None:
+    """Simulate a swing forward at the fine step, on its own car and over the ensemble, and judge it.
+
+    Verified is what survives clean, keeps its limits and clearances, and turns at least 95 % as far as the thesis'
+    swing at the highest friction that both survive. Exits with 2 when it is not; the report is written all the same.
+
+    Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
+    """
+    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.optimisation.swing.verification import verify_swing
+    from aerodima.optimisation.swing.verification_report import PAGE, RUNS, VERDICT, write_verification
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.controllers.law_of_scenario import find_swing, law_of_scenario, refuse_other_car
+    from aerodima.workbench.errors import SwingError
+    from aerodima.workbench.plants.clearance import make_range_of_motion
+
+    for name in (RUNS, VERDICT, PAGE):
+        refuse_existing(out / name, force, SwingError)
+    played = find_swing(swing)
+    turn = scenario or played.provenance.scenario or "turn_swing"
+    path = str(Path(swing).resolve()) if Path(swing).exists() else swing
+    given = [*(settings or []), "tail.mode=swing", f"controller.swing_file={path}", f"controller.tracking={tracking}"]
+    resolved = load_scenario(turn, given)
+    law_of_scenario(resolved)
+    if not other_car:
+        refuse_other_car(resolved)
+    cars = load_ensemble(ensemble)
+    motion = make_range_of_motion(resolved, 25, 25)
+    runs = 2 * (len(cars.members) if members is None else min(members, len(cars.members)))
+    typer.echo(f"{runs} runs of the ensemble at a step of {1000 * step:g} ms, and the car of the swing", err=True)
+
+    with open_engine(workers, record=out / WORKER_RECORD) as engine:
+        found = verify_swing(
+            played, path, turn, settings or [], cars, motion, members=members, step=step, tracking=tracking,
+            engine=engine,
+        )  # fmt: skip
+    for file in write_verification(out, played, found, force=force):
+        typer.echo(f"written: {file}")
+    share = ", ".join(f"{who} {value:.0%}" for who, value in found.survival.items())
+    typer.echo(f"share of the ensemble that survives clean: {share}")
+    if found.complaints:
+        raise SwingError(f"swing {played.name}: not verified: {'; '.join(found.complaints)}")
+    typer.echo(f"verified: {played.name}")

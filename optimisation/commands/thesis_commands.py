@@ -1,4 +1,4 @@
-"""`aerodima calibrate`: from the published figures to the cars and tails that they leave possible."""
+"""`aerodima calibrate` and `report`: the cars that published figures leave possible, the claims that they reproduce."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from typing import Annotated
 
 import typer
 
+from aerodima.optimisation.commands.study_commands import engine_for
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
 from aerodima.workbench.cli.help_sections import THESIS
-from aerodima.workbench.cli.options import WorkOptions, grouped
+from aerodima.workbench.cli.options import Ensemble, WorkOptions, grouped
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command `calibrate`."""
-    app.command(rich_help_panel=THESIS)(calibrate)
+    """Adds the commands."""
+    for command in (calibrate, report):
+        app.command(rich_help_panel=THESIS)(command)
 
 
 @grouped
@@ -34,19 +36,38 @@ def calibrate(
     from aerodima.optimisation.calibration.calibration_output import write_calibration
     from aerodima.optimisation.calibration.calibration_plan import load_plan
     from aerodima.optimisation.calibration.calibration_runs import RunStore
-    from aerodima.optimisation.sweep.study_engine import open_engine
-    from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.batch.progress import saying_how_to_go_on, terminal
+    from aerodima.workbench.batch.progress import saying_how_to_go_on
 
     chosen = load_plan(plan)
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
-    say = terminal()
     with (
         RunStore(out, (*chosen.car, *chosen.tail), force=work.force) as store,
+        engine_for(out, work.workers, work.scheduler) as (engine, say),
         saying_how_to_go_on(say, lambda: f"{len(store)} runs"),
-        open_engine(work.workers, work.scheduler, say=say, record=out / WORKER_RECORD) as engine,
     ):
         result = carry_out(chosen, store, engine, say)
         report = write_calibration(result, out, store, engine, say)
     typer.echo(report)
+
+
+@grouped
+def report(
+    out: Annotated[Path, typer.Option(help="Folder for page, table, runs and replays.")] = Path("out/report"),
+    ensemble: Ensemble = "car",
+    members: Annotated[int, typer.Option(help="How many members are run, drawn by weight.")] = 12,
+    replays: Annotated[bool, typer.Option(help="Also make replays of the interesting runs of the best member.")] = True,
+    survival: Annotated[
+        bool, typer.Option("--survival", help="Also run every tail mode at seven speeds: survival.csv.")
+    ] = False,
+    *,
+    work: WorkOptions,
+) -> None:
+    """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
+    from aerodima.optimisation.studies.reproduction_report import write_report
+    from aerodima.workbench.config.ensemble import load_ensemble
+
+    chosen = load_ensemble(ensemble)
+    with engine_for(out, work.workers, work.scheduler) as (engine, say):
+        page = write_report(chosen, members, out, engine, say, replays=replays, force=work.force, survival=survival)
+        typer.echo(page)

@@ -1,0 +1,277 @@
+"""`aerodima sweep ...` and `threshold ...`: studies of many runs, and where a car begins to roll over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from aerodima.workbench.cli.help_sections import SWINGS
+from aerodima.workbench.cli.options import (
+    Anew,
+    Members,
+    ScenarioArgument,
+    Scheduler,
+    Settings,
+    Workers,
+    WorkOptions,
+    grouped,
+)
+
+if TYPE_CHECKING:
+    from aerodima.optimisation.sweep.rollover_threshold import Search, Threshold
+    from aerodima.optimisation.sweep.study_engine import RunEngine
+    from aerodima.workbench.batch.worker_record import Say
+
+
+Out = Annotated[Path, typer.Option(help="Folder for tables, plots and index.html; a stopped study goes on in it.")]
+STUDIES = {
+    "turn": "Speed x tail mode x tail speed: 20 runs without tail, 48 with it (thesis Figures 7.8 and 7.10 to 7.13).",
+    "tail": "What tail is worth building: critical friction over its length, width, mass and C_N; inertial tails "
+    "beside.",
+    "mount": "The yaw penalty of a swing, and its remedies: place of the tail, ballast in front, longer steering "
+    "(Figure 7.9).",
+    "trigger": "When the swing should begin: yaw rate, lateral acceleration or delayed steering; delay and travel "
+    "(6.3.4).",
+}
+"""Studies without options of their own, and what they say of themselves."""
+
+
+@dataclass(frozen=True)
+class CaseOptions:
+    """Of which car the runs of a study are."""
+
+    settings: Settings = None
+    ensemble: Annotated[
+        str | None, typer.Option(help="Run every case for the members of this ensemble, such as car.")
+    ] = None
+    members: Members = None
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the groups `sweep` and `threshold`."""
+    sweep = typer.Typer(no_args_is_help=True, help="Run studies of many runs, on this computer or a cluster.")
+    sweep.callback()(_studies)
+    sweep.command()(run)
+    for name, about in STUDIES.items():
+        sweep.command(name, help=f"{about}\n\nExample: aerodima sweep {name} --out sweeps/{name}")(_command(name))
+    sweep.command()(shapes)
+    sweep.command("monte-carlo")(monte_carlo)
+    threshold = typer.Typer(no_args_is_help=True, help="Find where a car begins to roll over.")
+    threshold.callback()(_thresholds)
+    threshold.command()(speed)
+    threshold.command()(friction)
+    threshold.command("map")(survival)
+    for name, group in (("sweep", sweep), ("threshold", threshold)):
+        app.add_typer(group, name=name, rich_help_panel=SWINGS)
+
+
+@contextmanager
+def engine_for(out: Path | None, workers: int = 2, scheduler: str | None = None) -> Iterator[tuple[RunEngine, Say]]:
+    """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
+    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.workbench.batch import WORKER_RECORD
+    from aerodima.workbench.batch.progress import terminal
+
+    say = terminal()
+    with open_engine(workers, scheduler, say=say, record=None if out is None else out / WORKER_RECORD) as engine:
+        yield engine, say
+
+
+def _studies() -> None:
+    """Run studies of many runs, on this computer or a cluster; each can be stopped and goes on when asked again."""
+
+
+@grouped
+def run(
+    study: Annotated[Path, typer.Argument(help="Study file (YAML): scenario with grid and sampled factors.")],
+    out: Out,
+    work: WorkOptions,
+) -> None:
+    """Run a study file; one row per run in table.parquet and table.csv.
+
+    Example: aerodima sweep run study.yaml --out sweeps/study
+    """
+    from aerodima.optimisation.sweep.run_study import TABLE, run_study
+    from aerodima.optimisation.sweep.study import load_study, plan_runs
+
+    loaded = load_study(study)
+    plan_runs(loaded)
+    with engine_for(out, work.workers, work.scheduler) as (engine, say):
+        run_study(loaded, out, engine, force=work.force, say=say)
+    print(f"table: {out / TABLE}")
+
+
+def _command(name: str) -> Callable[..., None]:
+    @grouped
+    def command(out: Out, cases: CaseOptions, work: WorkOptions) -> None:
+        _run_named(name, out, cases, work)
+
+    return command
+
+
+@grouped
+def shapes(
+    out: Out,
+    cases: CaseOptions,
+    work: WorkOptions,
+    goals: Annotated[
+        Path | None, typer.Argument(help="CFD goal table (CSV): shape, speed, angle, and C_D and C_L, or forces.")
+    ] = None,
+) -> None:
+    """Sail shapes compared: drag and lift, the tunnel's coefficients beside, and what each does for the car.
+
+    Without a table the drag coefficients of the thesis' Table 2.1 are taken.
+
+    Example: aerodima sweep shapes goals.csv --out sweeps/shapes
+    """
+    _run_named("shapes", out, cases, work, goals=goals)
+
+
+@grouped
+def monte_carlo(
+    out: Out,
+    cases: CaseOptions,
+    work: WorkOptions,
+    samples: Annotated[int, typer.Option(help="Per tail mode; a power of 2 is best.", min=1)] = 32,
+    seed: Annotated[int, typer.Option(help="Of the samples.", min=0)] = 1,
+) -> None:
+    """Rollover probability under uncertain friction, speed and trigger noise, with its interval.
+
+    Example: aerodima sweep monte-carlo --samples 32 --out sweeps/monte-carlo
+    """
+    _run_named("monte-carlo", out, cases, work, samples=samples, seed=seed)
+
+
+def _run_named(name: str, out: Path, cases: CaseOptions, work: WorkOptions, **own: Any) -> None:
+    from aerodima.optimisation.studies.named_studies import named_study
+    from aerodima.optimisation.studies.study_report import make_report
+    from aerodima.optimisation.sweep.study import check_factors, plan_runs
+
+    study, read = named_study(name, cases.settings or (), cases.ensemble, cases.members, **own)
+    check_factors(study, "--set")
+    plan_runs(study)
+    with engine_for(out, work.workers, work.scheduler) as (engine, say):
+        page = make_report(study, read, out, engine, force=work.force, say=say)
+    print(f"report: {page}")
+
+
+def _thresholds() -> None:
+    """Find where a car begins to roll over: by speed, by grip, or over both."""
+
+
+def speed(
+    scenario: ScenarioArgument = "turn_swing",
+    settings: Settings = None,
+    low: Annotated[float, typer.Option("--from", help="Lowest speed, m/s.")] = 2.5,
+    high: Annotated[float, typer.Option("--to", help="Highest speed, m/s.")] = 6.5,
+    scan: Annotated[float, typer.Option(help="Step of the scan, m/s; narrower islands may be missed.")] = 0.25,
+    tolerance: Annotated[float, typer.Option(help="Between survived and flipped, m/s.")] = 0.05,
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
+) -> None:
+    """Highest speed survived at the scenario's friction, the first at which it flips, and islands beyond.
+
+    Example: aerodima threshold speed turn_none --to 4.5
+    """
+    from aerodima.optimisation.sweep.rollover_threshold import SPEED, Search
+
+    _print_threshold(scenario, settings, Search(SPEED, low, high, scan, tolerance), "m/s", workers, scheduler)
+
+
+def friction(
+    scenario: ScenarioArgument = "turn_swing",
+    settings: Settings = None,
+    low: Annotated[float, typer.Option("--from", help="Lowest tyre friction.")] = 0.4,
+    high: Annotated[float, typer.Option("--to", help="Highest tyre friction.")] = 1.1,
+    scan: Annotated[float, typer.Option(help="Step of the scan; narrower islands may be missed.")] = 0.05,
+    tolerance: Annotated[float, typer.Option(help="Between survived and flipped.")] = 0.01,
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
+) -> None:
+    """Critical friction at the scenario's speed: highest tyre friction survived, first that flips, islands beyond.
+
+    Example: aerodima threshold friction turn_swing --set manoeuvre.speed=4.44
+    """
+    from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
+
+    _print_threshold(scenario, settings, Search(FRICTION, low, high, scan, tolerance), "", workers, scheduler)
+
+
+def survival(
+    out: Annotated[Path, typer.Option(help="Folder for table, plot and page.")],
+    scenario: ScenarioArgument = "turn_swing",
+    settings: Settings = None,
+    speeds: Annotated[tuple[float, float, int], typer.Option(help="First, last and number of speeds, m/s.")] = (
+        3.0,
+        6.0,
+        7,
+    ),
+    frictions: Annotated[tuple[float, float, int], typer.Option(help="First, last and number of frictions.")] = (
+        0.5,
+        0.9,
+        9,
+    ),
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
+    force: Anew = False,
+) -> None:
+    """Survival over speed x friction, as a table and a plot; goes on where it was stopped.
+
+    Example: aerodima threshold map turn_swing --out maps/swing
+    """
+    from aerodima.optimisation.studies.survival_study import survival_study, write_survival
+    from aerodima.optimisation.sweep.study import Range
+
+    axes = [Range(first=first, last=last, number=number) for first, last, number in (speeds, frictions)]
+    study = survival_study(scenario, settings or [], *axes)
+    with engine_for(out, workers, scheduler) as (engine, say):
+        page = write_survival(study, out, engine, force, say)
+    print(f"report: {page}")
+
+
+def _print_threshold(
+    scenario: str, settings: list[str] | None, search: Search, unit: str, workers: int, scheduler: str | None
+) -> None:
+    from aerodima.optimisation.sweep.rollover_threshold import Case, find_thresholds
+    from aerodima.workbench.config.scenario import load_scenario
+
+    load_scenario(scenario, settings)
+    cases = [Case(scenario, scenario, tuple(settings or ()))]
+    with engine_for(None, workers, scheduler) as (engine, say):
+        (found,) = find_thresholds(cases, search, engine, lambda done, known: say(f"[{done}/{known}] runs"))
+    print("\n".join(describe(found, unit)))
+
+
+def describe(found: Threshold, unit: str) -> list[str]:
+    """Lines that say what a search came to."""
+    from aerodima.optimisation.sweep.rollover_threshold import TIPPED
+
+    search = found.search
+    suffix = f" {unit}" if unit else ""
+    name = search.factor
+    if found.lost is None and found.survived is None:
+        lines = [f"{name}: no run from {search.low:g} to {search.high:g}{suffix} came to its turn"]
+    elif found.lost is None:
+        lines = [f"{name}: no flip from {search.low:g} to {search.high:g}{suffix}; survives up to {found.survived:g}"]
+    elif found.survived is None:
+        lines = [f"{name}: flips at {found.lost:g}{suffix} already, the lowest value"]
+    else:
+        lines = [
+            f"{name}: survives up to {found.survived:g}{suffix}, flips at {found.lost:g}{suffix} "
+            f"(tolerance {search.tolerance:g}, {len(found.outcomes)} runs)"
+        ]
+        if found.lost - found.survived > search.tolerance + 1e-9:
+            lines[0] += f"; the values between them, {found.lost - found.survived:.3g} apart, told nothing"
+    if over := [value for value, outcome in found.outcomes.items() if outcome == TIPPED]:
+        lines.append(f"{len(over)} run(s) tipped over before their turn, the first at {over[0]:g}: no evidence of it")
+    for first, last in found.islands:
+        where = f"at {first:g}" if first == last else f"from {first:g} to {last:g}"
+        lines.append(f"island: survives again {where}{suffix} (scan step {search.scan:g})")
+    if failed := [value for value, outcome in found.outcomes.items() if outcome.startswith("failed")]:
+        lines.append(f"{len(failed)} run(s) failed, the first at {failed[0]:g}{suffix}: {found.outcomes[failed[0]]}")
+    return lines
