@@ -148,12 +148,12 @@ def fit_drawn(kind: str, bounds: int, name: str) -> FitResult:
 def study(kind: str, count: int, out: Path, bounds: int) -> list[FitResult]:
     """The fits of the first logs of a kind, those that `out` has already among them."""
 
-    def progress(done: int, of: int) -> None:
-        print(f"{kind}: {done} of {of}", file=sys.stderr, flush=True)
+    def say(line: str) -> None:
+        print(f"{kind}: {line}", file=sys.stderr, flush=True)
 
     settings = {"study": kind, "bounds": bounds}
     names = [str(number) for number in range(count)]
-    found = fit_logs(partial(fit_drawn, kind, bounds), names, out, settings=settings, progress=progress)
+    found = fit_logs(partial(fit_drawn, kind, bounds), names, out, settings=settings, say=say)
     for name, reason in found.failed.items():
         print(f"{kind} {name}: {reason}", file=sys.stderr)
     return found.results
