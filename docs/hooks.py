@@ -34,7 +34,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of the folder."""
     from mkdocs.structure.files import File
 
-    from aerodima.workbench.report.statement_page import statements_page
+    from aerodima.workbench.report.statements import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
     texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)

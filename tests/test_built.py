@@ -5,8 +5,13 @@ import pytest
 from aerodima.optimisation.calibration.calibration_plan import load_plan
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.metrics.published_figures import published_figures
-from aerodima.workbench.report.statement_page import statements_page
-from aerodima.workbench.report.statements import Statement, load_statements, parameter_entry, published_row
+from aerodima.workbench.report.statements import (
+    Statement,
+    load_statements,
+    parameter_entry,
+    published_row,
+    statements_page,
+)
 from tests.built.found import CHECKS, RUNS, SLOW
 
 FILE = load_statements()

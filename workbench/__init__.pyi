@@ -17,9 +17,9 @@ from .aero.wind import add_wind as add_wind
 from .batch.engine import open_engine as open_engine
 from .config.ensemble import Ensemble as Ensemble
 from .config.ensemble import load_ensemble as load_ensemble
-from .config.rig_scenario import RigScenario as RigScenario
-from .config.rig_scenario import load_rig_scenario as load_rig_scenario
+from .config.scenario import RigScenario as RigScenario
 from .config.scenario import Scenario as Scenario
+from .config.scenario import load_rig_scenario as load_rig_scenario
 from .config.scenario import load_scenario as load_scenario
 from .config.swing_curve import swing_at as swing_at
 from .config.swing_file import SwingFile as SwingFile
@@ -28,9 +28,9 @@ from .config.swing_file import write_swing as write_swing
 from .controllers.tail_law import Observation as Observation
 from .controllers.tail_law import TailLaw as TailLaw
 from .errors import UserError as UserError
-from .figures.clearance_figure import plot_range_of_motion as plot_range_of_motion
-from .figures.overlay_figures import plot_overlay as plot_overlay
+from .figures.run_figures import plot_overlay as plot_overlay
 from .figures.run_figures import plot_turn as plot_turn
+from .figures.tail_figures import plot_range_of_motion as plot_range_of_motion
 from .logs.schema import RunLog as RunLog
 from .logs.schema import read_run_log as read_run_log
 from .metrics.turn_metrics import RunMetrics as RunMetrics

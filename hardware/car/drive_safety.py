@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from aerodima.workbench.config.parameter_files import load_section
 from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.config.scenario_file import load_section
 from aerodima.workbench.resources import model_path
 
 

@@ -11,8 +11,8 @@ from aerodima.hardware.protocol.ak70 import check_motor_id
 from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
 from aerodima.hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, StringForm
-from aerodima.workbench.config.parameter_files import load_section
 from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.config.scenario_file import load_section
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 

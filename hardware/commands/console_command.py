@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.workbench.cli.help_sections import CAR
+from aerodima.workbench.cli.options import CAR
 
 if TYPE_CHECKING:
     import socket

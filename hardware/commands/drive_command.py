@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.workbench.cli.help_sections import CAR
-from aerodima.workbench.cli.options import Force, Law, LogOut, OtherCar, Settings, SwingOption
+from aerodima.workbench.cli.options import CAR, Force, Law, LogOut, OtherCar, Settings, SwingOption
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from aerodima.workbench.cli.help_sections import CAR
-from aerodima.workbench.cli.options import ScenarioArgument, Settings
+from aerodima.workbench.cli.options import CAR, ScenarioArgument, Settings
 
 _IN_TIME = 0.02
 """s; two ticks of the drive. What is later than that is felt by it."""

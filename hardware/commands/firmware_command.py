@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from aerodima.workbench.cli.help_sections import CAR
+from aerodima.workbench.cli.options import CAR
 
 
 def register(app: typer.Typer) -> None:

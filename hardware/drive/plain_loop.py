@@ -14,7 +14,7 @@ from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.pilots import Pilot, PilotStep
 from aerodima.hardware.drive.run_journal import RunJournal
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.logs.unwrapping import RowUnwrapper
+from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 
 PERIOD = 0.01

@@ -25,8 +25,8 @@ from pydantic import Field, model_validator
 
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.parameter_files import load_section
 from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.config.scenario_file import load_section
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 

@@ -14,8 +14,17 @@ from aerodima.optimisation.calibration.validation import Outcome, Shipped, Valid
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS
-from aerodima.workbench.report.number_words import metric_name, metric_unit
-from aerodima.workbench.report.report_page import Bullets, Finding, Page, Part, Plot, Section, Table
+from aerodima.workbench.report.report_page import (
+    Bullets,
+    Finding,
+    Page,
+    Part,
+    Plot,
+    Section,
+    Table,
+    metric_name,
+    metric_unit,
+)
 
 DETERMINED = 0.2
 """A combination counts as determined when its variance fell below this share of the prior's."""

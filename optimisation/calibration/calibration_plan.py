@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
-from aerodima.workbench.config.parameter_files import ParameterEntry
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
+from aerodima.workbench.config.scenario_file import ParameterEntry
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.metrics.published_figures import TurnMetrics
 

@@ -51,7 +51,7 @@ def fit_batch(
     """
     from aerodima.optimisation.fit.fit_batch import fit_logs
     from aerodima.optimisation.fit.fit_report import write_report
-    from aerodima.workbench.batch.progress import terminal
+    from aerodima.workbench.batch.row_store import terminal
 
     logs, out = batch.logs, batch.out
     fitted = fit_logs(work, logs, out, settings=settings, workers=batch.workers, force=batch.force, say=terminal())

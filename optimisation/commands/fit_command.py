@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from aerodima.optimisation.commands import fit_batch_report as report
-from aerodima.workbench.cli.help_sections import COEFFICIENTS
-from aerodima.workbench.cli.options import Workers, grouped
+from aerodima.workbench.cli.options import COEFFICIENTS, Workers, grouped
 
 Out = report.Out
 LossOption = Annotated[str, typer.Option(help="squares, or huber: samples that lie far off are held back.")]

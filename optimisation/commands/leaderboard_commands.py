@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.optimisation.commands.study_commands import engine_for
-from aerodima.workbench.cli.help_sections import SWINGS
-from aerodima.workbench.cli.options import Ensemble, Scheduler, Workers
+from aerodima.workbench.cli.options import SWINGS, Ensemble, Scheduler, Workers
 
 
 def register(app: typer.Typer) -> None:
@@ -82,7 +81,7 @@ def passivity(
     from aerodima.optimisation.studies.leaderboard import open_runs
     from aerodima.optimisation.studies.passivity_study import SPEEDS, measure_passivity, write_passivity
     from aerodima.optimisation.sweep.study_engine import RememberingEngine
-    from aerodima.workbench.batch.progress import saying_how_to_go_on
+    from aerodima.workbench.batch.row_store import saying_how_to_go_on
 
     with (
         engine_for(out, workers) as (engine, say),

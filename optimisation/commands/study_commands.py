@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodima.workbench.cli.help_sections import SWINGS
 from aerodima.workbench.cli.options import (
+    SWINGS,
     Anew,
     Members,
     ScenarioArgument,
@@ -25,7 +25,7 @@ from aerodima.workbench.cli.options import (
 if TYPE_CHECKING:
     from aerodima.optimisation.sweep.rollover_threshold import Search, Threshold
     from aerodima.optimisation.sweep.study_engine import RunEngine
-    from aerodima.workbench.batch.worker_record import Say
+    from aerodima.workbench.batch.engine import Say
 
 
 Out = Annotated[Path, typer.Option(help="Folder for tables, plots and index.html; a stopped study goes on in it.")]
@@ -75,7 +75,7 @@ def engine_for(out: Path | None, workers: int = 2, scheduler: str | None = None)
     """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
-    from aerodima.workbench.batch.progress import terminal
+    from aerodima.workbench.batch.row_store import terminal
 
     say = terminal()
     with open_engine(workers, scheduler, say=say, record=None if out is None else out / WORKER_RECORD) as engine:

@@ -7,8 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
-from aerodima.workbench.cli.help_sections import SWINGS
-from aerodima.workbench.cli.options import Ensemble, Force, Members, ScenarioArgument, Settings, SwingArgument, Workers
+from aerodima.workbench.cli.options import (
+    SWINGS,
+    Ensemble,
+    Force,
+    Members,
+    ScenarioArgument,
+    Settings,
+    SwingArgument,
+    Workers,
+)
 
 
 def register(app: typer.Typer) -> None:

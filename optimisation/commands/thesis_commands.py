@@ -10,8 +10,7 @@ import typer
 
 from aerodima.optimisation.commands.study_commands import engine_for
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
-from aerodima.workbench.cli.help_sections import THESIS
-from aerodima.workbench.cli.options import Ensemble, WorkOptions, grouped
+from aerodima.workbench.cli.options import THESIS, Ensemble, WorkOptions, grouped
 
 
 def register(app: typer.Typer) -> None:
@@ -36,7 +35,7 @@ def calibrate(
     from aerodima.optimisation.calibration.calibration_output import write_calibration
     from aerodima.optimisation.calibration.calibration_plan import load_plan
     from aerodima.optimisation.calibration.calibration_runs import RunStore
-    from aerodima.workbench.batch.progress import saying_how_to_go_on
+    from aerodima.workbench.batch.row_store import saying_how_to_go_on
 
     chosen = load_plan(plan)
     if seed is not None:

@@ -20,9 +20,8 @@ import pyarrow.parquet as pq
 
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.workbench.batch import WORKER_RECORD, run_batch
-from aerodima.workbench.batch.progress import Progress, saying_how_to_go_on
-from aerodima.workbench.batch.row_store import RowStore, read_lines
-from aerodima.workbench.batch.worker_record import Say
+from aerodima.workbench.batch.engine import Say
+from aerodima.workbench.batch.row_store import Progress, RowStore, read_lines, saying_how_to_go_on
 from aerodima.workbench.errors import FitError, UserError
 from aerodima.workbench.logs.schema import decode_metadata, software_versions
 

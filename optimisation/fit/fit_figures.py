@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from aerodima.optimisation.fit.fit_pipeline import FitResult, parameter_names, short_name
 from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
-from aerodima.workbench.figures.overlay_figures import RUN_STYLES
+from aerodima.workbench.figures.run_figures import RUN_STYLES
 
 _MOST_CURVES = 12
 """Panels of the figure in which logs with one curve each are drawn together."""

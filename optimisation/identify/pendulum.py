@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodima.workbench.aero.laws import SectionLaw
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.rig_motion import RigMotion
 

@@ -22,12 +22,11 @@ from aerodima.optimisation.identify.log_rig import FREE, LARGEST_SPEED, FitOptio
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.conditioning import OFFSETS
-from aerodima.workbench.logs.resting import stated_rest
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.logs.signals import check_signals, stated_rest
 
 COLUMNS = dict(
     zip(

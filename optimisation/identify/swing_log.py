@@ -21,12 +21,11 @@ from aerodima.optimisation.identify.log_rig import (
 )
 from aerodima.optimisation.identify.rig_uncertainty import constant_parameters
 from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.conditioning import earlier_shift
-from aerodima.workbench.logs.resting import stated_rest
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_signals
+from aerodima.workbench.logs.signals import check_signals, stated_rest
 from aerodima.workbench.sensors.encoder import MotorReply
 from aerodima.workbench.sensors.rig_encoder import count_angle
 

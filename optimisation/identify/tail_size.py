@@ -19,8 +19,8 @@ from scipy.stats import qmc
 from aerodima.optimisation.identify.published_tables import robot_tail_rows
 from aerodima.optimisation.identify.tail_swings import SwingExtremes, Tails, cover, lever, swing_extremes
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.parameter_files import ParameterEntry, load_entries_without_model
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.scenario_file import ParameterEntry, load_entries_without_model
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.resources import model_path
 

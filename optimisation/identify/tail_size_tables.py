@@ -14,7 +14,7 @@ from aerodima.optimisation.identify.published_tables import duplicated_robot_tab
 from aerodima.optimisation.identify.tail_size import READINGS, TailPosterior, drawn_names, scaled, weigh
 from aerodima.optimisation.identify.tail_swings import lever, swing_extremes
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.scenario import load_rig_scenario
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
 
 AREAS = (0.12, 0.04, 0.0125, 0.005)

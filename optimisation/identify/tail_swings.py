@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.plants.rig_model import robot_tail_properties
 
 Tails = Mapping[str, FloatArray]

@@ -27,7 +27,7 @@ from aerodima.workbench.metrics.published_figures import (
     flip_bracket,
     published_figures,
 )
-from aerodima.workbench.report.number_words import metric_name, metric_unit
+from aerodima.workbench.report.report_page import metric_name, metric_unit
 
 MISSING = (
     ("Fig. 6.8", "throttle to steady speed", "the data of the figure are not in the text; the line is assumed"),

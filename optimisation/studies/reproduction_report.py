@@ -31,7 +31,6 @@ from aerodima.workbench.config.ensemble import Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.report.number_words import metric_name, metric_unit
 from aerodima.workbench.report.report_page import (
     Bullets,
     Finding,
@@ -42,6 +41,8 @@ from aerodima.workbench.report.report_page import (
     Plot,
     Section,
     Table,
+    metric_name,
+    metric_unit,
     write_files,
 )
 

@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
 from aerodima.workbench import batch
-from aerodima.workbench.batch.progress import Progress
-from aerodima.workbench.batch.row_store import RowStore, content_key
-from aerodima.workbench.batch.worker_record import Say
+from aerodima.workbench.batch.engine import Say
+from aerodima.workbench.batch.row_store import Progress, RowStore, content_key
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.workbench.config.parameter_files import load_entries_without_model
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.config.scenario_file import load_entries_without_model
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.resources import model_path
 

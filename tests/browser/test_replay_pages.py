@@ -14,8 +14,7 @@ from matplotlib.image import imread
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.report.comparison_page import comparison_page
-from aerodima.workbench.report.replay_page import write_replay_html
+from aerodima.workbench.report.replay_page import comparison_page, write_replay_html
 from aerodima.workbench.simulate.simulation import simulate
 from tests.browser.contrast import too_faint
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.batch.progress import Progress, saying_how_to_go_on
-from aerodima.workbench.batch.row_store import RowStore, content_key
+from aerodima.workbench.batch.row_store import Progress, RowStore, content_key, saying_how_to_go_on
 from aerodima.workbench.errors import UserError
 
 

@@ -18,10 +18,9 @@ from aerodima.workbench.batch import (
     WORKER_RECORD,
     Engine,
     SerialEngine,
+    dask_cluster,
     dask_engine,
     open_engine,
-    worker,
-    worker_record,
 )
 from aerodima.workbench.errors import UserError
 
@@ -103,10 +102,10 @@ def test_full_workers_are_replaced_between_runs_none_lost_or_repeated(opened, ma
     assert all(len(pids) == 1 for pids in began.values())
     lives = Counter(pids[0] for pids in began.values())
     assert len(lives) >= 5
-    assert max(lives.values()) <= worker.REPLACE_AT * LIMIT / (20 * MEGABYTE)
+    assert max(lives.values()) <= dask_cluster.REPLACE_AT * LIMIT / (20 * MEGABYTE)
     events = recorded(tmp_path)
     assert {event["event"] for event in events} == {"replaced"} == set(engine.events)
-    assert all(event["memory_bytes"] <= worker.REPLACE_AT * LIMIT for event in events)
+    assert all(event["memory_bytes"] <= dask_cluster.REPLACE_AT * LIMIT for event in events)
     assert [event["text"] for event in events] == said
     assert re.match(
         r"worker [01] \(process \d+\) is replaced after \d+ runs: it holds 0\.2\d of 0\.40 GB, 2\d MB", said[0]
@@ -157,7 +156,7 @@ def test_workers_without_room_for_a_single_run_are_an_error(opened):
 
 @pytest.mark.parametrize("serial", [True, False])
 def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, serial):
-    monkeypatch.setattr(worker_record, "STILL_LEAST", 1.0)
+    monkeypatch.setattr("aerodima.workbench.batch.engine.STILL_LEAST", 1.0)
     said: list[str] = []
     if serial:
         engine = SerialEngine(said.append, tmp_path / WORKER_RECORD)

@@ -7,15 +7,10 @@ from importlib import import_module
 import typer
 
 COMMAND_MODULES: tuple[str, ...] = (
-    "demo_commands",
     "turn_commands",
-    "replay_commands",
-    "compare_commands",
+    "run_commands",
     "log_commands",
-    "models_commands",
-    "range_of_motion_commands",
-    "coefficients_commands",
-    "scenario_commands",
+    "model_commands",
     "rig_commands",
     "doctor_commands",
 )

@@ -1,4 +1,4 @@
-"""Options that commands of all packages share, and `grouped`, with which a command takes several as one value."""
+"""Options that commands of all packages share; `grouped`: a command takes several as one value; completion."""
 
 from __future__ import annotations
 
@@ -11,7 +11,43 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from aerodima.workbench.cli.completion import complete_scenario, complete_swing
+RUNS = "Run the car and look at runs"
+SWINGS = "Find swings and vary numbers"
+COEFFICIENTS = "Coefficients, from rig to fit"
+THESIS = "Calibrate, and compare with the thesis"
+CAR = "Drive the real or the emulated car"
+CHECKS = "Look into models and installation"
+
+SECTIONS = (RUNS, SWINGS, COEFFICIENTS, THESIS, CAR, CHECKS)
+
+
+Completer = Callable[[str], list[str]]
+
+
+def completer(*values: str) -> Completer:
+    """Offers fixed values."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [value for value in values if value.startswith(incomplete)]
+
+    return complete
+
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """Offers the scenarios that ship."""
+    return _names("scenarios", incomplete)
+
+
+def complete_swing(incomplete: str) -> list[str]:
+    """Offers the swings that ship."""
+    return _names("swings", incomplete)
+
+
+def _names(folder: str, incomplete: str) -> list[str]:
+    from aerodima.workbench.resources import models_dir
+
+    return sorted(path.stem for path in (models_dir() / folder).glob(f"{incomplete}*.yaml"))
+
 
 _SCENARIO = "Scenario file (YAML), or the name of one that ships."
 ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO, autocompletion=complete_scenario)]
@@ -76,3 +112,11 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     call.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return call
+
+
+def command_group(app: typer.Typer, name: str, words: str, section: str | None = None) -> typer.Typer:
+    """A group of commands in `app`, with its help text and section of the help page."""
+    group = typer.Typer(no_args_is_help=True)
+    group.callback(help=words)(lambda: None)
+    app.add_typer(group, name=name, rich_help_panel=section)
+    return group

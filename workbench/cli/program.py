@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from aerodima.workbench.cli.help_sections import SECTIONS
+from aerodima.workbench.cli.options import SECTIONS
 from aerodima.workbench.errors import UserError
 
 ENTRY_POINT_GROUP = "aerodima.commands"

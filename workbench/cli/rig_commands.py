@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from aerodima.workbench.cli.help_sections import COEFFICIENTS
-from aerodima.workbench.cli.options import Anew, Force, Live, Workers, grouped
+from aerodima.workbench.cli.options import COEFFICIENTS, Anew, Force, Live, Workers, command_group, grouped
 
 Tail = Annotated[int | None, typer.Option(help="Cheetah tail: 1, 2 or 3.")]
 Axis = Annotated[str | None, typer.Option(help="major or minor: the width that faces the wind.")]
@@ -42,23 +41,11 @@ class ExperimentOptions:
 
 def register(app: typer.Typer) -> None:
     """Adds the command group `rig` with its group `run`."""
-    group = typer.Typer(no_args_is_help=True)
-    group.callback()(_group)
-    run = typer.Typer(no_args_is_help=True)
-    run.callback()(_run_group)
+    group = command_group(app, "rig", "Work with the wind-tunnel rigs.", COEFFICIENTS)
+    run = command_group(group, "run", "Run an experiment on a rig and write its log.")
     for command in (static, flick, bar, robot):
         run.command()(command)
-    group.add_typer(run, name="run")
     group.command()(campaign)
-    app.add_typer(group, name="rig", rich_help_panel=COEFFICIENTS)
-
-
-def _group() -> None:
-    """Work with the wind-tunnel rigs."""
-
-
-def _run_group() -> None:
-    """Run an experiment on a rig and write its log."""
 
 
 @grouped
@@ -119,7 +106,7 @@ def campaign(
     """
     import time
 
-    from aerodima.workbench.batch.progress import terminal
+    from aerodima.workbench.batch.row_store import terminal
     from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
     from aerodima.workbench.errors import UserError
     from aerodima.workbench.simulate.campaign_run import run_campaign
@@ -148,7 +135,7 @@ def _run(
 
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.cli.turn_commands import show_progress
-    from aerodima.workbench.config.rig_scenario import load_rig_scenario
+    from aerodima.workbench.config.scenario import load_rig_scenario
     from aerodima.workbench.errors import LogError, UserError
     from aerodima.workbench.replay import open_meshcat
     from aerodima.workbench.simulate.simulation import simulate

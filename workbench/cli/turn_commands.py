@@ -1,4 +1,4 @@
-"""`aerodima turn`, `straight` and `slalom`: one simulated run with its log, its metrics and its replay."""
+"""`aerodima demo`, `turn`, `straight` and `slalom`: simulated runs with their logs, metrics and replays."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodima.workbench.cli.completion import completer
-from aerodima.workbench.cli.help_sections import RUNS
 from aerodima.workbench.cli.options import (
+    RUNS,
+    Anew,
     Force,
     Html,
     Law,
@@ -21,6 +21,8 @@ from aerodima.workbench.cli.options import (
     ScenarioOption,
     Settings,
     SwingOption,
+    Workers,
+    completer,
     grouped,
 )
 
@@ -54,10 +56,31 @@ class RunOptions:
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the three commands."""
+    """Adds the four commands."""
+    app.command(rich_help_panel=RUNS)(demo)
     app.command(rich_help_panel=RUNS)(turn)
     app.command(rich_help_panel=RUNS)(straight)
     app.command(rich_help_panel=RUNS)(slalom)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for report, table, replays and logs.")] = Path("out/demo"),
+    workers: Workers = 2,
+    seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
+    force: Anew = False,
+) -> None:
+    """Run the published turn at 7 speeds with no tail, tail held and tail swung, and write a report.
+
+    Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo --out out/demo
+    """
+    import time
+
+    from aerodima.workbench.batch.row_store import terminal
+    from aerodima.workbench.report.demo import DemoPlan, make_demo
+
+    start = time.monotonic()
+    report = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, say=terminal())
+    typer.echo(f"report: {report} ({time.monotonic() - start:.0f} s)")
 
 
 @grouped

@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from aerodima.workbench.config.coefficient_names import require_coefficient_name
+from aerodima.workbench.config.checked_files import require_coefficient_name
 from aerodima.workbench.config.quantity import QuantityModel, quantity
 
 

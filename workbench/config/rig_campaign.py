@@ -14,9 +14,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml, shipped_names
-from aerodima.workbench.config.quantity import nearest, unit_of
-from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
-from aerodima.workbench.config.units import unit_to
+from aerodima.workbench.config.quantity import nearest, unit_of, unit_to
+from aerodima.workbench.config.scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
 from aerodima.workbench.errors import LogError, ScenarioError
 
 CAMPAIGN_SCHEMA = "aerodima/rig-campaign/1"

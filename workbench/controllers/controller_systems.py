@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from aerodima.workbench.config.range_check import check_range
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.quantity import check_range
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.config.signal_table import (
     IMU,
     PLANNED_TURN,

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.figures.figure_style import new_figure, styled
 from aerodima.workbench.logs.conditioning import is_held
-from aerodima.workbench.logs.resting import Interval
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import GAP_FACTOR
+from aerodima.workbench.logs.signals import GAP_FACTOR, Interval
 
 MOST_ROWS = 12
 """Signals that one picture holds."""

@@ -14,26 +14,24 @@ import pandas as pd
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import TIME, rig_columns
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.resting import (
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.signals import (
+    GAP_FACTOR,
     LEAST_REST_SAMPLES,
     REST,
     BoolArray,
     Interval,
-    in_parts,
-    stated_rest,
-    stretches,
-)
-from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import (
-    GAP_FACTOR,
     LowPass,
     check_gaps,
     check_signals,
     check_time,
     even_times,
+    in_parts,
     low_pass,
     resample,
     resting_line,
+    stated_rest,
+    stretches,
 )
 from aerodima.workbench.resources import model_path
 

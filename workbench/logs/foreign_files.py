@@ -1,7 +1,8 @@
-"""Foreign logs as they stand in their files: named columns of numbers, in whatever unit and rate they were written.
+"""Logs in other programs' files: read from CSV, Parquet, MAT and MCAP, written as CSV and MCAP.
 
-CSV, Parquet, MAT (v5 and v7.3) and MCAP. Nothing is converted here; `aerodima.workbench.logs.importers` makes a run log
-of it.
+A log that is read is named columns of numbers, in whatever unit and rate they were written; `logs.importers` makes it a
+run log. One that is written keeps every bit of every number, and the metadata, so that `aerodima log import` gives back
+the same log: a CSV has its metadata in a file beside it, `run.csv.json`; MCAP has them inside.
 """
 
 import json
@@ -9,18 +10,20 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
-from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
+from aerodima.workbench.logs.schema import METADATA_KEY, RunLog, decode_metadata
 
 SIDECAR_SUFFIX = ".json"
 """An exported `run.csv` has its metadata in `run.csv.json`."""
@@ -96,11 +99,11 @@ def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignL
     if suffix == ".parquet":
         return _read_parquet(path)
     if suffix == ".mat":
-        from aerodima.workbench.logs.mat_files import read_mat
+        from aerodima.workbench.logs.mat_and_mcap import read_mat
 
         return ForeignLog(str(path), *_as_series(read_mat(path)))
     if suffix == ".mcap":
-        from aerodima.workbench.logs.mcap_files import read_mcap
+        from aerodima.workbench.logs.mat_and_mcap import read_mcap
 
         contents = read_mcap(path)
         return ForeignLog(str(path), contents.columns, contents.time_of, contents.unreadable, contents.metadata)
@@ -187,3 +190,57 @@ def metadata_of_json(text: str, source: str) -> dict[str, Any]:
 def metadata_json(metadata: Mapping[str, Any]) -> str:
     """Metadata object of a run log as readable JSON."""
     return json.dumps(metadata, sort_keys=True, indent=1, allow_nan=False)
+
+
+Format = Literal["csv", "mcap"]
+FORMATS: tuple[Format, ...] = ("csv", "mcap")
+
+
+def export_log(run_log: RunLog, path: Path | str, form: Format, force: bool = False) -> list[Path]:
+    """Writes a run log as CSV or MCAP; gives the files written.
+
+    Raises:
+        LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.
+    """
+    path = Path(path)
+    metadata = metadata_json(_exported(run_log))
+    if form == "csv":
+        beside = sidecar(path)
+        refuse_existing(beside, force, LogError)
+        write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
+        write_atomically(beside, metadata + "\n", force, LogError)
+        return [path, beside]
+    from aerodima.workbench.logs.mat_and_mcap import write_mcap
+
+    def write(temporary: Path) -> None:
+        write_mcap(temporary, run_log.table, topics_of(list(run_log.table.columns)), TIME, metadata)
+
+    write_atomically(path, write, force, LogError)
+    return [path]
+
+
+def topics_of(columns: list[str]) -> dict[str, list[str]]:
+    """MCAP topics and their columns: one per device, so that a viewer shows them in groups."""
+    topics: dict[str, list[str]] = {}
+    for name in columns:
+        if name != TIME:
+            topics.setdefault(_topic(name), []).append(name)
+    return topics
+
+
+def _topic(column: str) -> str:
+    if column.startswith(PLANT_POSITION_PREFIX):
+        return "/plant"
+    if "_truth" in column:
+        return "/truth"
+    for device in ("imu", "tail", "sail", "status", "speed"):
+        if column.startswith(f"{device}_"):
+            return f"/{device}"
+    if column.startswith(("angle", "angular", "current", "force", "torque")):
+        return "/rig"
+    return "/driver"
+
+
+def _exported(run_log: RunLog) -> dict[str, Any]:
+    metadata = run_log.metadata()
+    return {**metadata, "extra": {**metadata["extra"], "exported_columns": list(run_log.table.columns)}}

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.quantity import nearest, unit_in_name, unit_to
 from aerodima.workbench.config.signal_table import (
     RIG_KINDS,
     TIME,
@@ -18,7 +18,6 @@ from aerodima.workbench.config.signal_table import (
     sensor_columns,
     truth_columns,
 )
-from aerodima.workbench.config.units import unit_in_name, unit_to
 from aerodima.workbench.errors import LogError
 
 MAPPING_SCHEMA = "aerodima/log-mapping/1"

@@ -20,15 +20,16 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs import conditioning
 from aerodima.workbench.logs.conditioning import Conditioned
 from aerodima.workbench.logs.mapping import known_columns
-from aerodima.workbench.logs.resting import Interval, resting_parts
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import (
     GPS_FILTER,
     IMU_FILTER,
     RIG_FILTER_10_HZ,
     RIG_FILTER_20_HZ,
+    Interval,
     LowPass,
     check_signals,
+    resting_parts,
 )
 
 RECIPE_SCHEMA = "aerodima/log-recipe/1"

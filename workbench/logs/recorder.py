@@ -1,9 +1,13 @@
-"""Writes the signals of a diagram into a run log while it runs."""
+"""Writes the signals of a diagram into a run log while it runs: through a journal into a file, or into memory."""
+
+from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
@@ -15,9 +19,49 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.config.signal_table import TIME, Column, names_of
-from aerodima.workbench.logs.log_sink import LogSink
-from aerodima.workbench.logs.unwrapping import RowUnwrapper
+from aerodima.workbench.logs.journal import JournalWriter
+from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
+from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
+
+
+class LogInMemory:
+    """Does without a file what `JournalWriter` does: takes rows within a `with` block; after it there is the log."""
+
+    def __init__(self, columns: Sequence[str], metadata: Mapping[str, Any]) -> None:
+        self._columns, self._metadata = list(columns), dict(metadata)
+        self._rows: list[np.ndarray] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Nothing to be closed."""
+
+    def append(self, row: np.ndarray) -> None:
+        """Takes one row; a copy of it, since the recorder writes the next one into the same array."""
+        self._rows.append(row.copy())
+
+    def add_facts(self, facts: Mapping[str, Any]) -> None:
+        """Adds to `extra` of the log what only the end of the run knows."""
+        self._metadata["extra"] = {**self._metadata["extra"], **facts}
+
+    def run_log(self) -> RunLog:
+        """The log, after the block."""
+        return run_log_from_metadata(pd.DataFrame(np.array(self._rows), columns=self._columns), self._metadata)
+
+
+LogSink = JournalWriter | LogInMemory
+
+
+def open_log(path: str | Path | None, columns: Sequence[str], metadata: Mapping[str, Any], force: bool) -> LogSink:
+    """A journal that becomes the log `path`, or rows in memory without one.
+
+    Raises:
+        LogError: as `JournalWriter`.
+    """
+    return LogInMemory(columns, metadata) if path is None else JournalWriter(path, columns, metadata, force=force)
+
 
 Signals = list[tuple[OutputPort, list[str]]]
 """Ports with the names of the columns that they fill."""
@@ -76,7 +120,7 @@ class RunRecorder(LeafSystem):
         rate: float,
         stage: Stage | None = None,
         with_samples: bool = False,
-    ) -> "RunRecorder":
+    ) -> RunRecorder:
         """Records each output port under the given column names."""
         columns = recorded_columns(signals)
         recorder = cls(journal, columns, [port.size() for port, _ in signals], rate, stage, with_samples)

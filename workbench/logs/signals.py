@@ -1,10 +1,10 @@
-"""Signal tools for logs: checks, zero-phase low pass, drift removal, resampling.
+"""Signal tools for logs: checks, zero-phase low pass, resampling, where nothing moves, headings without jumps.
 
 Every function takes times (s, shape (n,)) and a signal of the same shape. What is wrong in a log (NaN, unsorted time, a
-gap) is an error that names the column and the time; nothing is dropped or filled in silently.
+gap) is an error that names the column and the time; nothing is dropped or filled in silently. No Drake.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.schema import RunLog
 
 GAP_FACTOR = 1.5
 """A step longer than this many median steps is a gap."""
@@ -176,3 +177,97 @@ def resample(
         return np.interp(new_time, time, signal)
     held = np.searchsorted(time, new_time + margin, side="right") - 1
     return signal[np.maximum(held, 0)]
+
+
+BoolArray = NDArray[np.bool_]
+Interval = tuple[float, float]
+
+REST_AVERAGE = 0.1
+"""Signals are averaged over this time (s) before they are compared with the limits of rest."""
+REST_MARGIN = 0.2
+"""Cut off a resting part at either side of a motion, s: motion begins and dies away below the limits."""
+LEAST_REST_SAMPLES = 10
+"""Fewer samples do not make a resting part."""
+REST = "rest_s"
+"""Key in a log's `extra`: first and last time of its rest phase, s; a cut moves it with the times of the log."""
+
+
+def stated_rest(run_log: RunLog) -> Interval | None:
+    """The rest phase that the metadata of a log state; None without. LogError when it is not two times."""
+    stated = run_log.stated(REST, 2)
+    return None if stated is None else (stated[0], stated[1])
+
+
+def resting_parts(run_log: RunLog, within: Mapping[str, Interval], shortest: float = 0.5) -> list[Interval]:
+    """Times at which everything that tells about motion stays within its limits.
+
+    Args:
+        run_log: may have gaps; NaN is not rest.
+        within: column to lowest and highest value at rest; averaged over 0.1 s first, so that noise does not count.
+        shortest: a shorter standstill, such as the turning point of a swing, is not rest, s.
+
+    Returns:
+        First and last time of each part, s; an empty list when the log has no rest.
+
+    Raises:
+        LogError: a column is not in the log, or the times are not increasing.
+    """
+    time = run_log.time
+    check_time(time)
+    step = float(np.median(np.diff(time)))
+    quiet = np.ones(time.size, dtype=bool)
+    for name, (low, high) in within.items():
+        average = _moving_average(run_log.signal(name), max(1, round(REST_AVERAGE / step)))
+        quiet &= (average >= low) & (average <= high)
+    breaks = np.flatnonzero(np.diff(time) > GAP_FACTOR * step) + 1
+    parts = []
+    for first, end in stretches(quiet, breaks):
+        start = time[first] if first == 0 else time[first] + REST_MARGIN
+        stop = time[end - 1] if end == time.size else time[end - 1] - REST_MARGIN
+        if stop - start >= shortest and np.count_nonzero((time >= start) & (time <= stop)) >= LEAST_REST_SAMPLES:
+            parts.append((float(start), float(stop)))
+    return parts
+
+
+def in_parts(time: FloatArray, parts: Sequence[Interval]) -> BoolArray:
+    """Which times lie in any of the parts, both ends included."""
+    inside = np.zeros(time.size, dtype=bool)
+    for start, end in parts:
+        inside |= (time >= start) & (time <= end)
+    return inside
+
+
+def _moving_average(signal: FloatArray, width: int) -> FloatArray:
+    """Centred mean over `width` samples; the ends use what there is."""
+    kernel = np.ones(min(width, signal.size))
+    return np.convolve(signal, kernel, mode="same") / np.convolve(np.ones(signal.size), kernel, mode="same")
+
+
+def stretches(chosen: BoolArray, breaks: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Start and end (exclusive) of the stretches of chosen samples; a stretch does not cross a break."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
+    runs = []
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        inner = [int(at) for at in breaks if start < at < end]
+        runs += list(zip([int(start), *inner], [*inner, int(end)], strict=True))
+    return runs
+
+
+UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")
+"""Headings, so that they can be subtracted."""
+
+
+class RowUnwrapper:
+    """Unwraps the headings of rows that come one after the other."""
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        self._angles = [columns.index(name) for name in UNWRAPPED if name in columns]
+        self._before: list[float] | None = None
+
+    def apply(self, row: np.ndarray) -> np.ndarray:
+        """Changes the headings of a row (columns,) in place and returns it."""
+        if self._before is not None:
+            for index, earlier in zip(self._angles, self._before, strict=True):
+                row[index] += 2 * np.pi * round((earlier - row[index]) / (2 * np.pi))
+        self._before = [row[index] for index in self._angles]
+        return row

@@ -23,7 +23,7 @@ from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, add_tail_force, connect_spatial_forces
 from aerodima.workbench.aero.wind import WindModel, add_wind
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.joint_friction import JointFriction, smooth_friction

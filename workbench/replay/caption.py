@@ -11,7 +11,7 @@ from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import tail_mode_of
 from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
-from aerodima.workbench.replay.reckoned_motion import RECKONED
+from aerodima.workbench.replay.logged_car import RECKONED
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,27 @@
-"""The car of a run log: its plant, rebuilt from the scenario in the log, and its positions over time."""
+"""The car of a run log: its plant, rebuilt from the scenario in the log, and its positions over time.
 
-from dataclasses import dataclass
+A simulated run logs the motion of every joint. That of a real car is reckoned from its sensors alone: the heading is
+that of the IMU, the path is the speed integrated along it; roll and pitch are the IMU's, and the car is lifted so that
+no wheel and no corner of its box is below the ground. No slip, and the errors add up: a picture of what happened, not a
+measurement of where. Forces are not known and not drawn.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
+from scipy.integrate import cumulative_trapezoid
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import check_time
+from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 
 SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
@@ -89,3 +98,143 @@ def _with_sail_angle(run_log: RunLog, scenario: Scenario) -> pd.DataFrame:
 
 def _position_names(plant: MultibodyPlant) -> list[str]:
     return list(plant.GetPositionNames())
+
+
+RECKONED = "reckoned"
+"""Key in the `extra` of a log whose motion was reckoned."""
+_BOX_HEIGHT = 0.25
+"""Height (m) of the box whose corners stay above the ground; the roof of a 1:10 car on its side or back."""
+
+
+def replayable(run_log: RunLog) -> RunLog:
+    """The log itself if it holds the motion of every joint, otherwise one with the motion reckoned from the sensors.
+
+    Needed are `speed_m_per_s`, a heading (`imu_yaw_rad`, or `imu_gyro_z_rad_per_s` to integrate) and the scenario. Roll
+    and pitch count as zero, a tail joint as at rest in its first position, when they were not logged.
+
+    Raises:
+        LogError: one of these is missing, NaN, gap or unsorted time in a column that is used.
+    """
+    if any(name.startswith(PLANT_POSITION_PREFIX) for name in run_log.table.columns):
+        return run_log
+    name = run_log.source or "run log"
+    if not run_log.scenario:
+        raise LogError(f"{name}: a replay needs the car's scenario, and the log has none; state it in the mapping")
+    try:
+        scenario = scenario_from_dict(run_log.scenario)
+    except ScenarioError as error:
+        raise LogError(f"{name}: a replay needs the car's scenario; state it in the mapping ({error})") from None
+    signals = _signals(run_log, name)
+    columns = _motion(scenario, run_log.time, signals)
+    added = pd.DataFrame({key: values for key, values in columns.items() if key not in run_log.table.columns})
+    table = pd.concat([run_log.table.reset_index(drop=True), added], axis=1)
+    return replace(run_log, table=table, extra={**run_log.extra, RECKONED: True})
+
+
+def _signals(run_log: RunLog, name: str) -> dict[str, FloatArray]:
+    """Speed, heading, roll, pitch and joint angles, shape (n,) each; what may be missing is left out."""
+    time, present = run_log.time, set(run_log.table.columns)
+    if "speed_m_per_s" not in present or not {"imu_yaw_rad", "imu_gyro_z_rad_per_s"} & present:
+        raise LogError(
+            f"{name}: a replay needs columns {PLANT_POSITION_PREFIX}*, or speed_m_per_s with imu_yaw_rad or "
+            "imu_gyro_z_rad_per_s"
+        )
+    heading = "imu_yaw_rad" if "imu_yaw_rad" in present else "imu_gyro_z_rad_per_s"
+    optional = ("imu_roll_rad", "imu_pitch_rad", "tail_pitch_angle_rad", "tail_roll_angle_rad", "steering_command_rad")
+    used = {key: run_log.signal(key) for key in ("speed_m_per_s", heading, *optional) if key in present}
+    check_signals(time, used)
+    if heading == "imu_gyro_z_rad_per_s":
+        used["imu_yaw_rad"] = cumulative_trapezoid(used[heading], time, initial=0.0)
+    used["imu_yaw_rad"] = np.unwrap(used["imu_yaw_rad"])
+    return used
+
+
+def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Every column that a replay reads: plant positions and the motion of chassis, centre of mass and tail tip."""
+    zero = np.zeros(time.size)
+    roll, pitch = signals.get("imu_roll_rad", zero), signals.get("imu_pitch_rad", zero)
+    yaw, speed = signals["imu_yaw_rad"] - signals["imu_yaw_rad"][0], signals["speed_m_per_s"]
+    position = np.column_stack(
+        [
+            cumulative_trapezoid(speed * np.cos(yaw), time, initial=0.0),
+            cumulative_trapezoid(speed * np.sin(yaw), time, initial=0.0),
+            zero,
+        ]
+    )
+    builder = DiagramBuilder()
+    car = add_car_plant(builder, with_turning_sail(scenario))
+    plant = car.plant
+    context = plant.CreateDefaultContext()
+    names = list(plant.GetPositionNames())
+    joints = _joints(names, signals)
+    points = [np.zeros((time.size, 3)) for _ in range(2)]
+    positions = np.tile(plant.GetPositions(context), (time.size, 1))
+    corners = _corners(scenario)
+    for row in range(time.size):
+        rotation = RollPitchYaw(roll[row], pitch[row], yaw[row]).ToRotationMatrix()
+        position[row, 2] = max(0.0, -float(np.min(rotation.matrix()[2] @ corners)))
+        _place(positions[row], names, rotation, position[row])
+        for index, values in joints.items():
+            positions[row, index] = values[row]
+        plant.SetPositions(context, positions[row])
+        points[0][row] = _centre_of_mass(car, context)
+        if car.tail is not None:
+            points[1][row] = _tail_tip(plant, context, scenario.tail.length)
+    columns = {f"{PLANT_POSITION_PREFIX}{name}": positions[:, index] for index, name in enumerate(names)}
+    columns |= _vector("position", position) | _vector("com", points[0])
+    if car.tail is not None:
+        columns |= _vector("tail_tip", points[1])
+    columns |= {
+        "roll_truth_rad": roll,
+        "pitch_truth_rad": pitch,
+        "yaw_truth_rad": yaw,
+        "velocity_x_truth_m_per_s": speed,
+        "velocity_y_truth_m_per_s": zero,
+    }
+    return columns if "tail_roll_angle_rad" in signals else columns | _resting_tail(car, positions, names)
+
+
+def _joints(names: list[str], signals: dict[str, FloatArray]) -> dict[int, FloatArray]:
+    """Index of a plant position -> its values, for the joints that were logged."""
+    sources = {
+        "tail_tail_pitch_q": "tail_pitch_angle_rad",
+        "tail_tail_roll_q": "tail_roll_angle_rad",
+        "tail_tail_sail_turn_q": "sail_angle_rad",
+        "car_front_left_steering_q": "steering_command_rad",
+        "car_front_right_steering_q": "steering_command_rad",
+    }
+    return {names.index(name): signals[key] for name, key in sources.items() if name in names and key in signals}
+
+
+def _corners(scenario: Scenario) -> FloatArray:
+    """Corners of the car's box in B, m, shape (3, 8); its lower face touches the ground at nominal ride height."""
+    half, length = scenario.car.outer_half_track, scenario.car.wheelbase
+    return np.array([(x, y, z) for x in (0.0, length) for y in (-half, half) for z in (0.0, _BOX_HEIGHT)]).T
+
+
+def _place(positions: FloatArray, names: list[str], rotation: RotationMatrix, position: FloatArray) -> None:
+    """Writes the pose of the chassis into a row of plant positions."""
+    values = [*rotation.ToQuaternion().wxyz(), *position]
+    for suffix, value in zip(("qw", "qx", "qy", "qz", "x", "y", "z"), values, strict=True):
+        positions[names.index(f"car_chassis_{suffix}")] = value
+
+
+def _centre_of_mass(car: CarPlant, context: Any) -> FloatArray:
+    instances = [car.car] if car.tail is None else [car.car, car.tail]
+    return np.asarray(car.plant.CalcCenterOfMassPositionInWorld(context, instances))
+
+
+def _tail_tip(plant: MultibodyPlant, context: Any, length: float) -> FloatArray:
+    X_WT = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("tail_rod"))
+    return np.asarray(X_WT.translation() + length * X_WT.rotation().matrix()[:, 2])
+
+
+def _resting_tail(car: CarPlant, positions: FloatArray, names: list[str]) -> dict[str, FloatArray]:
+    """The angle at which a tail is drawn that was not logged."""
+    if car.tail is None:
+        return {"tail_roll_angle_rad": np.zeros(len(positions))}
+    return {"tail_roll_angle_rad": positions[:, names.index("tail_tail_roll_q")]}
+
+
+def _vector(stem: str, values: FloatArray) -> dict[str, FloatArray]:
+    return {f"{stem}_{axis}_truth_m": values[:, index] for index, axis in enumerate("xyz")}

@@ -1,5 +1,10 @@
-"""A run as a strip of five pictures in one PNG, with time, speed and roll under each."""
+"""A run as a strip of five pictures in one PNG, with time, speed and roll under each.
 
+The moments tell the run: before, at the start of the turn, at its peak, on the way back, after. Of a tail that swings,
+the way over the top is shown in place of the way back.
+"""
+
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -7,19 +12,98 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
+from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
+from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.replay.caption import caption_of, speed_and_roll
-from aerodima.workbench.replay.forces import ForceArrow, force_arrows
 from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car
-from aerodima.workbench.replay.moments import Moment, five_moments
-from aerodima.workbench.replay.picture import Camera, draw_picture
-from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, camera_azimuth
-from aerodima.workbench.replay.surfaces import posed_triangles, visible_surfaces
+from aerodima.workbench.replay.picture import Camera, draw_picture, posed_triangles, visible_surfaces
+from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, ForceArrow, camera_azimuth, force_arrows
+
+_BEFORE, _AFTER = 0.25, 0.75
+"""Time shown before the turn and after it, s."""
+_TIPPING = np.radians(35.0)
+_APART = 0.05
+"""Shortest time between two pictures, s, where the run leaves the room."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A row of the log and what happens there."""
+
+    row: int
+    label: str
+
+
+def five_moments(run_log: RunLog) -> list[Moment]:
+    """The moments of a strip, in the order of time; evenly spread for a log that ends before its turn does."""
+    time = run_log.time
+    try:
+        signals = turn_signals(run_log)
+    except LogError:
+        shares = {"start": 0.0, "a quarter": 0.25, "half": 0.5, "three quarters": 0.75, "end": 1.0}
+        return [Moment(round(share * (time.size - 1)), label) for label, share in shares.items()]
+    trigger = float(run_log.scenario["controller"]["trigger_yaw_rate"])
+    if np.max(signals.tilt) > FLIP_TILT:
+        labels, times = _rollover(signals, trigger)
+    else:
+        labels, times = _kept_upright(signals, trigger, _tail_on_top(run_log, signals))
+    rows = [int(np.argmin(np.abs(time - wanted))) for wanted in _spread(times, float(time[0]), float(time[-1]))]
+    return [Moment(row, label) for row, label in zip(rows, labels, strict=True)]
+
+
+def _tail_on_top(run_log: RunLog, signals: TurnSignals) -> float | None:
+    """When a tail that swings stands straight up, s; None if it does not."""
+    side = np.sign(run_log.signal("tail_roll_angle_rad"))
+    passes = np.flatnonzero((side[1:] * side[:-1] < 0) & signals.from_start[1:])
+    return float(signals.time[passes[0] + 1]) if passes.size else None
+
+
+def _kept_upright(signals: TurnSignals, trigger: float, tail_on_top: float | None) -> tuple[list[str], list[float]]:
+    start, end = signals.window
+    turning = _first(signals, signals.yaw_rate > trigger, start)
+    peak = float(signals.time[signals.from_start][np.argmax(signals.roll[signals.from_start])])
+    highest = float(np.max(signals.roll[signals.from_start]))
+    recovering = _first(signals, (signals.roll < 0.5 * highest) & (signals.time > peak), 0.5 * (peak + end))
+    middle = [(turning, "turning in"), (peak, "peak roll")]
+    middle.append((recovering, "recovering") if tail_on_top is None else (tail_on_top, "tail over the top"))
+    middle.sort()
+    after = max(end, middle[-1][0]) + _AFTER
+    labels = ["before the turn", *(label for _, label in middle), "after the turn"]
+    return labels, [start - _BEFORE, *(time for time, _ in middle), after]
+
+
+def _rollover(signals: TurnSignals, trigger: float) -> tuple[list[str], list[float]]:
+    start = signals.window[0]
+    turning = _first(signals, signals.yaw_rate > trigger, start)
+    tipping = _first(signals, signals.tilt > _TIPPING, start)
+    over = _first(signals, signals.tilt > np.pi / 2, float(signals.time[np.argmax(signals.tilt)]))
+    labels = ["before the turn", "turning in", "tipping", "on its side", "after"]
+    return labels, [start - _BEFORE, turning, tipping, over, over + _AFTER]
+
+
+def _first(signals: TurnSignals, condition: NDArray[np.bool_], otherwise: float) -> float:
+    """First time from the start of the turn on at which a condition holds, s."""
+    rows = np.flatnonzero(condition & signals.from_start)
+    return float(signals.time[rows[0]]) if rows.size else otherwise
+
+
+def _spread(times: list[float], first: float, last: float) -> list[float]:
+    """The same times in order, inside the log and apart from each other as far as it has room, s."""
+    gap = min(_APART, (last - first) / len(times))
+    ordered: list[float] = []
+    for index, wanted in enumerate(times):
+        earliest = ordered[-1] + gap if ordered else first
+        latest = last - gap * (len(times) - 1 - index)
+        ordered.append(min(max(wanted, earliest), latest))
+    return ordered
+
 
 FRAME = (440, 470)
 """Width and height of one picture, pixels."""

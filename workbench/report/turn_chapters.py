@@ -25,8 +25,19 @@ from aerodima.workbench.metrics.published_figures import (
 from aerodima.workbench.metrics.run_summary import RunSummary, published_for
 from aerodima.workbench.metrics.turn_metrics import compare_to_published, published_figures
 from aerodima.workbench.report import turn_findings as findings
-from aerodima.workbench.report.number_words import degrees, metric_name, metric_unit, percent
-from aerodima.workbench.report.report_page import Finding, Folded, Heading, Part, Plot, Section, Table
+from aerodima.workbench.report.report_page import (
+    Finding,
+    Folded,
+    Heading,
+    Part,
+    Plot,
+    Section,
+    Table,
+    degrees,
+    metric_name,
+    metric_unit,
+    percent,
+)
 
 CLOSE = 0.1
 """Metrics within this share of the published figure are counted as met in the text."""

@@ -8,7 +8,7 @@ from typing import Any
 from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.metrics.published_figures import Comparison, FlipBracket, PublishedFigures
 from aerodima.workbench.metrics.run_summary import RunSummary
-from aerodima.workbench.report.number_words import degrees, metric_name, percent, span
+from aerodima.workbench.report.report_page import degrees, metric_name, percent, span
 
 REFERENCE_SHARE = 0.95
 """Share of the reference's heading change that a run must reach before it may be called faster (design section 10)."""

@@ -16,7 +16,6 @@ from aerodima.workbench.metrics.published_figures import tyre_damping
 from aerodima.workbench.metrics.run_summary import RunSummary, tail_mode_of
 from aerodima.workbench.report import turn_chapters as chapters
 from aerodima.workbench.report import turn_findings as findings
-from aerodima.workbench.report.number_words import degrees
 from aerodima.workbench.report.report_page import (
     Bullets,
     Finding,
@@ -30,6 +29,7 @@ from aerodima.workbench.report.report_page import (
     Section,
     Table,
     Text,
+    degrees,
 )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, State
 
 from aerodima.workbench.config.rig_parameters import RigEncoderParameters
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 

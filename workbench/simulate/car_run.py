@@ -16,8 +16,7 @@ from aerodima.workbench.controllers.controller_systems import TailController, Tu
 from aerodima.workbench.controllers.law_of_scenario import swing_facts
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
-from aerodima.workbench.logs.log_sink import open_log
-from aerodima.workbench.logs.recorder import RunRecorder, Signals, output_ports, recorded_columns, signals_of
+from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings

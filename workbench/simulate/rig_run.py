@@ -7,12 +7,11 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_PORTS, RIG_TRUTH
 from aerodima.workbench.controllers.controller_systems import CurrentController, TailCommander
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.log_sink import open_log
-from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
+from aerodima.workbench.logs.recorder import RunRecorder, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.sensors.force_torque import sensor_errors

@@ -18,7 +18,7 @@ from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.config.car_parameters import TailParameters
-from aerodima.workbench.config.coefficient_names import CONSTANT
+from aerodima.workbench.config.checked_files import CONSTANT
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import sail_inertial

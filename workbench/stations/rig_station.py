@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 
 from aerodima.workbench.actuators.maxon import MaxonMotor, current_noise
 from aerodima.workbench.actuators.mit_motor import MitMotor
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.rig import add_rig_plant

@@ -28,7 +28,7 @@ from aerodima.optimisation.identify.tail_swings import (
     swing_extremes,
 )
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate

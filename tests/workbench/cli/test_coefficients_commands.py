@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from aerodima.workbench.aero.coefficient_plots import plot_coefficients
-from aerodima.workbench.cli.coefficients_commands import register
+from aerodima.workbench.cli.model_commands import register
 from aerodima.workbench.errors import ModelError
 
 RUNNER = CliRunner()

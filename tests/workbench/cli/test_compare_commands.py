@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.figures.overlay_figures import plot_overlay
+from aerodima.workbench.figures.run_figures import plot_overlay
 from aerodima.workbench.logs.schema import RunLog, read_run_log
-from aerodima.workbench.report.comparison_page import (
+from aerodima.workbench.report.replay_page import (
     comparison_page,
     different_cars,
     metrics_rows,

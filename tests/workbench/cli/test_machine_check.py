@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.workbench.cli import machine_check as doctor
+from aerodima.workbench.cli import doctor_commands as doctor
 from aerodima.workbench.cli.program import build_app
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.cli.help_sections import SECTIONS
+from aerodima.workbench.cli.options import SECTIONS
 
 PROBE = '''
 import time

@@ -23,9 +23,8 @@ from aerodima.workbench.logs.conditioning import (
     resampled,
 )
 from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
-from aerodima.workbench.logs.resting import resting_parts
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.logs.signals import RIG_FILTER_20_HZ
+from aerodima.workbench.logs.signals import RIG_FILTER_20_HZ, resting_parts
 from tests.workbench.logs.foreign_logs import DRIFT, NOISE, RELEASED_AT, swing_readings, swing_truth
 
 TIMES = np.arange(5001) / 500.0

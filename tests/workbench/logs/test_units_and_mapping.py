@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench.config.units import unit_in_name, unit_to
+from aerodima.workbench.config.quantity import unit_in_name, unit_to
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from
 

@@ -8,7 +8,7 @@ import pytest
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.surfaces import visible_surfaces
+from aerodima.workbench.replay.picture import visible_surfaces
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_station import simulated_car
 from tests.workbench.stands import CarStand

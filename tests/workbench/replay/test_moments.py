@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.moments import five_moments
+from aerodima.workbench.replay.strip import five_moments
 from tests.workbench.made_up_runs import made_up_run, times
 
 

@@ -13,10 +13,9 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.replay.caption import caption_of
-from aerodima.workbench.replay.forces import force_arrows
-from aerodima.workbench.replay.logged_car import add_logged_car
-from aerodima.workbench.replay.moments import five_moments
-from aerodima.workbench.replay.reckoned_motion import replayable
+from aerodima.workbench.replay.logged_car import add_logged_car, replayable
+from aerodima.workbench.replay.recording import force_arrows
+from aerodima.workbench.replay.strip import five_moments
 
 TIMES = np.arange(301) / 100.0
 SPEED, YAW_RATE = 3.0, 1.5

@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.logged_car import add_logged_car
-from aerodima.workbench.replay.surfaces import posed_triangles, shape_triangles, visible_surfaces
+from aerodima.workbench.replay.picture import posed_triangles, shape_triangles, visible_surfaces
 
 
 def volume(triangles: np.ndarray) -> float:

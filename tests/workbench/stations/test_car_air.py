@@ -8,7 +8,7 @@ import pytest
 
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.config.coefficient_names import robot_tail_sets
+from aerodima.workbench.config.checked_files import robot_tail_sets
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import ModelError, ScenarioError
 from aerodima.workbench.stations.car_air import free_sail, sail_law, sail_layout, wind_model

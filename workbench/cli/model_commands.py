@@ -1,0 +1,188 @@
+"""Commands that look into models and scenarios: `models`, `range-of-motion`, `coefficients`, `diagram`, `export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodima.workbench.cli.options import CHECKS, COEFFICIENTS, Force, ScenarioArgument, Settings, command_group
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the commands."""
+    command_group(app, "models", "Look after models and parameters.", CHECKS).command()(check)
+    app.command("range-of-motion", rich_help_panel=CHECKS)(range_of_motion)
+    coefficients = command_group(app, "coefficients", "Look at sets of aerodynamic coefficients.", COEFFICIENTS)
+    coefficients.command("list")(list_sets)
+    coefficients.command()(plot)
+    app.command(rich_help_panel=CHECKS)(diagram)
+    app.command(rich_help_panel=CHECKS)(export)
+
+
+def check(
+    files: Annotated[list[Path] | None, typer.Argument(help="SDF or URDF files; all that ship when left out.")] = None,
+    update: Annotated[
+        bool, typer.Option("--update", help="First write the numbers of models/parameters into the SDF files.")
+    ] = False,
+) -> None:
+    """Check that models load, are physical, hide nothing, name their sources and equal the parameters."""
+    from aerodima.workbench.cli.model_check import check_model_file, check_shipped_models, update_model_files
+    from aerodima.workbench.errors import ModelError
+
+    if update:
+        for path in update_model_files():
+            typer.echo(f"written {path}")
+    results = [result for path in files for result in check_model_file(path)] if files else list(check_shipped_models())
+    for result in results:
+        typer.echo(f"{'ok  ' if not result.problems else 'FAIL'} {result.subject}")
+    problems = [problem for result in results for problem in result.problems]
+    if problems:
+        raise ModelError(f"{len(problems)} problem(s):\n  " + "\n  ".join(problems))
+
+
+def range_of_motion(
+    scenario: ScenarioArgument = "turn_swing",
+    out: Annotated[Path, typer.Option(help="The map as CSV; its picture goes beside it as PNG.")] = Path(
+        "range_of_motion.csv"
+    ),
+    pitch_nodes: Annotated[int, typer.Option(help="Nodes over the range of the pitch joint.")] = 37,
+    roll_nodes: Annotated[int, typer.Option(help="Nodes over the range of the roll joint.")] = 37,
+    margin: Annotated[float, typer.Option(help="Clearance to keep, m.", min=0.0, max=0.3)] = 0.01,
+    settings: Settings = None,
+    force: Force = False,
+) -> None:
+    """Map the clearance of rod and sail to cage, deck, wheels and ground over pitch and roll of the tail.
+
+    Example: aerodima range-of-motion --out range.csv
+    """
+    from math import degrees
+
+    from aerodima.workbench.atomic_write import refuse_existing
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.figures.figure_style import png
+    from aerodima.workbench.figures.tail_figures import plot_range_of_motion
+    from aerodima.workbench.plants.clearance import PARTS, make_range_of_motion, write_range_of_motion
+    from aerodima.workbench.report.report_page import write_files
+
+    picture = out.with_suffix(".png")
+    if picture == out:
+        raise UserError(f"--out {out}: allowed: another ending than .png, which is the picture's")
+    for path in (out, picture):
+        refuse_existing(path, force, UserError)
+    motion = make_range_of_motion(load_scenario(scenario, settings or []), pitch_nodes, roll_nodes)
+    write_range_of_motion(motion, out, force=force)
+    write_files(picture.parent, {picture.name: png(plot_range_of_motion(motion, margin))}, force=force)
+    free = motion.clearance(motion.pitch[:, None], motion.roll[None, :]) >= margin
+    low, high = motion.allowed_roll(0.0, margin)
+    typer.echo(f"free by {1000 * margin:g} mm: {free.mean():.0%} of the range; upright pitch: roll "
+               f"{degrees(low):.0f} to {degrees(high):.0f} deg")  # fmt: skip
+    for number, part in enumerate(PARTS):
+        least = motion.clearances[:, :, number]
+        pitch, roll = divmod(int(least.argmin()), len(motion.roll))
+        typer.echo(
+            f"{part}: {1000 * least.min():.0f} mm at the least, pitch {degrees(motion.pitch[pitch]):.0f} deg, roll "
+            f"{degrees(motion.roll[roll]):.0f} deg"
+        )
+    typer.echo(f"map: {out}, picture: {picture}")
+
+
+def list_sets() -> None:
+    """List the embedded sets with their measured range and source."""
+    from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
+
+    for name in embedded_sets():
+        coefficients = load_coefficients(name)
+        low, high = coefficients.speed_range
+        measured = f"{low:g}-{high:g} m/s"
+        if coefficients.angle_range is not None:
+            measured += f", |gamma| {coefficients.angle_range[0]:.3f}-{coefficients.angle_range[1]:.3f} rad"
+        typer.echo(f"{name}: {coefficients.law_kind}, measured {measured}; {coefficients.source}")
+
+
+def plot(
+    file: Annotated[str, typer.Argument(help="YAML or CSV file of a set, or the name of an embedded one.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Picture to write (png, svg or pdf); <name>.png here when left out.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Plot a set: curves with percentile bands, measured and seed nodes, and the surface.
+
+    Example: aerodima coefficients plot cheetah_tail_1_major --out tail_1.png
+    """
+    from aerodima.workbench.aero.coefficient_files import load_coefficients
+    from aerodima.workbench.aero.coefficient_plots import plot_coefficients
+    from aerodima.workbench.atomic_write import write_atomically
+    from aerodima.workbench.errors import ModelError
+
+    coefficients = load_coefficients(file)
+    target = out or Path(f"{Path(file).stem}.png")
+    kind = target.suffix.lstrip(".").lower()
+    if kind not in ("png", "svg", "pdf"):
+        raise ModelError(f"--out {target}: the ending must be .png, .svg or .pdf")
+    figure = plot_coefficients(coefficients)
+    write_atomically(target, lambda path: figure.savefig(path, format=kind, dpi=130), force, ModelError)
+    typer.echo(f"written {target}")
+
+
+def diagram(
+    scenario: ScenarioArgument,
+    out: Annotated[Path, typer.Option(help="Picture (.svg, .png, .pdf) or text (.dot).")] = Path("diagram.svg"),
+    depth: Annotated[int, typer.Option(help="How many levels of nested diagrams are drawn.", min=1)] = 2,
+    settings: Settings = None,
+    force: Force = False,
+) -> None:
+    """Draw the block diagram of a scenario; as text (.dot) where Graphviz is not installed."""
+    import shutil
+    import subprocess
+
+    from aerodima.workbench.atomic_write import write_atomically
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.errors import UserError
+    from aerodima.workbench.simulate.car_run import assemble
+
+    kinds = (".svg", ".png", ".pdf", ".dot")
+    if out.suffix not in kinds:
+        raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(kinds)}")
+    text = assemble(load_scenario(scenario, settings)).builder.Build().GetGraphvizString(max_depth=depth)
+    program = shutil.which("dot")
+    if program is None and out.suffix != ".dot":
+        out = out.with_suffix(".dot")
+        typer.echo("Graphviz is not installed: writing text that `dot -Tsvg` draws elsewhere", err=True)
+
+    def write(temporary: Path) -> None:
+        if out.suffix == ".dot":
+            temporary.write_text(text, encoding="utf-8")
+            return
+        command = [str(program), f"-T{out.suffix[1:]}", "-o", str(temporary)]
+        done = subprocess.run(command, input=text, text=True, capture_output=True, check=False)
+        if done.returncode != 0:
+            raise UserError(f"--out {out}: Graphviz failed: {done.stderr.strip()}")
+
+    write_atomically(out, write, force, UserError)
+    typer.echo(f"diagram: {out}")
+
+
+def export(
+    scenario: ScenarioArgument,
+    out: Annotated[Path | None, typer.Option(help="JSON file; standard output when left out.")] = None,
+    settings: Settings = None,
+    force: Force = False,
+) -> None:
+    """Write a resolved scenario, with every number and its swing in it, as one JSON bundle that needs no other file."""
+    import json
+
+    from aerodima.workbench.atomic_write import write_atomically
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.controllers.law_of_scenario import make_bundle
+    from aerodima.workbench.errors import UserError
+
+    text = json.dumps(make_bundle(load_scenario(scenario, settings)), indent=2) + "\n"
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    write_atomically(out, text, force, UserError)
+    typer.echo(f"scenario: {out}")
