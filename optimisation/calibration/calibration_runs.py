@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.calibration_plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
 from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine, RunTask, tipped_before_turn
-from aerodima.workbench.batch.engine import Say
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import RowStore, content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
@@ -238,7 +238,7 @@ class RunStore(RowStore):
         identity = {"schema": RUNS_SCHEMA, "versions": software_versions(), "scenarios": bases}
         super().__init__(folder / RUNS, identity, force=force)
 
-    def run(self, wanted: Sequence[Wanted], engine: Engine, say: Say | None = None, what: str = "") -> pd.DataFrame:
+    def run(self, wanted: Sequence[Wanted], engine: Engine, say: ProgressLine = silent, what: str = "") -> pd.DataFrame:
         """Rows of runs, in their order; those that are not in the store are run and stored first."""
         remembering = RememberingEngine(engine, self, say, what)
         return pd.DataFrame(remembering.rows([run.task() for run in wanted]))

@@ -25,7 +25,7 @@ from aerodima.workbench.cli.options import (
 if TYPE_CHECKING:
     from aerodima.optimisation.sweep.rollover_threshold import Search, Threshold
     from aerodima.optimisation.sweep.study_engine import RunEngine
-    from aerodima.workbench.batch.engine import Say
+    from aerodima.workbench.batch.engine import ProgressLine
 
 
 Out = Annotated[Path, typer.Option(help="Folder for tables, plots and index.html; a stopped study goes on in it.")]
@@ -71,14 +71,16 @@ def register(app: typer.Typer) -> None:
 
 
 @contextmanager
-def engine_for(out: Path | None, workers: int = 2, scheduler: str | None = None) -> Iterator[tuple[RunEngine, Say]]:
+def engine_for(
+    out: Path | None, workers: int = 2, scheduler: str | None = None
+) -> Iterator[tuple[RunEngine, ProgressLine]]:
     """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
     from aerodima.optimisation.sweep.study_engine import open_engine
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.row_store import terminal
 
     say = terminal()
-    with open_engine(workers, scheduler, say=say, record=None if out is None else out / WORKER_RECORD) as engine:
+    with open_engine(workers, scheduler, progress=say, record=None if out is None else out / WORKER_RECORD) as engine:
         yield engine, say
 
 

@@ -20,8 +20,8 @@ import pyarrow.parquet as pq
 
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.workbench.batch import WORKER_RECORD, run_batch
-from aerodima.workbench.batch.engine import Say
-from aerodima.workbench.batch.row_store import Progress, RowStore, read_lines, saying_how_to_go_on
+from aerodima.workbench.batch.engine import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressBar, RowStore, read_lines, saying_how_to_go_on
 from aerodima.workbench.errors import FitError, UserError
 from aerodima.workbench.logs.schema import decode_metadata, software_versions
 
@@ -55,7 +55,7 @@ def fit_logs(
     settings: dict[str, Any],
     workers: int = 1,
     force: bool = False,
-    say: Say = lambda _line: None,
+    say: ProgressLine = silent,
 ) -> BatchResult:
     """Fits every log and keeps what is finished in `out`.
 
@@ -80,7 +80,7 @@ def fit_logs(
     with RowStore(out / JOURNAL, {"settings": settings}, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
-        reused, progress = len(done), Progress(say, len(names), len(done))
+        reused, progress = len(done), ProgressBar(say, len(names), len(done))
 
         def keep(_count: int, line: dict[str, Any]) -> None:
             if line["error"] != WORKER_KILLED:  # a second call tries it again
@@ -89,7 +89,7 @@ def fit_logs(
             progress.one_more(Path(line["log"]).name)
 
         with saying_how_to_go_on(say, lambda: f"{progress.done} of {len(names)} fits"):
-            run_batch(partial(_one, work), missing, workers, keep, _lost, say=say, record=out / WORKER_RECORD)
+            run_batch(partial(_one, work), missing, workers, keep, _lost, progress=say, record=out / WORKER_RECORD)
     lines = [done[name] for name in names]
     return BatchResult(
         [_result(line["result"]) for line in lines if line["result"] is not None],

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
 from aerodima.workbench import batch
-from aerodima.workbench.batch.engine import Say
-from aerodima.workbench.batch.row_store import Progress, RowStore, content_key
+from aerodima.workbench.batch.engine import ProgressLine, on_stderr, silent
+from aerodima.workbench.batch.row_store import ProgressBar, RowStore, content_key
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError
@@ -194,13 +194,18 @@ def open_engine(
     workers: int = 2,
     scheduler: str | None = None,
     *,
-    say: Callable[[str], None] | None = None,
+    progress: ProgressLine = on_stderr,
     record: Path | None = None,
     memory: float | None = None,
 ) -> Iterator[RunEngine]:
     """`aerodima.workbench.batch.open_engine`, ready to simulate."""
     with batch.open_engine(
-        workers, scheduler, say=say, record=record, memory=memory, module="aerodima.workbench.simulate.car_run"
+        workers,
+        scheduler,
+        progress=progress,
+        record=record,
+        memory=memory,
+        module="aerodima.workbench.simulate.car_run",
     ) as engine:
         yield RunEngine(engine)
 
@@ -215,8 +220,8 @@ class RememberingEngine:
         stage: what is being run, for these lines; may be changed on the way.
     """
 
-    def __init__(self, engine: Engine, store: RowStore, say: Say | None = None, stage: str = "") -> None:
-        self._engine, self.store, self._say = engine, store, say or (lambda _line: None)
+    def __init__(self, engine: Engine, store: RowStore, say: ProgressLine = silent, stage: str = "") -> None:
+        self._engine, self.store, self._say = engine, store, say
         self.stage = stage
         self.ran = 0
 
@@ -236,7 +241,7 @@ class RememberingEngine:
         known = self.store.rows
         missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
         places = list(missing)
-        progress = Progress(self._say, len(set(keys)), len(set(keys)) - len(missing))
+        progress = ProgressBar(self._say, len(set(keys)), len(set(keys)) - len(missing))
 
         def keep(place: int, row: dict[str, Any]) -> None:
             self.store.add(places[place], row)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.batch.row_store import Progress, RowStore, content_key, saying_how_to_go_on
+from aerodima.workbench.batch.row_store import ProgressBar, RowStore, content_key, saying_how_to_go_on
 from aerodima.workbench.errors import UserError
 
 
@@ -58,7 +58,7 @@ def test_the_key_follows_the_content_alone() -> None:
 
 def test_an_interruption_says_what_is_kept_and_how_to_go_on() -> None:
     said: list[str] = []
-    progress = Progress(said.append, 4, there=1)
+    progress = ProgressBar(said.append, 4, there=1)
 
     def work() -> None:
         with saying_how_to_go_on(said.append, lambda: f"{progress.done} of 4 runs"):

@@ -60,7 +60,7 @@ def opened(tmp_path: Path) -> Iterator[Callable[..., tuple[Engine, list[str]]]]:
         def open_(workers: int = 2, memory: float | None = LIMIT) -> tuple[Engine, list[str]]:
             said: list[str] = []
             engine = stack.enter_context(
-                open_engine(workers, memory=memory, say=said.append, record=tmp_path / WORKER_RECORD)
+                open_engine(workers, memory=memory, progress=said.append, record=tmp_path / WORKER_RECORD)
             )
             return engine, said
 

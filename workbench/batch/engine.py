@@ -20,7 +20,18 @@ from typing import Any, Protocol, TypeVar
 
 from aerodima.workbench.errors import UserError
 
-Say = Callable[[str], None]
+ProgressLine = Callable[[str], None]
+"""Told how far work is, a line each."""
+
+
+def silent(_line: str) -> None:
+    """Says nothing."""
+
+
+def on_stderr(line: str) -> None:
+    """Says it at once."""
+    print(line, file=sys.stderr, flush=True)
+
 
 WORKER_RECORD = "workers.jsonl"
 """In the folder of a study, once something happened: a line per event with its time, worker, process and text."""
@@ -37,19 +48,19 @@ class WorkerRecord:
     """Says and keeps the events of one engine.
 
     Args:
-        say: told a line per event; stderr by default, so that nothing is silent.
+        progress: told a line per event.
         path: of the file, made with the first event; usually `WORKER_RECORD` in the folder of the study.
     """
 
-    def __init__(self, say: Say | None = None, path: Path | None = None) -> None:
-        self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
+    def __init__(self, progress: ProgressLine = on_stderr, path: Path | None = None) -> None:
+        self._progress = progress
         self._path = path
         self.counts: Counter[str] = Counter()
 
     def event(self, kind: str, text: str, **facts: Any) -> None:
         """One event (the kinds: docs/howto/studies.md); `facts` go to the file only."""
         self.counts[kind] += 1
-        self._say(text)
+        self._progress(text)
         if self._path is None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +72,7 @@ class WorkerRecord:
         """Sums the events up, if there were any."""
         if self.counts:
             text = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in sorted(self.counts.items()))
-            self._say(f"workers: {text}" + ("" if self._path is None else f"; see {self._path}"))
+            self._progress(f"workers: {text}" + ("" if self._path is None else f"; see {self._path}"))
 
 
 class Standstill:
@@ -159,8 +170,8 @@ class SerialEngine:
     workers = 1
     startup = 0.0
 
-    def __init__(self, say: Say | None = None, record: Path | None = None) -> None:
-        self._record = WorkerRecord(say, record)
+    def __init__(self, progress: ProgressLine = on_stderr, record: Path | None = None) -> None:
+        self._record = WorkerRecord(progress, record)
 
     @property
     def events(self) -> dict[str, int]:
@@ -191,7 +202,7 @@ def open_engine(
     workers: int = 2,
     scheduler: str | None = None,
     *,
-    say: Say | None = None,
+    progress: ProgressLine = on_stderr,
     record: Path | None = None,
     memory: float | None = None,
     module: str | None = None,
@@ -201,7 +212,7 @@ def open_engine(
     Args:
         workers: processes to start here, one BLAS thread each; not used with a scheduler.
         scheduler: address of a running Dask scheduler, such as `tcp://127.0.0.1:8786`. Its workers need this package.
-        say: told what happens to workers, a line each; stderr by default.
+        progress: told what happens to workers, a line each; stderr by default.
         record: file for the same; usually `WORKER_RECORD` in the folder of the study.
         memory: limit of each process here, bytes; by default an equal share of this computer's.
         module: that a worker imports before its first piece.
@@ -215,7 +226,7 @@ def open_engine(
     if scheduler is None:
         check_workers(workers)
     start = time.monotonic()
-    kept = WorkerRecord(say, record)
+    kept = WorkerRecord(progress, record)
     client_of = local_cluster(workers, memory) if scheduler is None else remote_cluster(scheduler)
     with quiet_logs(), client_of as client:
         engine = DaskEngine(client, kept, is_local=scheduler is None, module=module)
@@ -234,7 +245,7 @@ def run_batch(
     done: Callable[[int, Result], None] | None = None,
     lost: Callable[[Item], Result] | None = None,
     *,
-    say: Say | None = None,
+    progress: ProgressLine = on_stderr,
     record: Path | None = None,
 ) -> list[Result]:
     """`Engine.map` on an engine for these items alone; with one worker, or one item, in this process.
@@ -252,7 +263,8 @@ def run_batch(
             done(finished, result)
 
     number = min(workers, len(items))
-    opened: Any = nullcontext(SerialEngine(say, record)) if number <= 1 else open_engine(number, say=say, record=record)
+    alone = nullcontext(SerialEngine(progress, record))
+    opened: Any = alone if number <= 1 else open_engine(number, progress=progress, record=record)
     with opened as engine:
         return engine.map(work, items, count, lost)
 

@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 
 from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.batch.engine import WORKER_RECORD, Say
+from aerodima.workbench.batch.engine import WORKER_RECORD, ProgressLine
 from aerodima.workbench.errors import UserError
 
 Row = dict[str, Any]
@@ -153,17 +153,17 @@ BAR = 24
 """Width of the bar, characters."""
 
 
-class Progress:
+class ProgressBar:
     """A bar with the time that is left, from the pace of this call.
 
     Args:
-        say: told a line per piece.
+        progress: told a line per piece.
         total: pieces of the whole work.
         there: of them done before.
     """
 
-    def __init__(self, say: Say, total: int, there: int = 0) -> None:
-        self.total, self.done, self._there, self._say = total, there, there, say
+    def __init__(self, progress: ProgressLine, total: int, there: int = 0) -> None:
+        self.total, self.done, self._there, self._progress = total, there, there, progress
         self._start = time.monotonic()
 
     def one_more(self, what: str = "") -> None:
@@ -172,24 +172,24 @@ class Progress:
         left = (time.monotonic() - self._start) / (self.done - self._there) * (self.total - self.done)
         filled = BAR * self.done // self.total
         count = f"{self.done:>{len(str(self.total))}}/{self.total}"
-        self._say(f"[{'#' * filled + '.' * (BAR - filled)}] {count} {what:8} {left:5.0f} s to go")
+        self._progress(f"[{'#' * filled + '.' * (BAR - filled)}] {count} {what:8} {left:5.0f} s to go")
 
 
 @contextmanager
-def saying_how_to_go_on(say: Say, kept: Callable[[], str]) -> Iterator[None]:
+def saying_how_to_go_on(progress: ProgressLine, kept: Callable[[], str]) -> Iterator[None]:
     """Whatever stops the work (Ctrl-C, an error): says what of it is kept, `kept()`, and how to go on."""
     try:
         yield
     except BaseException:
-        say(f"stopped: {kept()} are kept; the same command goes on with the rest")
+        progress(f"stopped: {kept()} are kept; the same command goes on with the rest")
         raise
 
 
-def terminal() -> Say:
+def terminal() -> ProgressLine:
     """Writes lines to stderr; on a terminal each takes the place of the one before, except messages of a stop."""
     shown = 0
 
-    def say(line: str) -> None:
+    def progress(line: str) -> None:
         nonlocal shown
         if not sys.stderr.isatty():
             print(line, file=sys.stderr, flush=True)
@@ -198,4 +198,4 @@ def terminal() -> Say:
         print("\r" + line.ljust(shown), end=end, file=sys.stderr, flush=True)
         shown = 0 if end else len(line)
 
-    return say
+    return progress

@@ -113,7 +113,7 @@ def campaign(
 
     start = time.monotonic()
     tasks = campaign_tasks(load_campaign(name), seed, repeats, settings)
-    result = run_campaign(tasks, out, workers=workers, force=force, say=terminal())
+    result = run_campaign(tasks, out, workers=workers, force=force, progress=terminal())
     if result.reused:
         typer.echo(f"{result.reused} of {len(tasks)} logs were there before")
     for log, reason in result.failed.items():

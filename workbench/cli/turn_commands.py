@@ -79,7 +79,7 @@ def demo(
     from aerodima.workbench.report.demo import DemoPlan, make_demo
 
     start = time.monotonic()
-    report = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, say=terminal())
+    report = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal())
     typer.echo(f"report: {report} ({time.monotonic() - start:.0f} s)")
 
 

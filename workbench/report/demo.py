@@ -7,8 +7,8 @@ from typing import Any
 
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
-from aerodima.workbench.batch.engine import Say
-from aerodima.workbench.batch.row_store import Progress, RowStore, saying_how_to_go_on
+from aerodima.workbench.batch.engine import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressBar, RowStore, saying_how_to_go_on
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.figure_style import MODE_STYLES
@@ -69,7 +69,12 @@ class DemoRun:
 
 
 def make_demo(
-    out: Path, plan: DemoPlan | None = None, *, workers: int = 2, force: bool = False, say: Say | None = None
+    out: Path,
+    plan: DemoPlan | None = None,
+    *,
+    workers: int = 2,
+    force: bool = False,
+    progress: ProgressLine = silent,
 ) -> Path:
     """Runs the demo and writes its report; the path of the report.
 
@@ -81,26 +86,25 @@ def make_demo(
         plan: what to run; the 28 runs at the thesis' speeds by default.
         workers: processes.
         force: make a finished demo again, or write among other files.
-        say: told lines of progress.
+        progress: told lines of progress.
 
     Raises:
         UserError: workers out of range; the folder holds a finished demo, another one's logs or foreign files, or
             cannot be written. Nothing is overwritten without `force`.
     """
     plan = plan or DemoPlan()
-    say = say or (lambda line: None)
     check_workers(workers)
     runs = demo_runs(out, plan)
-    progress = Progress(say, len(runs))
+    bar = ProgressBar(progress, len(runs))
 
     def done(_count: int, summary: RunSummary) -> None:
-        progress.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
+        bar.one_more(f"{summary.name}: {summary.metrics.outcome.result}")
 
     kept = lambda: f"{sum(run.log.exists() for run in runs)} of {len(runs)} logs"  # noqa: E731
-    with _claimed(out, runs, force) as store, saying_how_to_go_on(say, kept):
-        say(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
-        summaries = run_batch(do_run, runs, workers, done, say=say, record=out / WORKER_RECORD)
-        say("writing table and report ...")
+    with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
+        progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
+        summaries = run_batch(do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD)
+        progress("writing table and report ...")
         _write_report(out, runs, summaries)
         store.add(FINISHED, {})
     return out / REPORT

@@ -10,8 +10,8 @@ import pandas as pd
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
-from aerodima.workbench.batch.engine import Say
-from aerodima.workbench.batch.row_store import Progress, RowStore, saying_how_to_go_on
+from aerodima.workbench.batch.engine import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressBar, RowStore, saying_how_to_go_on
 from aerodima.workbench.config.rig_campaign import RigTask
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.journal import journal_path
@@ -46,7 +46,7 @@ def run_campaign(
     *,
     workers: int = 2,
     force: bool = False,
-    say: Say = lambda _line: None,
+    progress: ProgressLine = silent,
 ) -> CampaignResult:
     """Makes what is missing of the logs `out/<name>.parquet`, and the table `campaign.csv` with the truth of each.
 
@@ -58,7 +58,7 @@ def run_campaign(
         out: folder; made when it is not there.
         workers: processes.
         force: make the logs of these tasks again, also over another campaign's.
-        say: told lines of progress.
+        progress: told lines of progress.
 
     Raises:
         UserError: workers out of range, or the folder belongs to other things or another campaign.
@@ -72,16 +72,16 @@ def run_campaign(
                 path.unlink(missing_ok=True)
         missing = [task for task in tasks if not paths[task.name].exists()]
         reused, failed = len(tasks) - len(missing), dict[str, str]()
-        progress = Progress(say, len(tasks), reused)
+        bar = ProgressBar(progress, len(tasks), reused)
 
         def done(_count: int, outcome: tuple[str, str]) -> None:
             name, error = outcome
             if error:
                 failed[name] = error
-            progress.one_more(name)
+            bar.one_more(name)
 
-        with saying_how_to_go_on(say, lambda: f"{progress.done} of {len(tasks)} logs"):
-            run_batch(partial(_make, out), missing, workers, done, _lost, say=say, record=out / WORKER_RECORD)
+        with saying_how_to_go_on(progress, lambda: f"{bar.done} of {len(tasks)} logs"):
+            run_batch(partial(_make, out), missing, workers, done, _lost, progress=progress, record=out / WORKER_RECORD)
         made = [task for task in tasks if task.name not in failed]
         _write_table(out, made)
     return CampaignResult([paths[task.name] for task in made], failed, reused)

@@ -70,7 +70,7 @@ def test_a_second_call_makes_only_what_is_missing_and_the_same(small: Path, tmp_
     assert before.extra["truth"]["psi3"] == tasks[2].scenario.tunnel.psi3
     first.logs[2].unlink()
     told: list[str] = []
-    second = run_campaign(tasks, out, workers=1, say=told.append)
+    second = run_campaign(tasks, out, workers=1, progress=told.append)
     assert second.reused == 3
     assert [line.split("]")[1].split()[0] for line in told] == ["4/4"]
     assert signals_equal(read_run_log(second.logs[2]), before)

@@ -47,12 +47,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        make_demo(out, PLAN, workers=1, say=interrupt)
+        make_demo(out, PLAN, workers=1, progress=interrupt)
     (log,) = (out / "logs").glob("*.parquet")
     changed = log.stat().st_mtime_ns
     # The next run as a killed process leaves it: a journal that would be in the way of a new one.
     (out / "logs" / "turn_none_3.33.parquet.journal").write_bytes(b"cut off")
-    make_demo(out, PLAN, workers=1, say=messages.append)
+    make_demo(out, PLAN, workers=1, progress=messages.append)
     return Made(out, changed, messages)
 
 
@@ -214,7 +214,7 @@ def test_force_makes_again_and_leaves_foreign_files(tmp_path: Path) -> None:
 
     plan = DemoPlan(speeds=(12 / 3.6,), tail_modes=("none",), shown=())
     with pytest.raises(KeyboardInterrupt):
-        make_demo(out, plan, workers=1, force=True, say=interrupt)
+        make_demo(out, plan, workers=1, force=True, progress=interrupt)
     assert not old.exists()
     assert (out / "notes.txt").read_text() == "mine"
 
