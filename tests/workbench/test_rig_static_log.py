@@ -118,7 +118,7 @@ def test_a_rest_without_wind_comes_first_and_has_the_same_bias_and_drift() -> No
     ("changes", "message"),
     [
         ({"wind_off": 3.0, "duration": 3.0}, "experiment.wind_off: 3 s; allowed: < duration 3 s"),
-        ({"wind_off": 1.0, "kind": "swing"}, "experiment.wind_off: 1 s; allowed in a swing: 0 s"),
+        ({"wind_off": 1.0, "kind": "swing"}, "experiment.wind_off: 1 s; allowed: 0 s in a swing"),
     ],
 )
 def test_a_rest_that_leaves_no_hold_or_is_of_a_swing_is_refused(changes: dict, message: str) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml, shipped_names
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import EnsembleError, ScenarioError
@@ -134,11 +134,6 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     if content.best not in named:
         raise EnsembleError(f"{path}: best: {content.best!r} is no member; {nearest(content.best, list(named))}")
     return Ensemble(content.name, members, named[content.best], content.provenance, path)
-
-
-def ensemble_names() -> list[str]:
-    """Names of the ensembles that ship in `models/calibration`."""
-    return shipped_names("calibration")
 
 
 def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[float]) -> NDArray[np.float64]:

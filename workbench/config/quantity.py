@@ -6,7 +6,6 @@ in any case.
 
 import difflib
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -121,21 +120,8 @@ _SUFFIXES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A unit of a foreign log.
-
-    Attributes:
-        si: the SI unit that it is converted to, as written in `Column.unit` (`1` for a pure number).
-        factor: SI value of one of it.
-    """
-
-    si: str
-    factor: float
-
-
-def unit_to(name: str, si: str, where: str) -> Unit:
-    """The unit called `name` as a unit of the quantity whose SI unit is `si`.
+def unit_factor(name: str, si: str, where: str) -> float:
+    """SI value of one unit called `name`, which measures the quantity whose SI unit is `si`.
 
     Args:
         name: as written in a mapping file, `deg/s`; `Nm`, `°` and the like are understood too.
@@ -149,7 +135,7 @@ def unit_to(name: str, si: str, where: str) -> Unit:
     name = _SPELLINGS.get(name.strip(), name.strip())
     units = _FACTORS.get(wanted, {wanted: 1.0})
     if name in units:
-        return Unit(wanted, units[name])
+        return units[name]
     allowed = ", ".join(units)
     others = [other for other, table in _FACTORS.items() if name in table]
     if others:

@@ -13,36 +13,24 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml, shipped_names
-from aerodima.workbench.config.quantity import nearest, unit_of, unit_to
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.config.quantity import nearest, unit_factor, unit_of
 from aerodima.workbench.config.scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
+from aerodima.workbench.config.scenario_file import Sourced
 from aerodima.workbench.errors import LogError, ScenarioError
 
 CAMPAIGN_SCHEMA = "aerodima/rig-campaign/1"
 MOST_LOGS = 10000
 """Of one campaign; the published one has 540."""
-_SOURCE = r"^(published: .+|datasheet: .+|assumed|chosen)$"
 
 
-class _Sourced(StrictModel):
-    unit: str
-    source: str = Field(pattern=_SOURCE)
-    reason: str | None = None
-
-    @model_validator(mode="after")
-    def _reason_is_given(self) -> "_Sourced":
-        if self.source in ("assumed", "chosen") and not self.reason:
-            raise ValueError(f"source {self.source!r} needs a reason")
-        return self
-
-
-class GridValues(_Sourced):
+class GridValues(Sourced):
     """What a key of the scenario takes in turn."""
 
     values: tuple[int | float | str, ...] = Field(min_length=1, max_length=100)
 
 
-class Limits(_Sourced):
+class Limits(Sourced):
     """Ends of an even distribution."""
 
     low: float
@@ -55,7 +43,7 @@ class Limits(_Sourced):
         return self
 
 
-class Repeats(_Sourced):
+class Repeats(Sourced):
     """How many logs there are of each experiment."""
 
     value: int = Field(ge=1, le=MOST_LOGS)
@@ -98,11 +86,6 @@ def load_campaign(name_or_path: str | Path) -> RigCampaign:
         for key, entry in getattr(campaign, part).items():
             _si_factor(key, entry, f"{path}: {part}: {key}")
     return campaign
-
-
-def campaign_names() -> list[str]:
-    """Names of the campaigns that ship in `models/campaigns`."""
-    return shipped_names("campaigns")
 
 
 def campaign_tasks(
@@ -148,7 +131,7 @@ def _put(changes: dict[str, Any], key: str, value: Any) -> None:
     changes.setdefault(section, {})[name] = value
 
 
-def _si_factor(key: str, entry: _Sourced, where: str) -> float | int:
+def _si_factor(key: str, entry: Sourced, where: str) -> float | int:
     """SI value of one of the entry's unit; 1 for words and whole numbers."""
     section, _, name = key.partition(".")
     model = RIG_SECTIONS.get(section)
@@ -157,7 +140,7 @@ def _si_factor(key: str, entry: _Sourced, where: str) -> float | int:
         raise ScenarioError(f"{where}: no such key of a rig scenario; {nearest(key, known)}")
     si = unit_of(model, name)
     try:
-        factor = unit_to(entry.unit, si, where).factor
+        factor = unit_factor(entry.unit, si, where)
     except LogError as error:
         raise ScenarioError(str(error)) from None
     return 1 if factor == 1.0 else factor

@@ -8,6 +8,9 @@ from typing import Literal
 
 from aerodima.workbench.config.quantity import QuantityModel, quantity
 
+WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Order of forces and torques."""
+
 
 class MountParameters(QuantityModel):
     """Mounting structure between force sensor and motor axis (thesis Tables 4.5 and 4.6)."""
@@ -58,9 +61,9 @@ class CheetahTailParameters(QuantityModel):
     tz_offset: float = quantity("N m", "to add to a reading", ge=-100, le=100)
 
     @property
-    def offsets(self) -> tuple[float, float, float, float, float, float]:
+    def offsets(self) -> tuple[float, ...]:
         """F_x, F_y, F_z (N), T_x, T_y, T_z (N m) to add to a reading."""
-        return (self.fx_offset, self.fy_offset, self.fz_offset, self.tx_offset, self.ty_offset, self.tz_offset)
+        return tuple(getattr(self, f"{axis}_offset") for axis in WRENCH_AXES)
 
 
 class MaxonParameters(QuantityModel):
@@ -110,19 +113,12 @@ class ForceSensorParameters(QuantityModel):
     torque_range: float = quantity("N m", "largest torque reading", gt=0, le=1e4)
 
     @property
-    def accuracies(self) -> tuple[float, float, float, float, float, float]:
+    def accuracies(self) -> tuple[float, ...]:
         """Of F_x, F_y, F_z (N), T_x, T_y, T_z (N m)."""
-        return (
-            self.fx_accuracy,
-            self.fy_accuracy,
-            self.fz_accuracy,
-            self.tx_accuracy,
-            self.ty_accuracy,
-            self.tz_accuracy,
-        )
+        return tuple(getattr(self, f"{axis}_accuracy") for axis in WRENCH_AXES)
 
     @property
-    def ranges(self) -> tuple[float, float, float, float, float, float]:
+    def ranges(self) -> tuple[float, ...]:
         """Of F_x, F_y, F_z (N), T_x, T_y, T_z (N m), to either side."""
         return (self.force_range_xy, self.force_range_xy, self.force_range_z, *(self.torque_range,) * 3)
 

@@ -70,34 +70,21 @@ class Scenario(ScenarioFile):
     simulation: SimulationParameters
 
     @model_validator(mode="after")
-    def _geometry_is_possible(self) -> "Scenario":
-        if self.tail.sail_length > self.tail.length:
-            raise ValueError(
-                f"tail.sail_length: {self.tail.sail_length:g} m; allowed: <= tail.length {self.tail.length:g} m"
-            )
-        if self.manoeuvre.steer_angle > self.servo.limit + 1e-9:
-            steer, limit = self.manoeuvre.steer_angle, self.servo.limit
-            raise ValueError(f"manoeuvre.steer_angle: {steer:.9g} rad; allowed: <= servo.limit {limit:.9g} rad")
-        ramp, start = self.manoeuvre.speed_ramp, self.manoeuvre.turn_start
-        if self.manoeuvre.kind == "turn" and ramp > start:
-            raise ValueError(f"manoeuvre.speed_ramp: {ramp:g} s; allowed: <= turn_start {start:g} s")
-        return self
-
-    @model_validator(mode="after")
-    def _tail_rests_within_its_range(self) -> "Scenario":
-        rests = (("hold_angle", "roll_limit"), ("pitch_angle", "pitch_limit"))
-        for key, limit_key in rests if self.tail.mode != "none" else ():
-            angle, limit = abs(getattr(self.controller, key)), getattr(self.tail, limit_key)
-            if angle > limit + 1e-9:
-                raise ValueError(f"controller.{key}: {angle:.9g} rad; allowed: <= tail.{limit_key} {limit:.9g} rad")
-        return self
-
-    @model_validator(mode="after")
-    def _frictions_can_be_combined(self) -> "Scenario":
-        # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre friction.
-        cage, most = self.car.cage_friction, 2 * self.car.tyre_friction
-        if cage >= most:
-            raise ValueError(f"car.cage_friction: {cage:g}; allowed: < twice car.tyre_friction, {most:g}")
+    def _car_is_possible(self) -> "Scenario":
+        tail, turn, steering, cage = self.tail, self.manoeuvre, self.servo.limit, 2 * self.car.tyre_friction
+        roll, pitch, tailless = tail.roll_limit + 1e-9, tail.pitch_limit + 1e-9, tail.mode == "none"
+        hold, held_pitch = self.controller.hold_angle, abs(self.controller.pitch_angle)
+        ramped = turn.kind != "turn" or turn.speed_ramp <= turn.turn_start
+        rules = (
+            (tail.sail_length <= tail.length, "tail.sail_length", f"<= tail.length {tail.length:g} m"),
+            (turn.steer_angle <= steering + 1e-9, "manoeuvre.steer_angle", f"<= servo.limit {steering:.9g} rad"),
+            (ramped, "manoeuvre.speed_ramp", f"<= turn_start {turn.turn_start:g} s"),
+            (tailless or hold <= roll, "controller.hold_angle", f"<= tail.roll_limit {roll:.9g} rad"),
+            (tailless or held_pitch <= pitch, "controller.pitch_angle", f"within tail.pitch_limit, +-{pitch:.9g} rad"),
+            # Drake's 2 mu1 mu2 / (mu1 + mu2) stays below 2 mu1, and the ground carries the tyre friction.
+            (self.car.cage_friction < cage, "car.cage_friction", f"< twice car.tyre_friction, {cage:g}"),
+        )
+        self._require(rules)
         return self
 
 
@@ -105,7 +92,6 @@ SECTIONS = Scenario.sections()
 load_parameter_entries = Scenario.parameters
 default_values = Scenario.defaults
 scenario_from_dict = Scenario.from_dict
-scenario_names = Scenario.names
 
 
 def load_scenario(name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> Scenario:
@@ -151,37 +137,25 @@ class RigScenario(ScenarioFile):
 
     @model_validator(mode="after")
     def _experiment_is_possible(self) -> "RigScenario":
-        for key in ("angle", "target"):
-            angle, limit = getattr(self.experiment, key), self.mount.angle_limit
-            if abs(angle) > limit + 1e-9:
-                raise ValueError(
-                    f"experiment.{key}: {angle:g} rad; allowed: within mount.angle_limit, +-{limit:g} rad "
-                    f"({math.degrees(limit):.0f} degrees)"
-                )
-        if self.experiment.kind == "bar_swing" and self.experiment.wind_speed > 0.0:
-            raise ValueError(
-                f"experiment.wind_speed: {self.experiment.wind_speed:g} m/s; "
-                "allowed in a bar_swing: 0 m/s (bare bar in still air)"
-            )
-        if self.aero.added_mass != 0.0 and self.tunnel.kilter != 0.0:
-            raise ValueError(
-                f"aero.added_mass: {self.aero.added_mass:g} kg; "
-                f"allowed with tunnel.kilter {self.tunnel.kilter:g} rad: 0 kg"
-            )
-        if self.experiment.kind != "static" and self.experiment.rest >= self.experiment.duration:
-            raise ValueError(
-                f"experiment.rest: {self.experiment.rest:g} s; allowed: < duration {self.experiment.duration:g} s"
-            )
-        if self.experiment.kind == "static" and self.experiment.wind_off >= self.experiment.duration:
-            raise ValueError(
-                f"experiment.wind_off: {self.experiment.wind_off:g} s; "
-                f"allowed: < duration {self.experiment.duration:g} s"
-            )
-        if self.experiment.kind != "static" and self.experiment.wind_off > 0.0:
-            raise ValueError(
-                f"experiment.wind_off: {self.experiment.wind_off:g} s; "
-                f"allowed in a {self.experiment.kind}: 0 s (a swing rests in the wind: experiment.rest)"
-            )
+        done, limit, kilter = self.experiment, self.mount.angle_limit, self.tunnel.kilter
+        is_static, is_bar = done.kind == "static", done.kind == "bar_swing"
+        within = f"within mount.angle_limit, +-{limit:g} rad ({math.degrees(limit):.0f} degrees)"
+        shorter = f"< duration {done.duration:g} s"
+        still = f"0 s in a {done.kind} (a swing rests in the wind: experiment.rest)"
+        rules = (
+            (abs(done.angle) <= limit + 1e-9, "experiment.angle", within),
+            (abs(done.target) <= limit + 1e-9, "experiment.target", within),
+            (not is_bar or done.wind_speed == 0.0, "experiment.wind_speed", "0 m/s in a bar_swing"),
+            (
+                self.aero.added_mass == 0.0 or kilter == 0.0,
+                "aero.added_mass",
+                f"0 kg with tunnel.kilter {kilter:g} rad",
+            ),
+            (is_static or done.rest < done.duration, "experiment.rest", shorter),
+            (not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter),
+            (is_static or done.wind_off == 0.0, "experiment.wind_off", still),
+        )
+        self._require(rules)
         return self
 
     @property

@@ -4,7 +4,7 @@ A parameter file holds the numbers of one section, each with unit and source (de
 differs from them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -14,26 +14,35 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aerodima.workbench.config.checked_files import ModelT, StrictModel, checked, find_file, read_yaml, shipped_names
-from aerodima.workbench.config.quantity import nearest, unit_of
+from aerodima.workbench.config.quantity import NO_UNIT, nearest, unit_of
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import model_path
 
 PARAMETER_SCHEMA = "aerodima/parameters/1"
 
 
-class ParameterEntry(StrictModel):
-    """One number of `models/parameters`: value, unit, source, and for assumed ones the prior range and the reason."""
+class Sourced(StrictModel):
+    """A number or range of a file with its unit, its source, and the reason of what was assumed or chosen."""
 
-    value: float | int | bool | str
     unit: str
     source: str = Field(pattern=r"^(published: .+|datasheet: .+|assumed|calibrated: .+|chosen)$")
-    prior: tuple[float, float] | None = None
     reason: str | None = None
 
     @model_validator(mode="after")
-    def _reasons_are_given(self) -> "ParameterEntry":
+    def _reason_is_given(self) -> Self:
         if self.source in ("assumed", "chosen") and not self.reason:
             raise ValueError(f"source {self.source!r} needs a reason")
+        return self
+
+
+class ParameterEntry(Sourced):
+    """One number of `models/parameters`; an assumed one has a prior range."""
+
+    value: float | int | bool | str
+    prior: tuple[float, float] | None = None
+
+    @model_validator(mode="after")
+    def _lies_in_its_prior(self) -> Self:
         if self.source == "assumed" and self.prior is None:
             raise ValueError("source 'assumed' needs a prior range [low, high]")
         if self.prior is not None and not (
@@ -128,6 +137,16 @@ class ScenarioFile(StrictModel):
                     f"{key}: {rate:g} Hz is above 1/step; allowed with step {step:g} s: <= {1 / step:g} Hz"
                 )
         return self
+
+    def _require(self, rules: Iterable[tuple[bool, str, str]]) -> None:
+        """Raises ValueError for the first rule (whether it holds, `section.key`, what is allowed) that is broken."""
+        for holds, key, allowed in rules:
+            if not holds:
+                section, _, name = key.partition(".")
+                values = getattr(self, section)
+                unit = unit_of(type(values), name)
+                shown = f"{getattr(values, name):.9g}" + ("" if unit == NO_UNIT else f" {unit}")
+                raise ValueError(f"{key}: {shown}; allowed: {allowed}")
 
     @classmethod
     def sections(cls) -> dict[str, type[BaseModel]]:

@@ -69,13 +69,6 @@ class PortFields:
         """Vector (size,) from one keyword per field, all of them required; TypeError names a missing or unknown one."""
         return np.array(self._tuple(**values), dtype=float)
 
-    def named_view(self) -> type:
-        """The `pydrake.common.containers.namedview` class of these fields (imports Drake)."""
-        from pydrake.common import containers
-
-        view: type = containers.namedview(self.name, list(self.fields))  # type: ignore[no-untyped-call]
-        return view
-
 
 @dataclass(frozen=True)
 class Column:

@@ -14,24 +14,12 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 import yaml
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.swing_curve import SwingPoint, gains_at, hermite, swing_at
+from aerodima.workbench.config.swing_curve import hermite
 from aerodima.workbench.errors import SwingFileError
-
-__all__ = [
-    "Direction",
-    "SwingFile",
-    "SwingPoint",
-    "car_mismatches",
-    "gains_at",
-    "read_swing",
-    "swing_at",
-    "swing_from_dict",
-    "write_swing",
-]
 
 SCHEMA = "aerodima/swing/1"
 
@@ -40,6 +28,19 @@ _SAMPLES_PER_INTERVAL = 16
 
 Row = Annotated[tuple[float, ...], Field(strict=False)]
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
+
+
+def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
+    if times[0] != 0.0:
+        raise ValueError(f"{times[0]!r} is first; allowed: 0, the moment of release")
+    for number, (before, after) in enumerate(pairwise(times), start=1):
+        if after <= before:
+            raise ValueError(f"{number}: {after!r} follows {before!r}; allowed: strictly increasing times")
+    return times
+
+
+Times = Annotated[Samples, AfterValidator(_from_zero)]
+"""s, since the release."""
 Direction = Literal["left", "right"]
 FeedbackState = Literal["car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate", "tail_pitch", "tail_pitch_rate"]
 FEEDBACK_STATES: tuple[str, ...] = get_args(FeedbackState)
@@ -53,7 +54,7 @@ class _Strict(StrictModel):
 class Knots(_Strict):
     """States at the knots, all of the length of `time_s`; cubic Hermite between them."""
 
-    time_s: Samples = Field(description="times since the release, s, strictly increasing, the first 0")
+    time_s: Times = Field(description="times since the release, s, strictly increasing, the first 0")
     roll_position_rad: Samples = Field(description="tail roll, rad")
     roll_velocity_rad_per_s: Samples = Field(description="tail roll rate, rad/s")
     pitch_position_rad: Samples = Field(description="tail pitch, rad")
@@ -62,17 +63,8 @@ class Knots(_Strict):
     pitch_torque_n_m: Samples | None = Field(None, description="feed-forward torque of the pitch motor, N m")
 
     @model_validator(mode="after")
-    def _ordered_and_equally_long(self) -> Self:
-        times = self.time_s
-        if times[0] != 0.0:
-            raise ValueError(f"time_s: {times[0]!r} is first; allowed: 0, the moment of release")
-        for number, (before, after) in enumerate(pairwise(times), start=1):
-            if after <= before:
-                raise ValueError(f"time_s.{number}: {after!r} follows {before!r}; allowed: strictly increasing times")
-        for name in type(self).model_fields:
-            samples = getattr(self, name)
-            if samples is not None and len(samples) != len(times):
-                raise ValueError(f"{name}: {len(samples)} values; allowed: {len(times)}, as many as time_s")
+    def _equally_long(self) -> Self:
+        _refuse_other_length(self, *type(self).model_fields)
         return self
 
     def states(self, joint: Literal["roll", "pitch"]) -> tuple[np.ndarray, np.ndarray]:
@@ -81,6 +73,14 @@ class Knots(_Strict):
             np.asarray(getattr(self, f"{joint}_position_rad")),
             np.asarray(getattr(self, f"{joint}_velocity_rad_per_s")),
         )
+
+
+def _refuse_other_length(series: Any, *names: str) -> None:
+    count = len(series.time_s)
+    for name in names:
+        samples = getattr(series, name)
+        if samples is not None and len(samples) != count:
+            raise ValueError(f"{name}: {len(samples)} values; allowed: {count}, as many as time_s")
 
 
 class JointGains(_Strict):
@@ -108,7 +108,7 @@ class Feedback(_Strict):
     """
 
     states: Annotated[tuple[FeedbackState, ...], Field(strict=False, min_length=1)] = Field(description="their names")
-    time_s: Samples = Field(description="times since the release, s, strictly increasing, the first 0")
+    time_s: Times = Field(description="times since the release, s, strictly increasing, the first 0")
     nominal: Annotated[tuple[Row, ...], Field(strict=False)] = Field(description="(times, states), rad and rad/s")
     roll_torque_n_m: Samples = Field(description="nominal torque of the roll motor, N m")
     roll_gains: Annotated[tuple[Row, ...], Field(strict=False)] = Field(description="(times, states), N m per state")
@@ -121,18 +121,13 @@ class Feedback(_Strict):
     @model_validator(mode="after")
     def _shaped(self) -> Self:
         count, width = len(self.time_s), len(self.states)
-        if self.time_s[0] != 0.0 or any(b <= a for a, b in pairwise(self.time_s)):
-            raise ValueError("time_s: allowed: 0 first, then strictly increasing times")
         if len(set(self.states)) != width:
             raise ValueError(f"states: {list(self.states)}; allowed: each state once")
         for name in ("nominal", "roll_gains", "pitch_gains"):
             rows = getattr(self, name)
             if rows is not None and (len(rows) != count or any(len(row) != width for row in rows)):
                 raise ValueError(f"{name}: must be {count} rows (times) of {width} values (states)")
-        for name in ("roll_torque_n_m", "pitch_torque_n_m"):
-            torques = getattr(self, name)
-            if torques is not None and len(torques) != count:
-                raise ValueError(f"{name}: {len(torques)} values; allowed: {count}, as many as time_s")
+        _refuse_other_length(self, "roll_torque_n_m", "pitch_torque_n_m")
         if (self.pitch_gains is None) != (self.pitch_torque_n_m is None):
             raise ValueError("pitch_gains: allowed together with pitch_torque_n_m")
         if len(self.funnel) != width or min(self.funnel) <= 0.0:
@@ -147,12 +142,11 @@ class Gains(_Strict):
     phases: Annotated[tuple[GainPhase, ...], Field(strict=False, min_length=1)]
     feedback: Feedback | None = None
 
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        starts = [phase.start_s for phase in self.phases]
-        if starts[0] != 0.0 or any(b <= a for a, b in pairwise(starts)):
-            raise ValueError(f"phases: start_s {starts}; allowed: 0 first, then strictly increasing")
-        return self
+    @field_validator("phases")
+    @classmethod
+    def _in_order(cls, phases: tuple[GainPhase, ...]) -> tuple[GainPhase, ...]:
+        _from_zero(tuple(phase.start_s for phase in phases))
+        return phases
 
 
 class Limits(_Strict):
@@ -260,11 +254,7 @@ def swing_from_dict(data: Any, where: str = "swing") -> SwingFile:
 def write_swing(swing: SwingFile, path: Path | str, force: bool = False) -> Path:
     """Write a swing file, whole or not at all; SwingFileError when it exists (without `force`) or cannot be written."""
     text = yaml.safe_dump(swing.model_dump(mode="json", by_alias=True, exclude_none=True), sort_keys=False, width=110)
-
-    def write(temporary: Path) -> None:
-        temporary.write_text(text, encoding="utf-8")
-
-    return write_atomically(Path(path), write, force, SwingFileError)
+    return write_atomically(Path(path), text, force, SwingFileError)
 
 
 def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any], tolerance: float = 1e-9) -> list[str]:

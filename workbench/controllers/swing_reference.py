@@ -8,7 +8,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.config.swing_file import SwingFile, gains_at, swing_at
+from aerodima.workbench.config.swing_curve import gains_at, swing_at
+from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.errors import UserError
 
 Tracking = Literal["automatic", "feedback", "torque", "joint_pd", "open_loop"]

@@ -53,7 +53,7 @@ def plot_turn(run_log: RunLog, title: str = "", after: float = 1.4) -> Figure:
     """
     window = turn_window(run_log)
     if run_log.time[-1] < window[1] - 1e-6:
-        raise LogError(f"{run_log.source or 'run log'}: ends at {run_log.time[-1]:g} s, before its turn does")
+        raise LogError(f"{run_log.name}: ends at {run_log.time[-1]:g} s, before its turn does")
     with styled():
         figure, grid = new_figure(11.0, 7.6, 3, 2, sharex=True)
         _plot_yaw_rate(grid[0, 0], run_log)

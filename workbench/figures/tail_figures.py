@@ -90,7 +90,7 @@ def plot_moments(run_logs: Sequence[RunLog], titles: Sequence[str], after: float
         for axes, run_log, title in zip(grid[0], run_logs, titles, strict=True):
             impulses = tail_impulses(run_log)
             if impulses is None:
-                raise LogError(f"{run_log.source or 'run log'}: a car without tail has no moments of the tail")
+                raise LogError(f"{run_log.name}: a car without tail has no moments of the tail")
             _moments(axes, impulses, after)
             axes.set(xlabel="time [s]   (shaded: the turn)", title=title)
         grid[0, 0].set_ylabel("moment of the tail on the car [N m]\n+ against rolling outwards, below 20 Hz")

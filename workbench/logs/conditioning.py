@@ -88,7 +88,7 @@ def remove_drift(
     resting = in_parts(time, rest)
     if np.count_nonzero(resting) < LEAST_REST_SAMPLES:
         raise LogError(
-            f"{_name(run_log)}: no resting part with at least {LEAST_REST_SAMPLES} samples, so no drift line for "
+            f"{run_log.name}: no resting part with at least {LEAST_REST_SAMPLES} samples, so no drift line for "
             f"{', '.join(columns)}"
         )
     changed: dict[str, FloatArray] = {}
@@ -127,17 +127,17 @@ def add_offsets(run_log: RunLog, tail: str | None = None) -> Conditioned:
     """
     own = run_log.stated(OFFSETS, len(WRENCH))
     if own is not None and not any(own) and any(entry.get("offsets") for entry in earlier_conditioning(run_log)):
-        raise LogError(f"{_name(run_log)}: the offsets have been added to this log before")
+        raise LogError(f"{run_log.name}: the offsets have been added to this log before")
     tail = tail or (None if run_log.extra.get("tail") is None else str(run_log.extra["tail"]))
     if own is not None:
         offsets, source = dict(zip(WRENCH, own, strict=True)), "the log's metadata"
     elif tail is None:
-        raise LogError(f"{_name(run_log)}: its metadata have no tail; state it in the mapping or the recipe")
+        raise LogError(f"{run_log.name}: its metadata have no tail; state it in the mapping or the recipe")
     else:
         offsets, source = published_offsets(tail), f"Table 4.4, tail {tail}"
     present = [name for name in WRENCH if name in run_log.table.columns]
     if not present:
-        raise LogError(f"{_name(run_log)}: no force or torque column, so nothing to add offsets to")
+        raise LogError(f"{run_log.name}: no force or torque column, so nothing to add offsets to")
     changed = {name: run_log.signal(name) + offsets[name] for name in present}
     extra = {**run_log.extra, OFFSETS: [0.0] * len(WRENCH)}
     notes = [f"offsets of {source} added to {', '.join(present)}"]
@@ -160,7 +160,7 @@ def cut(run_log: RunLog, start: float, end: float, restart_time: bool = False) -
     margin = 1e-9 * (time[-1] - time[0])
     chosen = (time >= start - margin) & (time <= end + margin)
     if np.count_nonzero(chosen) < 2:
-        raise LogError(f"{_name(run_log)}: {start:g} to {end:g} s leaves nothing of {time[0]:g} to {time[-1]:g} s")
+        raise LogError(f"{run_log.name}: {start:g} to {end:g} s leaves nothing of {time[0]:g} to {time[-1]:g} s")
     table = run_log.table[chosen].reset_index(drop=True)
     kept = time[chosen]
     shift = float(kept[0]) if restart_time else 0.0
@@ -179,7 +179,7 @@ def keep_longest(run_log: RunLog) -> Conditioned:
     breaks = np.flatnonzero(np.diff(time) > GAP_FACTOR * float(np.median(np.diff(time)))) + 1
     pieces = stretches(good, breaks)
     if not pieces:
-        raise LogError(f"{_name(run_log)}: no row in which every column is a number")
+        raise LogError(f"{run_log.name}: no row in which every column is a number")
     start, end = max(pieces, key=lambda piece: piece[1] - piece[0])
     if (start, end) == (0, time.size):
         return Conditioned(run_log)
@@ -265,7 +265,7 @@ def _check_nan(run_log: RunLog, name: str, good: BoolArray, longest: float, step
     """Note about the NaN of a column; LogError when they last too long or stand at an end."""
     time = run_log.time
     at = int(np.flatnonzero(~good)[0])
-    where = f"{_name(run_log)}: column {name!r}"
+    where = f"{run_log.name}: column {name!r}"
     if not good.any() or not (good[0] and good[-1]):
         raise LogError(f"{where}: not a number at {time[at]:g} s, with no sample on both sides; cut the log")
     lasting = np.diff(time[good])
@@ -282,8 +282,4 @@ def _named(run_log: RunLog, function: Callable[..., FloatArray | None], *args: A
     try:
         return function(*args, **kwargs)
     except LogError as error:
-        raise LogError(f"{_name(run_log)}: {error}") from None
-
-
-def _name(run_log: RunLog) -> str:
-    return run_log.source or "run log"
+        raise LogError(f"{run_log.name}: {error}") from None

@@ -182,11 +182,6 @@ def _as_series(contents: Any) -> tuple[dict[str, pd.Series], dict[str, str], dic
     return {name: pd.Series(values) for name, values in columns.items()}, {}, unreadable
 
 
-def metadata_of_json(text: str, source: str) -> dict[str, Any]:
-    """Metadata object of a run log from its JSON; LogError when it is of another schema."""
-    return decode_metadata({METADATA_KEY: text.encode()}, source)
-
-
 def metadata_json(metadata: Mapping[str, Any]) -> str:
     """Metadata object of a run log as readable JSON."""
     return json.dumps(metadata, sort_keys=True, indent=1, allow_nan=False)

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.quantity import unit_to
+from aerodima.workbench.config.quantity import unit_factor
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log
@@ -144,7 +144,7 @@ def _column(
 
 
 def _times(foreign: ForeignLog, name: str, unit: str) -> FloatArray:
-    time = foreign.times(name) * unit_to(unit, "s", name).factor
+    time = foreign.times(name) * unit_factor(unit, "s", name)
     try:
         check_time(time, name)
     except LogError as error:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.quantity import nearest, unit_in_name, unit_to
+from aerodima.workbench.config.quantity import nearest, unit_factor, unit_in_name
 from aerodima.workbench.config.signal_table import (
     RIG_KINDS,
     TIME,
@@ -19,10 +19,6 @@ from aerodima.workbench.config.signal_table import (
     truth_columns,
 )
 from aerodima.workbench.errors import LogError
-
-MAPPING_SCHEMA = "aerodima/log-mapping/1"
-CAR_LOG = "car_log"
-"""Kind of a log of the real car that has the columns its loggers gave; a `car_run` has them all."""
 
 Number = Annotated[float, Field(strict=False)]
 
@@ -113,7 +109,7 @@ class Mapping(StrictModel):
     def facts(self) -> dict[str, Any]:
         """Metadata in SI units."""
         return {
-            name: value.value * unit_to(value.unit, unit_in_name(name), f"metadata.{name}").factor
+            name: value.value * unit_factor(value.unit, unit_in_name(name), f"metadata.{name}")
             if isinstance(value, MetadataValue)
             else value
             for name, value in self.metadata.items()
@@ -123,7 +119,7 @@ class Mapping(StrictModel):
         """SI value of one foreign unit of our column `name`."""
         unit = self.columns[name].unit
         si = known_columns()[name].unit
-        return 1.0 if unit is None else unit_to(unit, si, f"columns.{name}").factor
+        return 1.0 if unit is None else unit_factor(unit, si, f"columns.{name}")
 
 
 def known_columns() -> dict[str, Column]:
@@ -154,13 +150,13 @@ def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
         if (source.from_ is None) == (source.constant is None):
             raise LogError(f"{place}: needs either `from` or `constant`")
         if source.unit is not None:
-            unit_to(source.unit, known[name].unit, place)
+            unit_factor(source.unit, known[name].unit, place)
         if source.time_unit is not None:
-            unit_to(source.time_unit, "s", place)
-    unit_to(mapping.time.unit, "s", f"{where}: time")
+            unit_factor(source.time_unit, "s", place)
+    unit_factor(mapping.time.unit, "s", f"{where}: time")
     for name, value in mapping.metadata.items():
         if isinstance(value, MetadataValue):
-            unit_to(value.unit, unit_in_name(name), f"{where}: metadata.{name}")
+            unit_factor(value.unit, unit_in_name(name), f"{where}: metadata.{name}")
     if mapping.kind in RIG_KINDS and "angle_rad" not in mapping.columns:
         raise LogError(f"{where}: columns: a log of kind {mapping.kind!r} needs angle_rad")
     return mapping

@@ -32,7 +32,6 @@ from aerodima.workbench.logs.signals import (
     resting_parts,
 )
 
-RECIPE_SCHEMA = "aerodima/log-recipe/1"
 DESIGNS = {"rig_10_hz": RIG_FILTER_10_HZ, "rig_20_hz": RIG_FILTER_20_HZ, "imu": IMU_FILTER, "gps": GPS_FILTER}
 """Filters by name: those of the thesis (design section 11)."""
 MOST_ROWS_PER_S = 1e5
@@ -246,7 +245,7 @@ def _rest_of(run_log: RunLog, rest: Rest, step: str) -> list[Interval]:
         return parts
     limits = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, (low, high) in within.items())
     raise LogError(
-        f"{run_log.source or 'run log'}: no resting part: nowhere {limits} for {rest.shortest_s:g} s. State its times "
+        f"{run_log.name}: no resting part: nowhere {limits} for {rest.shortest_s:g} s. State its times "
         f"as rest.parts, other limits as rest.within, or leave the step {step!r} out"
     )
 
@@ -268,12 +267,12 @@ def _matching(run_log: RunLog, patterns: tuple[str, ...]) -> tuple[list[str], li
     for pattern in patterns:
         found = [name for name in present if fnmatchcase(name, pattern)]
         if not found and not any(fnmatchcase(name, pattern) for name in known_columns()):
-            raise LogError(f"{run_log.source or 'run log'}: no column {pattern!r}; {nearest(pattern, present)}")
+            raise LogError(f"{run_log.name}: no column {pattern!r}; {nearest(pattern, present)}")
         if not found:
             notes.append(f"the log has no {pattern}")
         chosen += [name for name in found if name not in chosen]
     if not chosen:
-        raise LogError(f"{run_log.source or 'run log'}: none of the columns {', '.join(patterns)} is there")
+        raise LogError(f"{run_log.name}: none of the columns {', '.join(patterns)} is there")
     return chosen, notes
 
 
@@ -281,6 +280,4 @@ def _refuse_unfit(run_log: RunLog) -> None:
     try:
         check_signals(run_log.time, conditioning.signals_of(run_log))
     except LogError as error:
-        raise LogError(
-            f"{run_log.source or 'run log'}: after all steps: {error}; add a step `fill` or `keep_longest`"
-        ) from None
+        raise LogError(f"{run_log.name}: after all steps: {error}; add a step `fill` or `keep_longest`") from None

@@ -65,6 +65,11 @@ class RunLog:
     source: str = ""
 
     @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.source or "run log"
+
+    @property
     def time(self) -> NDArray[np.float64]:
         """Log times, s, shape (n,)."""
         return self.signal(TIME)
@@ -82,7 +87,7 @@ class RunLog:
     def signal(self, name: str) -> NDArray[np.float64]:
         """One column, shape (n,); LogError when the log has no such column."""
         if name not in self.table.columns:
-            raise LogError(f"{self.source or 'run log'}: no column {name!r}")
+            raise LogError(f"{self.name}: no column {name!r}")
         return self.table[name].to_numpy(dtype=np.float64)
 
     def vector(self, stem: str, suffix: str) -> NDArray[np.float64]:
@@ -99,7 +104,7 @@ class RunLog:
         except (TypeError, ValueError):
             numbers = ()
         if len(numbers) != count or not np.all(np.isfinite(numbers)):
-            raise LogError(f"{self.source or 'run log'}: metadata {key!r} is {value!r}; {count} numbers are needed")
+            raise LogError(f"{self.name}: metadata {key!r} is {value!r}; {count} numbers are needed")
         return numbers
 
     def metadata(self) -> dict[str, Any]:

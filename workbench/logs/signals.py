@@ -119,26 +119,6 @@ def low_pass(time: FloatArray, signal: FloatArray, design: LowPass, column: str 
     return filtered if even else np.interp(time, grid, filtered)
 
 
-def remove_drift(time: FloatArray, signal: FloatArray, rest: tuple[float, float], column: str = "signal") -> FloatArray:
-    """Subtract the line that fits the resting part best (least squares), extended over the whole signal.
-
-    Args:
-        time: s, shape (n,).
-        signal: shape (n,), any unit; near zero at rest afterwards.
-        rest: first and last time of the part in which the true signal is zero, s.
-        column: name for messages.
-
-    Raises:
-        LogError: NaN or unsorted time, fewer than two samples in the resting part.
-    """
-    check_signals(time, {column: signal}, largest_step=np.inf)
-    resting = (time >= rest[0]) & (time <= rest[1])
-    if np.count_nonzero(resting) < 2:
-        raise LogError(f"column {column!r}: fewer than 2 samples in the resting part {rest[0]:g} to {rest[1]:g} s")
-    slope, level, centre = resting_line(time, signal, resting)
-    return signal - (slope * (time - centre) + level)
-
-
 def resting_line(time: FloatArray, signal: FloatArray, resting: NDArray[np.bool_]) -> tuple[float, float, float]:
     """The line that fits the resting samples best: slope (per s), level at the mean resting time, and that time (s)."""
     centre = float(np.mean(time[resting]))

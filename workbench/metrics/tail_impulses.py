@@ -80,7 +80,7 @@ def tail_impulses(run_log: RunLog) -> TailImpulses | None:
     if not run_log.has_tail:
         return None
     if not run_log.has_truth:
-        raise LogError(f"{run_log.source or 'run log'}: has no ground truth, so the tail's impulses cannot be found")
+        raise LogError(f"{run_log.name}: has no ground truth, so the tail's impulses cannot be found")
     signals = turn_signals(run_log)
     time, point, help_axis = signals.time, _ground_point(run_log), _help_axis(run_log, signals)
     aerodynamic = _dot(_aerodynamic_moment(run_log, point), help_axis)
@@ -157,11 +157,11 @@ def _aerodynamic_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
 
 def _weight_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
     if "tail_mass_kg" not in run_log.extra:
-        raise LogError(f"{run_log.source or 'run log'}: its metadata have no tail_mass_kg")
+        raise LogError(f"{run_log.name}: its metadata have no tail_mass_kg")
     try:
         gravity = float(run_log.scenario["environment"]["gravity"])
     except KeyError:
-        raise LogError(f"{run_log.source or 'run log'}: its scenario has no environment.gravity") from None
+        raise LogError(f"{run_log.name}: its scenario has no environment.gravity") from None
     weight = np.array([0.0, 0.0, -float(run_log.extra["tail_mass_kg"]) * gravity])
     return np.cross(run_log.vector("tail_com", "truth_m") - point, weight)
 

@@ -100,8 +100,7 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
     check_signals(time, {f"{name} ({source})": values for name, values in named.items()})
     if time[0] > window[0] + _TIME_MARGIN or time[-1] < window[1] - _TIME_MARGIN:
         raise LogError(
-            f"{run_log.source or 'run log'}: holds {time[0]:g} to {time[-1]:g} s, the turn is {window[0]:g} to "
-            f"{window[1]:g} s"
+            f"{run_log.name}: holds {time[0]:g} to {time[-1]:g} s, the turn is {window[0]:g} to {window[1]:g} s"
         )
     turned = {name: sign * values for name, values in named.items() if name not in ("speed", "tilt")}
     return TurnSignals(
@@ -144,11 +143,11 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     if kind == "auto_turn":
         steering = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle)
         if steering.size == 0:
-            raise LogError(f"{run_log.source or 'run log'}: no steering command in the run, so no turn to measure")
+            raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
         start = float(run_log.time[steering[0]])
     rate = _number(run_log, "servo", "rate")
     if rate <= 0.0:
-        raise LogError(f"{run_log.source or 'run log'}: its scenario has servo.rate {rate:g}, but it must be above 0")
+        raise LogError(f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0")
     return start, start + _number(run_log, "manoeuvre", "turn_hold") + steer_angle / rate
 
 
@@ -163,9 +162,7 @@ def _number(run_log: RunLog, section: str, key: str) -> float:
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise LogError(
-            f"{run_log.source or 'run log'}: its scenario has {section}.{key} {value!r}, but it must be a finite number"
-        )
+        raise LogError(f"{run_log.name}: its scenario has {section}.{key} {value!r}, but it must be a finite number")
     return number
 
 
@@ -173,7 +170,7 @@ def _scenario_value(run_log: RunLog, section: str, key: str) -> Any:
     try:
         return run_log.scenario[section][key]
     except (KeyError, TypeError):
-        raise LogError(f"{run_log.source or 'run log'}: its scenario has no {section}.{key}") from None
+        raise LogError(f"{run_log.name}: its scenario has no {section}.{key}") from None
 
 
 def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:

@@ -55,7 +55,7 @@ def add_logged_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedCar:
         LogError: the log has no plant positions (a run of the real car: see `replayable`), others than the car of its
             scenario has, a value that is not finite, or a scenario that cannot be read.
     """
-    name = run_log.source or "run log"
+    name = run_log.name
     check_time(run_log.time)
     logged = [column for column in run_log.table.columns if column.startswith(PLANT_POSITION_PREFIX)]
     if not logged:
@@ -117,7 +117,7 @@ def replayable(run_log: RunLog) -> RunLog:
     """
     if any(name.startswith(PLANT_POSITION_PREFIX) for name in run_log.table.columns):
         return run_log
-    name = run_log.source or "run log"
+    name = run_log.name
     if not run_log.scenario:
         raise LogError(f"{name}: a replay needs the car's scenario, and the log has none; state it in the mapping")
     try:

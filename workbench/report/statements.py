@@ -18,7 +18,6 @@ from aerodima.workbench.metrics.published_figures import table_rows
 from aerodima.workbench.resources import model_path
 
 FILE = "published/statements.yaml"
-STATEMENTS_SCHEMA = "aerodima/statements/1"
 
 Value = bool | float | str
 Verdict = Literal["agrees", "adopted", "differs", "not checkable"]

@@ -16,7 +16,8 @@ from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swi
 from aerodima.optimisation.swing.transcription import ANGLE
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_at, write_swing
+from aerodima.workbench.config.swing_curve import swing_at
+from aerodima.workbench.config.swing_file import SwingFile, read_swing, write_swing
 from aerodima.workbench.errors import SwingError
 from tests.optimisation.swing.turn import problem
 

@@ -4,7 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.ensemble import Member, ensemble_names, load_ensemble, weighted_quantiles
+from aerodima.workbench.config.checked_files import shipped_names
+from aerodima.workbench.config.ensemble import Member, load_ensemble, weighted_quantiles
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import EnsembleError
 
@@ -39,8 +40,8 @@ def test_a_member_overrides_the_parameters_and_a_setting_overrides_the_member(tm
 
 
 def test_shipped_ensembles_load_and_every_member_is_a_scenario() -> None:
-    assert "car" in ensemble_names()
-    for name in ensemble_names():
+    assert "car" in shipped_names("calibration")
+    for name in shipped_names("calibration"):
         ensemble = load_ensemble(name)
         assert ensemble.best in ensemble.members
         for member in ensemble.members[:4]:

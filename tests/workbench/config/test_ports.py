@@ -54,11 +54,6 @@ def test_unknown_field_and_wrong_length_are_named():
         TAIL_COMMAND.write(position=0.0, velocity=0.0, kp=0.0, kd=0.0)
 
 
-def test_drake_named_view_has_the_same_order():
-    view = TAIL_COMMAND.named_view()(np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
-    assert (view.position, view.kd, view.torque) == (1.0, 4.0, 5.0)
-
-
 def test_equal_fields_make_equal_ports():
     assert PortFields("A", ("x",)) == PortFields("A", ("x",))
     assert PortFields("A", ("x",)) != PortFields("A", ("y",))

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.config.rig_campaign import campaign_names, campaign_tasks, load_campaign
+from aerodima.workbench.config.checked_files import shipped_names
+from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
 from aerodima.workbench.errors import ScenarioError, UserError
 from aerodima.workbench.logs.schema import read_run_log, signals_equal
 from aerodima.workbench.simulate.campaign_run import _make, run_campaign
@@ -41,7 +42,7 @@ def small(tmp_path: Path) -> Path:
 
 
 def test_the_campaigns_that_ship_have_the_published_number_of_logs() -> None:
-    counts = {name: len(campaign_tasks(load_campaign(name))) for name in campaign_names()}
+    counts = {name: len(campaign_tasks(load_campaign(name))) for name in shipped_names("campaigns")}
     # 3 tails x 2 axes x 6 angles x 3 speeds x 5 repeats; 30 swings of the robot's tail.
     assert counts == {"static": 540, "robot": 30, "bar": 120, "flick": 120}
     tasks = campaign_tasks(load_campaign("static"))

@@ -96,7 +96,7 @@ def test_what_is_not_varied_stays() -> None:
     ("overrides", "message"),
     [
         ({"experiment": {"kind": "spin"}}, "experiment.kind: 'spin' is not allowed"),
-        ({"experiment": {"kind": "bar_swing"}}, "experiment.wind_speed: 10 m/s; allowed in a bar_swing: 0 m/s"),
+        ({"experiment": {"kind": "bar_swing"}}, "experiment.wind_speed: 10 m/s; allowed: 0 m/s in a bar_swing"),
         ({"experiment": {"kind": "swing", "rest": 30.0}}, "experiment.rest: 30 s; allowed: < duration 20 s"),
         ({"experiment": {"target": 1.749}}, "experiment.target: 1.749 rad; allowed: within mount.angle_limit"),
         ({"encoder": {"rate": 1001.0}}, "encoder.rate: 1001 Hz is above 1/step; allowed with step 0.001 s: <= 1000 Hz"),

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
+from aerodima.workbench.config.swing_curve import gains_at, swing_at
 from aerodima.workbench.config.swing_file import (
     car_mismatches,
-    gains_at,
     read_swing,
-    swing_at,
     swing_from_dict,
     write_swing,
 )
@@ -132,7 +131,7 @@ def test_what_is_written_comes_back_equal_and_is_not_overwritten(tmp_path: Path)
         ("knots.roll_speed", [0.0], r"knots\.roll_speed: unknown key"),
         ("knots.pitch_position_rad", None, r"knots\.pitch_position_rad: missing"),
         ("gains.hold.kp", 501.0, r"gains\.hold\.kp: 501\.0 is not allowed; .*500"),
-        ("gains.phases.1.start_s", 0.0, r"gains\.phases: start_s \[0\.0, 0\.0\]; allowed: 0 first"),
+        ("gains.phases.1.start_s", 0.0, r"gains\.phases\.1: 0\.0 follows 0\.0; allowed: strictly increasing"),
         ("trigger.kind", "roll", r"trigger\.kind: 'roll' is not allowed"),
         ("trigger.threshold_rad_per_s", -1.0, r"trigger\.threshold_rad_per_s: -1\.0 is not allowed"),
         ("limits.torque_n_m", float("inf"), r"limits\.torque_n_m: inf is not allowed"),
@@ -173,7 +172,7 @@ def feedback(**changes) -> dict:
     [
         ({"roll_gains": [[1.0], [2.0]]}, r"roll_gains: must be 2 rows \(times\) of 2 values \(states\)"),
         ({"nominal": [[1.0, 2.0]]}, "nominal: must be 2 rows"),
-        ({"time_s": [0.0, 0.0]}, "time_s: allowed: 0 first, then strictly increasing"),
+        ({"time_s": [0.0, 0.0]}, r"time_s\.1: 0\.0 follows 0\.0; allowed: strictly increasing"),
         ({"roll_torque_n_m": [1.0, 2.0, 3.0]}, "roll_torque_n_m: 3 values; allowed: 2"),
         ({"roll_gains": [[1.0, math.nan], [2.0, 0.2]]}, r"roll_gains.0.1: nan is not allowed"),
         ({"states": ["tail_roll", "tail_roll"]}, "states: .* allowed: each state once"),

@@ -69,6 +69,18 @@ def test_drift_between_two_rests_is_removed_and_the_swing_is_kept() -> None:
         assert stated == pytest.approx(slope, rel=0.02)
 
 
+def test_drift_is_the_line_through_the_resting_part_only() -> None:
+    pulse = np.where((TIMES > 5.0) & (TIMES < 6.0), 2.0, 0.0)
+    run_log = rig_log({"force_y_n": pulse + 0.3 - 0.05 * TIMES})
+    done = remove_drift(run_log, ["force_y_n"], [(0.0, 4.0)])
+    np.testing.assert_allclose(done.run_log.signal("force_y_n"), pulse, atol=1e-12)
+    with pytest.raises(LogError, match=r"no resting part .* force_y_n"):
+        remove_drift(run_log, ["force_y_n"], [(20.0, 21.0)])
+    lost = rig_log({"force_y_n": np.where(TIMES[42] == TIMES, np.nan, 0.0)})
+    with pytest.raises(LogError, match=r"'force_y_n': 1 sample\(s\) not finite"):
+        remove_drift(lost, ["force_y_n"], [(0.0, 4.0)])
+
+
 def test_drift_with_the_wind_on_keeps_the_level() -> None:
     run_log = rig_log({"force_y_n": -2.5 + 0.1 * TIMES})
     kept = remove_drift(run_log, ["force_y_n"], [(0.0, 3.0)], level="keep").run_log

@@ -12,7 +12,6 @@ from aerodima.workbench.logs.signals import (
     check_signals,
     even_times,
     low_pass,
-    remove_drift,
     resample,
 )
 
@@ -67,15 +66,6 @@ def test_a_filter_that_the_sample_rate_cannot_carry_is_refused() -> None:
         low_pass(time[:4] / 10.0, np.zeros(4), IMU_FILTER, "gyro")
 
 
-def test_drift_is_the_line_through_the_resting_part_only() -> None:
-    time = np.arange(1000) / 100.0
-    pulse = np.where((time > 5.0) & (time < 6.0), 2.0, 0.0)
-    drifting = pulse + 0.3 - 0.05 * time
-    np.testing.assert_allclose(remove_drift(time, drifting, rest=(0.0, 4.0)), pulse, atol=1e-12)
-    with pytest.raises(LogError, match="resting part 20 to 21 s"):
-        remove_drift(time, drifting, rest=(20.0, 21.0))
-
-
 def test_resampling_keeps_a_line_and_does_not_extrapolate() -> None:
     time = np.arange(101) / 100.0
     grid = even_times(time, 30.0)
@@ -101,7 +91,6 @@ def test_a_nan_is_reported_with_column_and_time() -> None:
         lambda: check_signals(time, {"fine": np.zeros(100), "current_a": bad}),
         lambda: low_pass(time, bad, IMU_FILTER, "current_a"),
         lambda: resample(time, bad, time, column="current_a"),
-        lambda: remove_drift(time, bad, (0.0, 1.0), "current_a"),
     ):
         with pytest.raises(LogError, match=r"'current_a': 2 sample\(s\) not finite, first nan at 0.42 s"):
             act()

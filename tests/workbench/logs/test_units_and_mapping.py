@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench.config.quantity import unit_in_name, unit_to
+from aerodima.workbench.config.quantity import unit_factor, unit_in_name
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from
 
@@ -39,14 +39,14 @@ def changed(**parts: Any) -> dict[str, Any]:
     ],
 )
 def test_a_unit_has_its_factor(unit: str, si: str, factor: float) -> None:
-    assert unit_to(unit, si, "here").factor == pytest.approx(factor, rel=1e-6)
+    assert unit_factor(unit, si, "here") == pytest.approx(factor, rel=1e-6)
 
 
 def test_a_unit_of_another_quantity_is_refused_by_name() -> None:
     with pytest.raises(LogError, match=r"here: unit 'deg' does not measure what is in N; allowed: N, mN"):
-        unit_to("deg", "N", "here")
+        unit_factor("deg", "N", "here")
     with pytest.raises(LogError, match=r"here: unknown unit 'degs'; did you mean 'deg'"):
-        unit_to("degs", "rad", "here")
+        unit_factor("degs", "rad", "here")
 
 
 def test_the_unit_at_the_end_of_a_name() -> None:

@@ -99,5 +99,5 @@ def test_a_motion_without_bounds_is_refused() -> None:
 
 
 def test_added_mass_on_a_tilted_tail_is_refused() -> None:
-    with pytest.raises(ScenarioError, match=r"aero.added_mass: 0.02 kg; allowed with tunnel.kilter 0.05 rad: 0 kg"):
+    with pytest.raises(ScenarioError, match=r"aero.added_mass: 0.02 kg; allowed: 0 kg with tunnel.kilter 0.05 rad"):
         scenario("flick", {"aero": {"added_mass": 0.02}, "tunnel": {"kilter": 0.05}})
