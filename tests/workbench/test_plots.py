@@ -23,7 +23,7 @@ from aerodima.workbench.figures import (
 )
 from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, TURN_SHADE, png
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.turn_metrics import Impulses
+from aerodima.workbench.metrics.tail_impulses import Impulses
 from tests.workbench.made_up_runs import made_up_run
 from tests.workbench.made_up_summaries import made_up_summary
 

@@ -21,9 +21,8 @@ from aerodima.workbench.figures.figure_style import (
     styled,
 )
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_figures import Platform, PublishedFigures
+from aerodima.workbench.metrics.published_figures import Platform, PublishedFigures, published_figures
 from aerodima.workbench.metrics.run_summary import RunSummary, summarise
-from aerodima.workbench.metrics.turn_metrics import published_figures
 from aerodima.workbench.metrics.turn_signals import turn_window
 
 _METRIC_LABELS = {

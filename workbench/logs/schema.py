@@ -6,6 +6,7 @@ have equal signals, bit for bit (`signals_equal`); `created` is all that may dif
 """
 
 import json
+import math
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -93,6 +94,24 @@ class RunLog:
     def vector(self, stem: str, suffix: str) -> NDArray[np.float64]:
         """The columns `<stem>_{x,y,z}_<suffix>`, shape (n, 3)."""
         return np.column_stack([self.signal(f"{stem}_{axis}_{suffix}") for axis in "xyz"])
+
+    def setting(self, section: str, key: str) -> Any:
+        """A value of the scenario; LogError when it has none."""
+        try:
+            return self.scenario[section][key]
+        except (KeyError, TypeError):
+            raise LogError(f"{self.name}: its scenario has no {section}.{key}") from None
+
+    def number(self, section: str, key: str) -> float:
+        """A number of the scenario; LogError when it has none, or not a finite one."""
+        value = self.setting(section, key)
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise LogError(f"{self.name}: its scenario has {section}.{key} {value!r}, but it must be a finite number")
+        return number
 
     def stated(self, key: str, count: int) -> tuple[float, ...] | None:
         """Numbers under a key of `extra`; None without the key, LogError unless there are `count` finite ones."""

@@ -18,14 +18,11 @@ from aerodima.workbench.controllers.law_of_scenario import NO_SWING
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_figures import Platform, PublishedFigures
+from aerodima.workbench.metrics.published_figures import Platform, PublishedFigures, TurnMetrics, published_figures
+from aerodima.workbench.metrics.tail_impulses import Impulses, tail_impulses
 from aerodima.workbench.metrics.turn_metrics import (
-    Impulses,
     RunMetrics,
-    TurnMetrics,
     metrics_of,
-    published_figures,
-    tail_impulses,
 )
 from aerodima.workbench.metrics.turn_signals import turn_window
 

@@ -82,35 +82,15 @@ def tail_impulses(run_log: RunLog) -> TailImpulses | None:
     if not run_log.has_truth:
         raise LogError(f"{run_log.name}: has no ground truth, so the tail's impulses cannot be found")
     signals = turn_signals(run_log)
-    time, point, help_axis = signals.time, _ground_point(run_log), _help_axis(run_log, signals)
-    aerodynamic = _dot(_aerodynamic_moment(run_log, point), help_axis)
-    weight = _dot(_weight_moment(run_log, point), help_axis)
-    momentum = run_log.vector("tail_momentum", "truth_n_s")
-    about_point = run_log.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(point, momentum)
-    inertial = _inertial_moment(time, about_point, momentum, point, help_axis)
-    check_signals(
-        time,
-        {"tail moment (aerodynamic)": aerodynamic, "tail moment (weight)": weight, "tail moment (inertial)": inertial},
-    )
-    growth = {
-        "aerodynamic": cumulative_trapezoid(aerodynamic, time, initial=0.0),
-        "weight": cumulative_trapezoid(weight, time, initial=0.0),
-        "inertial": _inertial_growth(about_point, momentum, point, help_axis),
-    }
+    moments, growth = _moments(run_log, signals, _ground_point(run_log), _help_axis(run_log, signals))
     peak = _peak_roll_time(signals)
-
-    def between(start: float, end: float) -> Impulses:
-        return Impulses(**{k: float(np.interp(end, time, g) - np.interp(start, time, g)) for k, g in growth.items()})
-
     return TailImpulses(
-        time=time,
-        aerodynamic_moment=aerodynamic,
-        weight_moment=weight,
-        inertial_moment=inertial,
+        time=signals.time,
+        **{f"{cause}_moment": moment for cause, moment in moments.items()},
         window=signals.window,
         peak_roll_time=peak,
-        over_window=between(*signals.window),
-        until_peak_roll=between(signals.window[0], peak),
+        over_window=_between(signals, growth, *signals.window),
+        until_peak_roll=_between(signals, growth, signals.window[0], peak),
     )
 
 
@@ -124,18 +104,32 @@ def tail_yaw_impulses(run_log: RunLog) -> Impulses:
         LogError: as for `tail_impulses`, or the car has no tail.
     """
     signals = turn_signals(run_log)
-    time, point = signals.time, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0]
-    axis = np.tile([0.0, 0.0, signals.sign], (time.size, 1))
-    momentum = run_log.vector("tail_momentum", "truth_n_s")
+    axis = np.tile([0.0, 0.0, signals.sign], (signals.time.size, 1))
+    _, growth = _moments(run_log, signals, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0], axis)
+    return _between(signals, growth, *signals.window)
+
+
+def _moments(
+    run_log: RunLog, signals: TurnSignals, point: FloatArray, axis: FloatArray
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Cause -> moment of the tail on the car about an axis through a point, N m, and its integral, N m s."""
+    time, momentum = signals.time, run_log.vector("tail_momentum", "truth_n_s")
     about_point = run_log.vector("tail_angular_momentum", "truth_n_m_s") - np.cross(point, momentum)
-    growth = {
-        "aerodynamic": cumulative_trapezoid(_dot(_aerodynamic_moment(run_log, point), axis), time, initial=0.0),
-        "inertial": _inertial_growth(about_point, momentum, point, axis),
+    moments = {
+        "aerodynamic": _dot(_aerodynamic_moment(run_log, point), axis),
+        "weight": _dot(_weight_moment(run_log, point), axis),
+        "inertial": _inertial_moment(time, about_point, momentum, point, axis),
     }
-    check_signals(time, {f"tail yaw impulse ({cause})": values for cause, values in growth.items()})
-    start, end = signals.window
-    parts = {cause: float(np.interp(end, time, g) - np.interp(start, time, g)) for cause, g in growth.items()}
-    return Impulses(weight=0.0, **parts)
+    check_signals(time, {f"tail moment ({cause})": moment for cause, moment in moments.items()})
+    growth = {cause: cumulative_trapezoid(moment, time, initial=0.0) for cause, moment in moments.items()}
+    growth["inertial"] = _inertial_growth(about_point, momentum, point, axis)
+    return moments, growth
+
+
+def _between(signals: TurnSignals, growth: dict[str, FloatArray], start: float, end: float) -> Impulses:
+    return Impulses(
+        **{cause: float(np.diff(np.interp([start, end], signals.time, sums))[0]) for cause, sums in growth.items()}
+    )
 
 
 def _ground_point(run_log: RunLog) -> FloatArray:
@@ -158,11 +152,7 @@ def _aerodynamic_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
 def _weight_moment(run_log: RunLog, point: FloatArray) -> FloatArray:
     if "tail_mass_kg" not in run_log.extra:
         raise LogError(f"{run_log.name}: its metadata have no tail_mass_kg")
-    try:
-        gravity = float(run_log.scenario["environment"]["gravity"])
-    except KeyError:
-        raise LogError(f"{run_log.name}: its scenario has no environment.gravity") from None
-    weight = np.array([0.0, 0.0, -float(run_log.extra["tail_mass_kg"]) * gravity])
+    weight = np.array([0.0, 0.0, -float(run_log.extra["tail_mass_kg"]) * run_log.number("environment", "gravity")])
     return np.cross(run_log.vector("tail_com", "truth_m") - point, weight)
 
 

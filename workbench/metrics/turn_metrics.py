@@ -8,7 +8,6 @@ section 10, thesis section 3.3 and eqs 7.1-7.7.
 """
 
 import math
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Literal
 
@@ -23,35 +22,11 @@ from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_signal
 from aerodima.workbench.metrics.published_figures import (
     FILTERED,
     SAMPLE_TIMES,
-    Comparison,
     Platform,
-    PublishedFigures,
     TurnMetrics,
-    compare_figures,
-    published_figures,
 )
-from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, Impulses, TailImpulses, tail_impulses
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-
-__all__ = [
-    "Comparison",
-    "Impulses",
-    "Outcome",
-    "PublishedFigures",
-    "RunMetrics",
-    "TailImpulses",
-    "TurnMetrics",
-    "compare_to_published",
-    "highest_speed_survived",
-    "jolt_line",
-    "metrics_of",
-    "outcome_from",
-    "outcome_of",
-    "published_figures",
-    "tail_impulses",
-    "turn_metrics",
-]
-
 
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
@@ -275,20 +250,6 @@ def outcome_from(
         touched=touched,
         board_before_turn_s=board_before,
     )
-
-
-def compare_to_published(
-    metrics: RunMetrics,
-    configuration: Literal["tailless", "tailed"],
-    platform: Platform = "simulated",
-) -> tuple[Comparison, ...]:
-    """The eight metrics, from the signals of that platform, beside its published row of that configuration."""
-    return compare_figures(metrics.like(platform), configuration, platform)
-
-
-def highest_speed_survived(runs: Iterable[RunMetrics]) -> float | None:
-    """Largest speed at the start of the turn among the runs that survived, m/s; None if none did."""
-    return max((run.raw.speed_m_per_s for run in runs if run.outcome.result == "survived"), default=None)
 
 
 def _outcome(signals: TurnSignals) -> Outcome:

@@ -118,9 +118,9 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
 
 def turn_sign(run_log: RunLog) -> float:
     """+1 for a left turn, -1 for a right one; +1 for runs that are straight or a slalom."""
-    if _manoeuvre(run_log, "kind") in ("straight", "slalom"):
+    if run_log.setting("manoeuvre", "kind") in ("straight", "slalom"):
         return 1.0
-    return -1.0 if _manoeuvre(run_log, "direction") == "right" else 1.0
+    return -1.0 if run_log.setting("manoeuvre", "direction") == "right" else 1.0
 
 
 def turn_window(run_log: RunLog) -> tuple[float, float]:
@@ -130,47 +130,25 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     the turn of the AUTO sequence at the first steering command in the log. For a straight run or a slalom the window is
     the run from `turn_start` on, or the whole run if it is shorter than that.
     """
-    kind = _manoeuvre(run_log, "kind")
+    kind = run_log.setting("manoeuvre", "kind")
     if kind in ("straight", "slalom"):
         first, start, last = (
             float(run_log.time[0]),
-            _number(run_log, "manoeuvre", "turn_start"),
+            run_log.number("manoeuvre", "turn_start"),
             float(run_log.time[-1]),
         )
         return (start if first < start < last else first), last
-    steer_angle = _number(run_log, "manoeuvre", "steer_angle")
-    start = _number(run_log, "manoeuvre", "turn_start")
+    steer_angle = run_log.number("manoeuvre", "steer_angle")
+    start = run_log.number("manoeuvre", "turn_start")
     if kind == "auto_turn":
         steering = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > 0.5 * steer_angle)
         if steering.size == 0:
             raise LogError(f"{run_log.name}: no steering command in the run, so no turn to measure")
         start = float(run_log.time[steering[0]])
-    rate = _number(run_log, "servo", "rate")
+    rate = run_log.number("servo", "rate")
     if rate <= 0.0:
         raise LogError(f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0")
-    return start, start + _number(run_log, "manoeuvre", "turn_hold") + steer_angle / rate
-
-
-def _manoeuvre(run_log: RunLog, key: str) -> Any:
-    return _scenario_value(run_log, "manoeuvre", key)
-
-
-def _number(run_log: RunLog, section: str, key: str) -> float:
-    value = _scenario_value(run_log, section, key)
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise LogError(f"{run_log.name}: its scenario has {section}.{key} {value!r}, but it must be a finite number")
-    return number
-
-
-def _scenario_value(run_log: RunLog, section: str, key: str) -> Any:
-    try:
-        return run_log.scenario[section][key]
-    except (KeyError, TypeError):
-        raise LogError(f"{run_log.name}: its scenario has no {section}.{key}") from None
+    return start, start + run_log.number("manoeuvre", "turn_hold") + steer_angle / rate
 
 
 def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:

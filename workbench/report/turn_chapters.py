@@ -20,10 +20,11 @@ from aerodima.workbench.metrics.published_figures import (
     FlipBracket,
     PublishedFigures,
     TurnMetrics,
+    compare_figures,
     flip_bracket,
+    published_figures,
 )
 from aerodima.workbench.metrics.run_summary import RunSummary, published_for
-from aerodima.workbench.metrics.turn_metrics import compare_to_published, published_figures
 from aerodima.workbench.report import turn_findings as findings
 from aerodima.workbench.report.report_page import (
     Finding,
@@ -109,7 +110,7 @@ def beside_published(summaries: Sequence[RunSummary], scenario: dict) -> Section
     if not pairs:
         parts.append("None of these runs was made by the thesis too.")
     for run, row in pairs:
-        comparisons = compare_to_published(run.metrics, row.configuration, row.platform)  # type: ignore[arg-type]
+        comparisons = compare_figures(run.metrics.like(row.platform), row.configuration, row.platform)  # type: ignore[arg-type]
         parts += _beside(run, row, comparisons)
     if pairs:
         parts.append(_WORDS)

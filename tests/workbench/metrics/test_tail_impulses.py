@@ -8,8 +8,7 @@ import pytest
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.tail_impulses import tail_yaw_impulses
-from aerodima.workbench.metrics.turn_metrics import tail_impulses
+from aerodima.workbench.metrics.tail_impulses import tail_impulses, tail_yaw_impulses
 from tests.workbench.made_up_runs import GRAVITY, TAIL_MASS, made_up_run, times
 
 LENGTH, HEIGHT = 0.6, 0.24

@@ -7,14 +7,8 @@ import pytest
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
-from aerodima.workbench.metrics.turn_metrics import (
-    compare_to_published,
-    highest_speed_survived,
-    metrics_of,
-    outcome_from,
-    outcome_of,
-    published_figures,
-)
+from aerodima.workbench.metrics.published_figures import compare_figures, published_figures
+from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
 
@@ -396,7 +390,7 @@ def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees() -> None:
 
 def test_comparison_gives_all_metrics_and_the_roll_integral_both_ways() -> None:
     metrics = metrics_of(made_up_run(turning(1.0)))
-    compared = {row.metric: row for row in compare_to_published(metrics, "tailless", "simulated")}
+    compared = {row.metric: row for row in compare_figures(metrics.raw, "tailless", "simulated")}
     assert len(compared) == 9
     speed = compared["speed_m_per_s"]
     assert (speed.ours, speed.published) == (3.0, 3.30)
@@ -406,20 +400,11 @@ def test_comparison_gives_all_metrics_and_the_roll_integral_both_ways() -> None:
     printed = compared["integral_of_roll_rate_as_printed"]
     assert printed.published == 932.43
     assert printed.ours == pytest.approx(1000.0 * metrics.raw.roll_integral_rad)
-    on_the_car = {row.metric: row for row in compare_to_published(metrics, "tailed", "physical")}
+    on_the_car = {row.metric: row for row in compare_figures(metrics.filtered, "tailed", "physical")}
     assert on_the_car["speed_m_per_s"].published == 6.10
     assert on_the_car["integral_of_roll_rate_as_printed"].ours == pytest.approx(
         100.0 * metrics.filtered.roll_integral_rad
     )
-
-
-def test_top_speed_is_the_highest_survived_even_beyond_an_island_of_flips() -> None:
-    def run(speed: float, tilt: float):
-        return metrics_of(made_up_run({"velocity_x_truth_m_per_s": speed, "tilt_truth_rad": tilt}))
-
-    runs = [run(3.0, 0.1), run(3.5, 2.0), run(4.0, 0.1), run(4.5, 2.0)]
-    assert highest_speed_survived(runs) == 4.0
-    assert highest_speed_survived(runs[1::2]) is None
 
 
 def test_a_row_for_a_table_is_flat_and_names_units() -> None:
