@@ -19,7 +19,9 @@ from pathlib import Path
 import typer
 
 from aerodima.workbench.cli.options import CHECKS
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import permitted
+from aerodima.workbench.resources import models_dir
 
 
 def register(app: typer.Typer) -> None:
@@ -30,7 +32,6 @@ def register(app: typer.Typer) -> None:
 def doctor() -> None:
     """Check Python, Drake, solvers, extras, browser, CAN, serial ports and disk; says how to get what is missing."""
     from aerodima.workbench.cli.doctor_commands import examine
-    from aerodima.workbench.errors import UserError
 
     findings = examine()
     for finding in findings:
@@ -138,8 +139,6 @@ def _solvers() -> list[Finding]:
 
 def _models() -> list[Finding]:
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.errors import UserError
-    from aerodima.workbench.resources import models_dir
 
     try:
         load_scenario("turn_swing")

@@ -8,7 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import RUNS, Force, LogOut, command_group
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.text_table import shown_value, text_table
 
 
 def register(app: typer.Typer) -> None:
@@ -27,8 +30,6 @@ def metrics(
     force: Force = False,
 ) -> None:
     """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and filtered."""
-    from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-    from aerodima.workbench.errors import LogError
     from aerodima.workbench.logs.schema import read_run_log
 
     run_logs = {}
@@ -58,7 +59,6 @@ def metrics(
 def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """The table: what is of the run as a whole, then the eight metrics raw, then filtered."""
     from aerodima.workbench.metrics.published_figures import FILTERED, SIGNALS
-    from aerodima.workbench.text_table import shown_value, text_table
 
     known = all(row["signals"] == "truth" for row in rows.values())
     raw_signals = SIGNALS["simulated"] if known else "as the sensors reported them, where `signals` is sensors"
@@ -111,8 +111,6 @@ def import_(
 
     Example: aerodima log import swing.csv --mapping rig.yaml --out swing.parquet
     """
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.errors import LogError
     from aerodima.workbench.logs.importers import import_log
     from aerodima.workbench.logs.mapping import load_mapping
     from aerodima.workbench.logs.schema import write_run_log
@@ -136,7 +134,6 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a run log for other programs. `aerodima log import` reads it back bit for bit."""
-    from aerodima.workbench.errors import LogError
     from aerodima.workbench.logs.foreign_files import FORMATS, export_log
     from aerodima.workbench.logs.schema import read_run_log
 
@@ -158,8 +155,6 @@ def condition(
 
     Example: aerodima log condition swing.parquet --recipe swing_recipe.yaml --out ready.parquet --plot ready.png
     """
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.errors import LogError
     from aerodima.workbench.logs.recipe import apply_recipe, load_recipe
     from aerodima.workbench.logs.schema import read_run_log, write_run_log
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
+from math import degrees
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import CHECKS, COEFFICIENTS, Force, ScenarioArgument, Settings, command_group
+from aerodima.workbench.errors import ModelError, UserError
 
 
 def register(app: typer.Typer) -> None:
@@ -29,7 +35,6 @@ def check(
 ) -> None:
     """Check that models load, are physical, hide nothing, name their sources and equal the parameters."""
     from aerodima.workbench.cli.model_check import check_model_file, check_shipped_models, update_model_files
-    from aerodima.workbench.errors import ModelError
 
     if update:
         for path in update_model_files():
@@ -57,11 +62,7 @@ def range_of_motion(
 
     Example: aerodima range-of-motion --out range.csv
     """
-    from math import degrees
-
-    from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.errors import UserError
     from aerodima.workbench.figures.figure_style import png
     from aerodima.workbench.figures.tail_figures import plot_range_of_motion
     from aerodima.workbench.plants.clearance import PARTS, make_range_of_motion, write_range_of_motion
@@ -115,8 +116,6 @@ def plot(
     """
     from aerodima.workbench.aero.coefficient_files import load_coefficients
     from aerodima.workbench.aero.coefficient_plots import plot_coefficients
-    from aerodima.workbench.atomic_write import write_atomically
-    from aerodima.workbench.errors import ModelError
 
     coefficients = load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")
@@ -136,12 +135,7 @@ def diagram(
     force: Force = False,
 ) -> None:
     """Draw the block diagram of a scenario; as text (.dot) where Graphviz is not installed."""
-    import shutil
-    import subprocess
-
-    from aerodima.workbench.atomic_write import write_atomically
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.errors import UserError
     from aerodima.workbench.simulate.car_run import assemble
 
     kinds = (".svg", ".png", ".pdf", ".dot")
@@ -173,12 +167,8 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a resolved scenario, with every number and its swing in it, as one JSON bundle that needs no other file."""
-    import json
-
-    from aerodima.workbench.atomic_write import write_atomically
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.controllers.law_of_scenario import make_bundle
-    from aerodima.workbench.errors import UserError
 
     text = json.dumps(make_bundle(load_scenario(scenario, settings)), indent=2) + "\n"
     if out is None:

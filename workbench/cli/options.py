@@ -11,6 +11,8 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from aerodima.workbench.resources import models_dir
+
 RUNS = "Run the car and look at runs"
 SWINGS = "Find swings and vary numbers"
 COEFFICIENTS = "Coefficients, from rig to fit"
@@ -44,7 +46,6 @@ def complete_swing(incomplete: str) -> list[str]:
 
 
 def _names(folder: str, incomplete: str) -> list[str]:
-    from aerodima.workbench.resources import models_dir
 
     return sorted(path.stem for path in (models_dir() / folder).glob(f"{incomplete}*.yaml"))
 

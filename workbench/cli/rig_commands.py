@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import degrees, radians
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli.options import COEFFICIENTS, Anew, Force, Live, Workers, command_group, grouped
+from aerodima.workbench.errors import LogError, UserError
+
+if TYPE_CHECKING:
+    from aerodima.workbench.logs.schema import RunLog
 
 Tail = Annotated[int | None, typer.Option(help="Cheetah tail: 1, 2 or 3.")]
 Axis = Annotated[str | None, typer.Option(help="major or minor: the width that faces the wind.")]
@@ -104,11 +111,8 @@ def campaign(
     Asked for again after Ctrl-C it keeps the finished logs and goes on.
     Example: aerodima rig campaign static --out holds
     """
-    import time
-
     from aerodima.workbench.batch.row_store import terminal
     from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
-    from aerodima.workbench.errors import UserError
     from aerodima.workbench.simulate.campaign_run import run_campaign
 
     start = time.monotonic()
@@ -131,13 +135,8 @@ def _run(
     **given: float | int | str | None,
 ) -> None:
     """given: keys of the experiment; None: as in the scenario."""
-    from math import radians
-
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.cli.turn_commands import show_progress
+    from aerodima.workbench.cli.turn_commands import live_view, show_progress
     from aerodima.workbench.config.scenario import load_rig_scenario
-    from aerodima.workbench.errors import LogError, UserError
-    from aerodima.workbench.replay import open_meshcat
     from aerodima.workbench.simulate.simulation import simulate
 
     refuse_existing(options.out, options.force, LogError)
@@ -151,14 +150,11 @@ def _run(
             f"{options.scenario or name}: experiment.kind: {resolved.experiment.kind!r}; "
             f"allowed for `rig run {name}`: {KINDS[name]!r}"
         )
-    meshcat = open_meshcat(None) if live else None
-    if meshcat is not None:
-        typer.echo(f"watch: {meshcat.web_url()}", err=True)
     log = simulate(
         resolved,
         options.out,
         force=options.force,
-        meshcat=meshcat,
+        meshcat=live_view() if live else None,
         real_time_rate=float(live),
         progress=show_progress(),
     )
@@ -167,10 +163,8 @@ def _run(
     typer.echo(f"log: {options.out}")
 
 
-def summary_lines(log) -> list[str]:  # type: ignore[no-untyped-def]  # aerodima.workbench.logs.schema.RunLog
+def summary_lines(log: RunLog) -> list[str]:
     """What an experiment came to, for the terminal."""
-    from math import degrees
-
     import numpy as np
 
     extra, angle = log.extra, log.signal("angle_rad")
@@ -202,5 +196,5 @@ def summary_lines(log) -> list[str]:  # type: ignore[no-untyped-def]  # aerodima
     return lines
 
 
-def _rate(log) -> float:  # type: ignore[no-untyped-def]
+def _rate(log: RunLog) -> float:
     return round((len(log.time) - 1) / (log.time[-1] - log.time[0]), 3)

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.cli.options import RUNS, Force, Html
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
     from aerodima.workbench.logs.schema import RunLog
@@ -32,8 +35,6 @@ def replay(
 
     Example: aerodima replay run.parquet --html run.html --strip run.png
     """
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.errors import UserError
     from aerodima.workbench.logs.schema import read_run_log
 
     if strip is not None and strip.suffix.lower() != ".png":
@@ -83,10 +84,7 @@ def compare(
 
     Example: aerodima compare none.parquet swing.parquet --html compare.html
     """
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.errors import LogError, UserError
     from aerodima.workbench.logs.schema import read_run_log
-    from aerodima.workbench.text_table import shown_value, text_table
 
     names = _names(runs)
     if html is not None:
@@ -122,8 +120,6 @@ def compare(
 
 def _names(runs: list[Path]) -> list[str]:
     """File names without ending; whole paths where these are not enough."""
-    from aerodima.workbench.errors import LogError
-
     if len(set(runs)) < len(runs):
         twice = next(path for path in runs if runs.count(path) > 1)
         raise LogError(f"{twice}: named twice")

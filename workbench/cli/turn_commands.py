@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 import tempfile
+import time
 from dataclasses import dataclass
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.cli.options import (
     RUNS,
     Anew,
@@ -25,6 +28,7 @@ from aerodima.workbench.cli.options import (
     completer,
     grouped,
 )
+from aerodima.workbench.errors import LogError, UserError
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -73,8 +77,6 @@ def demo(
 
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo --out out/demo
     """
-    import time
-
     from aerodima.workbench.batch.row_store import terminal
     from aerodima.workbench.report.demo import DemoPlan, make_demo
 
@@ -114,12 +116,8 @@ def turn(
         "--direction": ("manoeuvre.direction", direction),
     }
     if options.law is not None and swing is not None:
-        from aerodima.workbench.errors import UserError
-
         raise UserError("--law: allowed without --swing; each says what the tail does")
     if swing is None and (tracking is not None or other_car):
-        from aerodima.workbench.errors import UserError
-
         raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
     _run(scenario, flags, options, other_car)
 
@@ -142,9 +140,7 @@ Flags = dict[str, tuple[str, float | str | None]]
 
 def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) -> None:
     # What can be wrong is looked at before Drake is imported, which takes seconds.
-    from aerodima.workbench.atomic_write import make_folder, refuse_existing
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.errors import LogError, UserError
 
     log, replay, settings = options.log, options.replay, options.settings or []
     if options.port is not None and not options.live:
@@ -174,7 +170,7 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
     from aerodima.workbench.logs.journal import journal_path
     from aerodima.workbench.simulate.simulation import simulate
 
-    meshcat = _live_view(options.port) if options.live else None
+    meshcat = live_view(options.port) if options.live else None
     with tempfile.TemporaryDirectory() as folder:
         path = log or Path(folder) / "run.parquet"
         new_folder = "" if path.parent.exists() else " (in a new folder)"
@@ -205,14 +201,14 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
 
 def _own_law(place: str, scenario: Scenario) -> TailLaw:
     from aerodima.workbench.controllers.law_of_scenario import load_law
-    from aerodima.workbench.errors import UserError
 
     if scenario.tail.mode == "none":
         raise UserError(f"--law {place}: this car has no tail; allowed with --tail held or --tail swing")
     return load_law(place)
 
 
-def _live_view(port: int | None) -> Meshcat:
+def live_view(port: int | None = None) -> Meshcat:
+    """Opens Meshcat and says where to watch."""
     from aerodima.workbench.replay.viewer import open_meshcat
 
     meshcat = open_meshcat(port)
@@ -222,8 +218,6 @@ def _live_view(port: int | None) -> Meshcat:
 
 def _refuse_cut_off_turn(scenario: Scenario) -> None:
     """A run that ends before its turn does has no metrics to print."""
-    from aerodima.workbench.errors import UserError
-
     manoeuvre = scenario.manoeuvre
     end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
     if manoeuvre.kind == "turn" and manoeuvre.duration < end:
@@ -244,8 +238,6 @@ def show_progress() -> Progress | None:
 
 def summary_lines(run_log: RunLog) -> list[str]:
     """What a run came to, for the terminal."""
-    from math import degrees
-
     from aerodima.workbench.metrics.turn_metrics import jolt_line, metrics_of
     from aerodima.workbench.metrics.turn_signals import turn_signals
 

@@ -16,6 +16,7 @@ from aerodima.workbench.figures.figure_style import (
     MODE_STYLES,
     VERMILION,
     mark_top,
+    modes_of,
     new_figure,
     shade_turn,
     styled,
@@ -38,7 +39,7 @@ _METRIC_LABELS = {
 
 def plot_outcomes(summaries: Sequence[RunSummary]) -> Figure:
     """Speed x tail mode: a full disc for a clean run, a ring where something touched the ground, a cross for a flip."""
-    modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]
+    modes = modes_of(summaries)
     with styled():
         figure, grid = new_figure(11.0, 0.75 * len(modes) + 1.5)
         axes = grid[0, 0]
@@ -84,7 +85,7 @@ def plot_metrics(summaries: Sequence[RunSummary], platform: Platform = "simulate
         platform: whose rows, and whose signals (`published.SIGNALS`) the metrics of the runs are from.
     """
     rows = [row for row in published_figures() if row.platform == platform]
-    modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]
+    modes = modes_of(summaries)
     with styled():
         figure, grid = new_figure(11.0, 5.6, 2, 4)
         for axes, (metric, label) in zip(grid.flat, _METRIC_LABELS.items(), strict=False):
@@ -168,7 +169,7 @@ def plot_comparison(summaries: Sequence[RunSummary]) -> Figure:
         ("heading change [deg]", lambda s: float(np.degrees(s.metrics.heading_change_rad))),
         ("time on two wheels or fewer [s]", lambda s: s.metrics.two_wheel_time_s or 0.0),
     )
-    modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]
+    modes = modes_of(summaries)
     with styled():
         figure, grid = new_figure(11.0, 6.0, 2, 2, sharex=True)
         for axes, (label, value) in zip(grid.flat, panels, strict=True):

@@ -1,15 +1,18 @@
 """One look for all figures: colours, markers, lines, the shaded turn, files."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from aerodima.workbench.metrics.run_summary import RunSummary
 
 # Okabe and Ito's palette, made to be told apart with any colour vision.
 BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
@@ -63,6 +66,13 @@ MODE_STYLES = {
     "designed": ModeStyle("designed tail swings", SKY, "v", (0, (3, 1))),
     "optimised": ModeStyle("optimised swing", GREEN, "D", (0, (1, 1))),
 }
+
+
+def modes_of(summaries: "Iterable[RunSummary]") -> list[str]:
+    """Tail modes of these runs, in the order of `MODE_STYLES`."""
+    present = {summary.tail_mode for summary in summaries}
+    return [mode for mode in MODE_STYLES if mode in present]
+
 
 CAUSE_STYLES = {
     "aerodynamic": ("air", SKY, "////", "-"),

@@ -20,6 +20,7 @@ from aerodima.workbench.figures.figure_style import (
     ORANGE,
     PURPLE,
     VERMILION,
+    modes_of,
     new_figure,
     shade_turn,
     styled,
@@ -42,7 +43,7 @@ def plot_impulses(summaries: Sequence[RunSummary]) -> Figure:
     Raises:
         LogError: no run has a tail.
     """
-    modes = [mode for mode in MODE_STYLES if any(s.tail_mode == mode and s.over_window is not None for s in summaries)]
+    modes = modes_of(s for s in summaries if s.over_window is not None)
     if not modes:
         raise LogError("impulses of the tail: none of the runs has a tail and ground truth")
     with styled():

@@ -12,7 +12,7 @@ from aerodima.workbench.figures import (
     plot_outcomes,
     plot_triggers,
 )
-from aerodima.workbench.figures.figure_style import MODE_STYLES
+from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.published_figures import (
     SIGNALS,
@@ -58,7 +58,7 @@ def outcomes(summaries: Sequence[RunSummary]) -> Section:
         "the start of the turn on.",
         "Map of outcomes over commanded speed and tail mode",
     )
-    said = [_bracket_sentences(summaries, mode) for mode in _modes(summaries)]
+    said = [_bracket_sentences(summaries, mode) for mode in modes_of(summaries)]
     return Section("Who stays upright", [outcome_map, Finding(said), _outcome_table(summaries)])
 
 
@@ -66,7 +66,7 @@ def _bracket_sentences(summaries: Sequence[RunSummary], mode: str) -> str:
     bracket = findings.bracket_of([s for s in summaries if s.tail_mode == mode])
     published = _published_bracket(mode)
     beside = findings.bracket_verdict(bracket, published) if published else "The thesis simulated no such car."
-    return f"{MODE_STYLES[mode].words.capitalize()}: {findings.bracket_in_words(bracket)}. {beside}"
+    return f"{findings.mode_and_bracket(summaries, mode)}. {beside}"
 
 
 def _published_bracket(mode: str) -> FlipBracket | None:
@@ -193,7 +193,7 @@ def tail_beside_none(summaries: Sequence[RunSummary]) -> Section:
             "One car turns faster than another only if its run is clean and it changes its heading by at "
             f"least {100 * findings.REFERENCE_SHARE:.0f} % of the other's. Reference: no tail at "
             f"{reference.commanded_speed:.2f} m/s, {degrees(reference.metrics.heading_change_rad)}.",
-            *(findings.faster_claim(summaries, mode, reference) for mode in _modes(summaries) if mode != "none"),
+            *(findings.faster_claim(summaries, mode, reference) for mode in modes_of(summaries) if mode != "none"),
             findings.held_beside_swing(summaries),
         ]
         parts.append(Finding(list(filter(None, said))))
@@ -215,7 +215,7 @@ def what_the_tail_does(summaries: Sequence[RunSummary], explained: Mapping[str, 
     said = [
         f"{MODE_STYLES[mode].words.capitalize()}, impulse over the turn against rolling outwards: "
         f"{findings.impulse_sentence([s for s in tailed if s.tail_mode == mode])}."
-        for mode in _modes(tailed)
+        for mode in modes_of(tailed)
         if mode != "none"
     ]
     parts: list[Part] = [
@@ -268,7 +268,3 @@ def _triggers(tailed: Sequence[RunSummary], explained: Mapping[str, RunLog]) -> 
         ),
         Finding([" ".join(sentences)]),
     ]
-
-
-def _modes(summaries: Sequence[RunSummary]) -> list[str]:
-    return [mode for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries)]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from aerodima.workbench.figures.figure_style import MODE_STYLES
+from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
 from aerodima.workbench.metrics.published_figures import Comparison, FlipBracket, PublishedFigures
 from aerodima.workbench.metrics.run_summary import RunSummary
 from aerodima.workbench.report.report_page import degrees, metric_name, percent, span
@@ -57,6 +57,12 @@ def bracket_in_words(bracket: Bracket) -> str:
         f"flips first at {bracket.flipped:.2f} m/s, yet survives {bracket.survived:.2f} m/s: survival is not monotone "
         "in the speed"
     )
+
+
+def mode_and_bracket(summaries: Sequence[RunSummary], mode: str) -> str:
+    """Tail mode and bracket of its runs, in words."""
+    bracket = bracket_of([s for s in summaries if s.tail_mode == mode])
+    return f"{MODE_STYLES[mode].words.capitalize()}: {bracket_in_words(bracket)}"
 
 
 def bracket_verdict(bracket: Bracket, published: FlipBracket) -> str:
@@ -246,4 +252,4 @@ def _filtered(summary: RunSummary) -> float:
 
 
 def _modes(summaries: Sequence[RunSummary]) -> str:
-    return ", ".join(MODE_STYLES[mode].words for mode in MODE_STYLES if any(s.tail_mode == mode for s in summaries))
+    return ", ".join(MODE_STYLES[mode].words for mode in modes_of(summaries))

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from aerodima.workbench.config.car_parameters import CarParameters
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
 from aerodima.workbench.figures import plot_turn
-from aerodima.workbench.figures.figure_style import MODE_STYLES
+from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.published_figures import tyre_damping
 from aerodima.workbench.metrics.run_summary import RunSummary, tail_mode_of
@@ -107,19 +107,13 @@ def _what_was_simulated(
 
 def _in_short(summaries: Sequence[RunSummary]) -> Finding:
     """What came out, before how."""
-    said = []
-    for mode in MODE_STYLES:
-        runs = [s for s in summaries if s.tail_mode == mode]
-        if runs:
-            said.append(
-                f"{MODE_STYLES[mode].words.capitalize()}: {findings.bracket_in_words(findings.bracket_of(runs))}."
-            )
+    said = [f"{findings.mode_and_bracket(summaries, mode)}." for mode in modes_of(summaries)]
     reference = findings.reference_run(summaries)
     if reference is not None:
         said += [
             findings.faster_claim(summaries, mode, reference)
-            for mode in ("held", "swing", "designed")
-            if any(s.tail_mode == mode for s in summaries)
+            for mode in modes_of(summaries)
+            if mode not in ("none", "optimised")
         ]
     return Finding(["In short:", Bullets(said)])
 
@@ -138,7 +132,7 @@ def _mode_words(summaries: Sequence[RunSummary], controller: Mapping[str, Any]) 
             "the tunnel tests bound the built one to a tenth of that; it swings by the same controller."
         ),
     }
-    return [words for mode, words in said.items() if any(s.tail_mode == mode for s in summaries)]
+    return [said[mode] for mode in modes_of(summaries) if mode in said]
 
 
 def _strip_caption(name: str, files: ReportFiles) -> Text:
