@@ -11,7 +11,7 @@ from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.figures.figure_style import new_figure, styled
 from aerodima.workbench.logs.conditioning import is_held
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import GAP_FACTOR, Interval
+from aerodima.workbench.logs.signals import GAP_FACTOR, Interval, hold_last
 
 MOST_ROWS = 12
 """Signals that one picture holds."""
@@ -61,19 +61,13 @@ def changed_columns(before: RunLog, after: RunLog) -> list[str]:
             continue
         old = before.signal(name)
         good = np.isfinite(old)
-        expected = _at(after.time + shift, before.time[good], old[good], is_held(name))
+        read = hold_last if is_held(name) else np.interp
+        expected = read(after.time + shift, before.time[good], old[good])
         if good.all() and np.allclose(expected, after.signal(name), rtol=1e-9, atol=1e-12):
             continue
         changed.append(name)
     measured = [name for name in after.table.columns if name != TIME and not is_held(name)]
     return changed or measured
-
-
-def _at(new_time: NDArray, time: NDArray, values: NDArray, hold: bool) -> NDArray[np.float64]:
-    """A column at other times, as the conditioning steps read it between its samples."""
-    if not hold:
-        return np.interp(new_time, time, values)
-    return values[np.maximum(np.searchsorted(time, new_time + 1e-9, side="right") - 1, 0)]
 
 
 def _shift(after: RunLog) -> float:

@@ -26,6 +26,7 @@ from aerodima.workbench.logs.signals import (
     check_signals,
     check_time,
     even_times,
+    hold_last,
     in_parts,
     low_pass,
     resample,
@@ -211,7 +212,7 @@ def fill(run_log: RunLog, longest: float) -> Conditioned:
         if np.count_nonzero(good) < time.size:
             notes.append(_check_nan(run_log, name, good, longest, step))
         if is_held(name):
-            filled[name] = signal[good][np.searchsorted(time[good], grid, side="right") - 1]
+            filled[name] = hold_last(grid, time[good], signal[good])
         else:
             filled[name] = np.interp(grid, time[good], signal[good])
     return Conditioned(with_signals(run_log, filled, grid), tuple(notes))

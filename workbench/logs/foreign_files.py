@@ -182,11 +182,6 @@ def _as_series(contents: Any) -> tuple[dict[str, pd.Series], dict[str, str], dic
     return {name: pd.Series(values) for name, values in columns.items()}, {}, unreadable
 
 
-def metadata_json(metadata: Mapping[str, Any]) -> str:
-    """Metadata object of a run log as readable JSON."""
-    return json.dumps(metadata, sort_keys=True, indent=1, allow_nan=False)
-
-
 Format = Literal["csv", "mcap"]
 FORMATS: tuple[Format, ...] = ("csv", "mcap")
 
@@ -198,7 +193,7 @@ def export_log(run_log: RunLog, path: Path | str, form: Format, force: bool = Fa
         LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.
     """
     path = Path(path)
-    metadata = metadata_json(_exported(run_log))
+    metadata = json.dumps(_exported(run_log), sort_keys=True, indent=1, allow_nan=False)
     if form == "csv":
         beside = sidecar(path)
         refuse_existing(beside, force, LogError)

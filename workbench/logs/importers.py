@@ -21,7 +21,6 @@ from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_forei
 from aerodima.workbench.logs.log_findings import (
     Finding,
     gap_findings,
-    listed,
     nan_findings,
     refuse_implausible,
     refuse_inconsistent_rates,
@@ -29,12 +28,10 @@ from aerodima.workbench.logs.log_findings import (
 )
 from aerodima.workbench.logs.mapping import ColumnSource, Mapping, known_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.logs.signals import GAP_FACTOR, check_time
+from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
 
 CONTINUOUS = ("imu_yaw_rad",)
 """Angles whose jumps of a whole turn are taken out, as in a log of this project."""
-_SAME_TIME = 1e-9
-"""A sample this much after a row (fraction of the log's length) belongs to the row."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None
             wrong unit; names file, column and time.
     """
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
-    foreign = joined([read_foreign_log(path, mapping.csv if mapping and _is_text(path) else None) for path in paths])
+    foreign = joined([read_foreign_log(path, mapping and mapping.csv) for path in paths])
     if mapping is None:
         return _import_own(foreign)
     table, findings = mapped_table(foreign, mapping)
@@ -99,13 +96,6 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
     if mapping.time.starts_at is not None:
         table[TIME] += mapping.time.starts_at - table[TIME].iloc[0]
     return table, [*findings, *late]
-
-
-def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
-    """Samples (m,) taken at `sample_time`, held until the next one, at the times `time` (n,); NaN before the first."""
-    margin = _SAME_TIME * (time[-1] - time[0])
-    index = np.searchsorted(sample_time, time + margin, side="right") - 1
-    return np.where(index >= 0, samples[np.maximum(index, 0)], np.nan)
 
 
 def _column(
@@ -206,7 +196,7 @@ def _metadata(mapping: Mapping, files: list[str], findings: list[Finding]) -> di
     imported = {
         "files": files,
         "mapping": mapping.model_dump(mode="json", by_alias=True, exclude_defaults=True),
-        "findings": listed(findings),
+        "findings": [str(finding) for finding in findings],
     }
     return run_metadata(scenario, seed=0, kind=mapping.kind, extra={**facts, "imported": imported})
 
@@ -240,7 +230,3 @@ def _import_own(foreign: ForeignLog) -> Imported:
     metadata = {**foreign.metadata, "extra": dict(foreign.metadata.get("extra", {}))}
     metadata["extra"].pop("exported_columns", None)
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(table_findings(table)))
-
-
-def _is_text(path: Path | str) -> bool:
-    return Path(path).suffix.lower() in (".csv", ".txt", ".tsv")

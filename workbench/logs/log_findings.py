@@ -4,7 +4,7 @@ A finding names column and time. What makes every later figure wrong (times that
 what a recipe can deal with (a gap, NaN) or a user must judge (a constant signal) is reported and kept.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -169,8 +169,3 @@ def _rate_ratio(time: FloatArray, angle: FloatArray, rate: FloatArray) -> float 
     if power < tiny or other < tiny or abs(float(angle @ integral)) < 0.9 * np.sqrt(power * other):
         return None
     return float(angle @ integral) / power
-
-
-def listed(findings: Iterable[Finding]) -> list[str]:
-    """Findings as lines."""
-    return [str(finding) for finding in findings]

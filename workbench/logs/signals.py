@@ -16,6 +16,8 @@ from aerodima.workbench.logs.schema import RunLog
 
 GAP_FACTOR = 1.5
 """A step longer than this many median steps is a gap."""
+_SAME_TIME = 1e-9
+"""A sample this much after a time (fraction of the log's length) belongs to it."""
 _JITTER = 0.01
 """Steps that differ by more than this fraction of the mean one are resampled before filtering."""
 
@@ -147,7 +149,7 @@ def resample(
     """
     check_signals(time, {column: signal})
     new_time = np.asarray(new_time, dtype=np.float64)
-    margin = 1e-9 * (time[-1] - time[0])
+    margin = _SAME_TIME * (time[-1] - time[0])
     if new_time.size and (new_time.min() < time[0] - margin or new_time.max() > time[-1] + margin):
         raise LogError(
             f"column {column!r}: asked for {new_time.min():g} to {new_time.max():g} s, there is only "
@@ -155,8 +157,14 @@ def resample(
         )
     if not hold:
         return np.interp(new_time, time, signal)
-    held = np.searchsorted(time, new_time + margin, side="right") - 1
-    return signal[np.maximum(held, 0)]
+    return hold_last(new_time, time, signal)
+
+
+def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
+    """Samples (m,) taken at `sample_time`, held until the next one, at the times `time` (n,); NaN before the first."""
+    margin = _SAME_TIME * (sample_time[-1] - sample_time[0])
+    index = np.searchsorted(sample_time, time + margin, side="right") - 1
+    return np.where(index >= 0, samples[np.maximum(index, 0)], np.nan)
 
 
 BoolArray = NDArray[np.bool_]

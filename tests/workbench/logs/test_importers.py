@@ -13,8 +13,9 @@ from mcap.writer import Writer
 from scipy.io import savemat
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.importers import hold_last, import_log
+from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
+from aerodima.workbench.logs.signals import hold_last
 from tests.workbench.logs.foreign_logs import laboratory_columns, swing_readings
 
 TIMES = np.arange(400) / 100.0
