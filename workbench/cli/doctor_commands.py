@@ -10,7 +10,7 @@ import importlib
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -47,7 +47,6 @@ def doctor() -> None:
 
 OLDEST_PYTHON = (3, 11)
 OLDEST_DRAKE = (1, 51)
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 SMALLEST_DISK = 1e9
 """Free bytes below which logs and reports of a day's work may not fit; a turn's log has 2 MB, its replay 4 MB."""
 
@@ -59,6 +58,19 @@ EXTRAS = {
     "bench": (("casadi", "comparing in `make bench`"), ("mujoco", "comparing in `make bench`")),
 }
 """Extra -> the modules it brings and what they are for."""
+
+PROGRAMS = {
+    "browser": (
+        ("chromium", "chromium-browser", "google-chrome", "firefox"),
+        "open replays on another machine, or install chromium",
+    ),
+    "graphviz": (("dot",), "install graphviz; `aerodima diagram` writes .dot files without it"),
+    "C++ compiler": (
+        (os.environ.get("CXX", "g++"),),
+        "install g++; the emulated car compiles the Teensy's firmware with it",
+    ),
+}
+"""Subject -> the programs of which one is needed, and the advice without."""
 
 _ARPHRD_CAN = "280"
 """Type of a CAN interface in /sys/class/net/*/type (linux/if_arp.h)."""
@@ -72,115 +84,86 @@ class Finding:
         subject: what was looked at.
         found: what is there, with its version or place.
         ok: whether it is as it should be.
+        advice: how to fix it when it is not.
         required: whether nothing works without it.
-        remedy: how to mend it; empty when it is ok.
     """
 
     subject: str
     found: str
     ok: bool
+    advice: str = ""
     required: bool = False
-    remedy: str = ""
+
+    @property
+    def remedy(self) -> str:
+        """The advice, where it is needed."""
+        return "" if self.ok else self.advice
 
 
 def examine() -> list[Finding]:
     """Everything that can be looked at without changing anything; takes a second or two, for importing Drake."""
-    checks: tuple[Callable[[], list[Finding]], ...] = (
-        _python,
-        _drake,
-        _solvers,
-        _models,
-        _extras,
-        _browser,
-        _graphviz,
-        _compiler,
-        _can,
-        _serial,
-        _realtime,
-        _disk,
-    )
+    checks = (_python, _drake, _solvers, _models, _extras, _programs, _can, _serial, _realtime, _disk)
     return [finding for check in checks for finding in check()]
 
 
-def _python() -> list[Finding]:
-    found = ".".join(map(str, sys.version_info[:3]))
-    wanted = ".".join(map(str, OLDEST_PYTHON))
-    ok = sys.version_info[:2] >= OLDEST_PYTHON
-    return [Finding("Python", found, ok, True, "" if ok else f"install Python {wanted} or newer")]
+def _python() -> Iterator[Finding]:
+    found, wanted = (".".join(map(str, version)) for version in (sys.version_info[:3], OLDEST_PYTHON))
+    yield Finding("Python", found, sys.version_info[:2] >= OLDEST_PYTHON, f"install Python {wanted} or newer", True)
 
 
-def _drake() -> list[Finding]:
+def _drake() -> Iterator[Finding]:
     try:
         importlib.import_module("pydrake.all")
         found = version("drake")
+        ok = tuple(map(int, found.split(".")[:2])) >= OLDEST_DRAKE
     except (ImportError, PackageNotFoundError) as error:
-        return [Finding("Drake", str(error), False, True, "pip install 'drake>=1.51'")]
-    ok = tuple(map(int, found.split(".")[:2])) >= OLDEST_DRAKE
-    return [Finding("Drake", found, ok, True, "" if ok else "pip install 'drake>=1.51'")]
+        found, ok = str(error), False
+    yield Finding("Drake", found, ok, "pip install 'drake>=1.51'", True)
 
 
-def _solvers() -> list[Finding]:
+def _solvers() -> Iterator[Finding]:
     try:
         from pydrake.solvers import ClarabelSolver, IpoptSolver, SnoptSolver
     except ImportError:
-        return []  # told by the check of Drake
-    findings = []
+        return  # told by the check of Drake
     for solver, use in (
         (SnoptSolver(), "static fits, swing optimisation"),
         (IpoptSolver(), "swing optimisation, second opinion"),
         (ClarabelSolver(), "fits of swings"),
     ):
         ok = solver.available() and solver.enabled()
-        name = f"solver {solver.solver_id().name()}"
-        remedy = "" if ok else "use a Drake wheel from PyPI; builds of one's own may lack it"
-        findings.append(Finding(name, f"for {use}" if ok else "not in this Drake", ok, False, remedy))
-    return findings
+        name, found = f"solver {solver.solver_id().name()}", f"for {use}" if ok else "not in this Drake"
+        yield Finding(name, found, ok, "use a Drake wheel from PyPI; builds of one's own may lack it")
 
 
-def _models() -> list[Finding]:
+def _models() -> Iterator[Finding]:
     from aerodima.workbench.config.scenario import load_scenario
 
     try:
         load_scenario("turn_swing")
+        found, ok = str(models_dir()), True
     except UserError as error:
-        return [Finding("models", str(error), False, True, "reinstall the package")]
-    return [Finding("models", str(models_dir()), True, True)]
+        found, ok = str(error), False
+    yield Finding("models", found, ok, "reinstall the package", True)
 
 
-def _extras() -> list[Finding]:
-    findings = []
+def _extras() -> Iterator[Finding]:
     for extra, modules in EXTRAS.items():
         missing = [f"{module} ({use})" for module, use in modules if find_spec(module) is None]
-        remedy = f"pip install 'aerodima-workbench[{extra}]'" if missing else ""
         found = "not there: " + ", ".join(missing) if missing else "installed"
-        findings.append(Finding(f"extra {extra}", found, not missing, False, remedy))
-    return findings
+        yield Finding(f"extra {extra}", found, not missing, f"pip install 'aerodima-workbench[{extra}]'")
 
 
-def _browser() -> list[Finding]:
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    remedy = "" if found else "open replays on another machine, or install chromium"
-    return [Finding("browser", found or "none of " + ", ".join(BROWSERS), found is not None, False, remedy)]
+def _programs() -> Iterator[Finding]:
+    for subject, (names, advice) in PROGRAMS.items():
+        found = next(filter(None, map(shutil.which, names)), None)
+        yield Finding(subject, found or f"no {' or '.join(names)} on the path", found is not None, advice)
 
 
-def _graphviz() -> list[Finding]:
-    found = shutil.which("dot")
-    remedy = "" if found else "install graphviz; `aerodima diagram` writes .dot files without it"
-    return [Finding("graphviz", found or "no `dot` on the path", found is not None, False, remedy)]
-
-
-def _compiler() -> list[Finding]:
-    found = shutil.which(os.environ.get("CXX", "g++"))
-    remedy = "" if found else "install g++; the emulated car compiles the Teensy's firmware with it"
-    return [Finding("C++ compiler", found or "no g++ on the path", found is not None, False, remedy)]
-
-
-def _can() -> list[Finding]:
-    interfaces = [path.parent.name for path in Path("/sys/class/net").glob("*/type") if _is_can(path)]
-    if not interfaces:
-        remedy = "for a real car: docs/deployment.md; simulation and the emulated car need none"
-        return [Finding("CAN interface", "none", False, False, remedy)]
-    return [Finding("CAN interface", ", ".join(sorted(interfaces)), True)]
+def _can() -> Iterator[Finding]:
+    interfaces = sorted(path.parent.name for path in Path("/sys/class/net").glob("*/type") if _is_can(path))
+    advice = "for a real car: docs/deployment.md; simulation and the emulated car need none"
+    yield Finding("CAN interface", ", ".join(interfaces) or "none", bool(interfaces), advice)
 
 
 def _is_can(path: Path) -> bool:
@@ -190,28 +173,29 @@ def _is_can(path: Path) -> bool:
         return False
 
 
-def _serial() -> list[Finding]:
-    ports = sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})
-    if not ports:
-        return [Finding("serial ports", "none", False, False, "for a real car: plug in the Teensy")]
-    closed = [str(port) for port in ports if not os.access(port, os.R_OK | os.W_OK)]
+def _serial() -> Iterator[Finding]:
+    ports = [str(port) for port in sorted({*Path("/dev").glob("ttyACM*"), *Path("/dev").glob("ttyUSB*")})]
+    closed = [port for port in ports if not os.access(port, os.R_OK | os.W_OK)]
     if closed:
-        remedy = "add yourself to the group `dialout` and log in again"
-        return [Finding("serial ports", "no permission for " + ", ".join(closed), False, False, remedy)]
-    return [Finding("serial ports", ", ".join(map(str, ports)), True)]
+        advice = "add yourself to the group `dialout` and log in again"
+        yield Finding("serial ports", "no permission for " + ", ".join(closed), False, advice)
+    else:
+        yield Finding("serial ports", ", ".join(ports) or "none", bool(ports), "for a real car: plug in the Teensy")
 
 
-def _realtime() -> list[Finding]:
-    priority, memory = permitted()
-    found = f"priority {'may be had' if priority else 'is not permitted'}, locked memory {'too' if memory else 'not'}"
-    if not priority:
-        found = found.replace(", locked memory not", ", nor locked memory").replace("memory too", "memory may be had")
-    remedy = "" if priority and memory else "for a real car: `aerodima install-files FOLDER` writes the limits to set"
-    return [Finding("real time", found, priority and memory, False, remedy)]
+def _realtime() -> Iterator[Finding]:
+    found = {
+        (True, True): "priority may be had, locked memory too",
+        (True, False): "priority may be had, locked memory not",
+        (False, True): "priority is not permitted, locked memory may be had",
+        (False, False): "priority is not permitted, nor locked memory",
+    }
+    advice = "for a real car: `aerodima install-files FOLDER` writes the limits to set"
+    there = permitted()
+    yield Finding("real time", found[there], all(there), advice)
 
 
-def _disk() -> list[Finding]:
+def _disk() -> Iterator[Finding]:
     free = shutil.disk_usage(Path.cwd()).free
-    ok = free >= SMALLEST_DISK
-    remedy = "" if ok else f"free some: runs stop when it is full; wanted {SMALLEST_DISK / 1e9:g} GB"
-    return [Finding("disk", f"{free / 1e9:.1f} GB free in {Path.cwd()}", ok, False, remedy)]
+    advice = f"free some: runs stop when it is full; wanted {SMALLEST_DISK / 1e9:g} GB"
+    yield Finding("disk", f"{free / 1e9:.1f} GB free in {Path.cwd()}", free >= SMALLEST_DISK, advice)

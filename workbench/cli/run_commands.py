@@ -92,7 +92,6 @@ def compare(
     run_logs = [read_run_log(path) for path in runs]
     from aerodima.workbench.metrics.turn_metrics import jolt_line, metrics_of
     from aerodima.workbench.report.replay_page import (
-        MOST_RUNS,
         comparison_page,
         different_cars,
         metrics_rows,
@@ -100,8 +99,6 @@ def compare(
     )
     from aerodima.workbench.report.report_page import write_files
 
-    if not 2 <= len(runs) <= MOST_RUNS:
-        raise LogError(f"{len(runs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
     differences = scenario_differences(run_logs)
     for group in (differences, metrics_rows(run_logs)):
         table = text_table(["", *names], [[key, *map(shown_value, values)] for key, values in group.items()])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
 from math import degrees
@@ -171,23 +170,21 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
     from aerodima.workbench.simulate.simulation import simulate
 
     meshcat = live_view(options.port) if options.live else None
-    with tempfile.TemporaryDirectory() as folder:
-        path = log or Path(folder) / "run.parquet"
-        new_folder = "" if path.parent.exists() else " (in a new folder)"
-        try:
-            run_log = simulate(
-                scenario,
-                path,
-                force=options.force,
-                meshcat=meshcat,
-                real_time_rate=float(options.live),
-                progress=show_progress(),
-                law=tail_law,
-            )
-        except KeyboardInterrupt:
-            if log is not None:
-                typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(log)}", err=True)
-            raise
+    new_folder = "" if log is None or log.parent.exists() else " (in a new folder)"
+    try:
+        run_log = simulate(
+            scenario,
+            log,
+            force=options.force,
+            meshcat=meshcat,
+            real_time_rate=float(options.live),
+            progress=show_progress(),
+            law=tail_law,
+        )
+    except KeyboardInterrupt:
+        if log is not None:
+            typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(log)}", err=True)
+        raise
     for line in summary_lines(run_log):
         typer.echo(line)
     if log is not None:

@@ -65,7 +65,7 @@ def add_logged_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedCar:
     except ScenarioError as error:
         raise LogError(f"{name}: the scenario in its metadata cannot be read: {error}") from None
     car = add_car_plant(builder, with_turning_sail(scenario))
-    wanted = [PLANT_POSITION_PREFIX + position for position in _position_names(car.plant)]
+    wanted = [PLANT_POSITION_PREFIX + position for position in car.plant.GetPositionNames()]
     table = _with_sail_angle(run_log, scenario)
     logged = [column for column in table.columns if column.startswith(PLANT_POSITION_PREFIX)]
     if set(wanted) != set(logged):
@@ -94,10 +94,6 @@ def _with_sail_angle(run_log: RunLog, scenario: Scenario) -> pd.DataFrame:
     if scenario.tail.sail != "facing" or scenario.tail.mode == "none" or SAIL_POSITION in table.columns:
         return table
     return table.assign(**{SAIL_POSITION: run_log.signal("sail_angle_rad")})
-
-
-def _position_names(plant: MultibodyPlant) -> list[str]:
-    return list(plant.GetPositionNames())
 
 
 RECKONED = "reckoned"
@@ -154,20 +150,16 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
     zero = np.zeros(time.size)
     roll, pitch = signals.get("imu_roll_rad", zero), signals.get("imu_pitch_rad", zero)
     yaw, speed = signals["imu_yaw_rad"] - signals["imu_yaw_rad"][0], signals["speed_m_per_s"]
-    position = np.column_stack(
-        [
-            cumulative_trapezoid(speed * np.cos(yaw), time, initial=0.0),
-            cumulative_trapezoid(speed * np.sin(yaw), time, initial=0.0),
-            zero,
-        ]
-    )
-    builder = DiagramBuilder()
+    ahead, left = (cumulative_trapezoid(speed * part, time, initial=0.0) for part in (np.cos(yaw), np.sin(yaw)))
+    position = np.column_stack([ahead, left, zero])
+    builder = DiagramBuilder()  # it owns the plant
     car = add_car_plant(builder, with_turning_sail(scenario))
     plant = car.plant
     context = plant.CreateDefaultContext()
     names = list(plant.GetPositionNames())
     joints = _joints(names, signals)
-    points = [np.zeros((time.size, 3)) for _ in range(2)]
+    instances = [car.car] if car.tail is None else [car.car, car.tail]
+    com, tip = np.zeros((time.size, 3)), np.zeros((time.size, 3))
     positions = np.tile(plant.GetPositions(context), (time.size, 1))
     corners = _corners(scenario)
     for row in range(time.size):
@@ -177,21 +169,22 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
         for index, values in joints.items():
             positions[row, index] = values[row]
         plant.SetPositions(context, positions[row])
-        points[0][row] = _centre_of_mass(car, context)
+        com[row] = plant.CalcCenterOfMassPositionInWorld(context, instances)
         if car.tail is not None:
-            points[1][row] = _tail_tip(plant, context, scenario.tail.length)
+            tip[row] = _tail_tip(plant, context, scenario.tail.length)
     columns = {f"{PLANT_POSITION_PREFIX}{name}": positions[:, index] for index, name in enumerate(names)}
-    columns |= _vector("position", position) | _vector("com", points[0])
+    columns |= _vector("position", position) | _vector("com", com)
     if car.tail is not None:
-        columns |= _vector("tail_tip", points[1])
-    columns |= {
+        columns |= _vector("tail_tip", tip)
+    rest = zero if car.tail is None else positions[:, names.index("tail_tail_roll_q")]
+    return columns | {
+        "tail_roll_angle_rad": signals.get("tail_roll_angle_rad", rest),
         "roll_truth_rad": roll,
         "pitch_truth_rad": pitch,
         "yaw_truth_rad": yaw,
         "velocity_x_truth_m_per_s": speed,
         "velocity_y_truth_m_per_s": zero,
     }
-    return columns if "tail_roll_angle_rad" in signals else columns | _resting_tail(car, positions, names)
 
 
 def _joints(names: list[str], signals: dict[str, FloatArray]) -> dict[int, FloatArray]:
@@ -219,21 +212,9 @@ def _place(positions: FloatArray, names: list[str], rotation: RotationMatrix, po
         positions[names.index(f"car_chassis_{suffix}")] = value
 
 
-def _centre_of_mass(car: CarPlant, context: Any) -> FloatArray:
-    instances = [car.car] if car.tail is None else [car.car, car.tail]
-    return np.asarray(car.plant.CalcCenterOfMassPositionInWorld(context, instances))
-
-
 def _tail_tip(plant: MultibodyPlant, context: Any, length: float) -> FloatArray:
     X_WT = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("tail_rod"))
     return np.asarray(X_WT.translation() + length * X_WT.rotation().matrix()[:, 2])
-
-
-def _resting_tail(car: CarPlant, positions: FloatArray, names: list[str]) -> dict[str, FloatArray]:
-    """The angle at which a tail is drawn that was not logged."""
-    if car.tail is None:
-        return {"tail_roll_angle_rad": np.zeros(len(positions))}
-    return {"tail_roll_angle_rad": positions[:, names.index("tail_tail_roll_q")]}
 
 
 def _vector(stem: str, values: FloatArray) -> dict[str, FloatArray]:

@@ -125,7 +125,12 @@ def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     """Key of the scenario -> value per run, for what was not the same in all; the car's own keys first.
 
     A tail law of one's own stands beside them as `tail_law`, by its name.
+
+    Raises:
+        LogError: fewer than 2 or more than `MOST_RUNS` runs.
     """
+    if not 2 <= len(run_logs) <= MOST_RUNS:
+        raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
     flat = [_flat(run_log.scenario) | {TAIL_LAW: run_log.extra.get(TAIL_LAW)} for run_log in run_logs]
     keys = {key for scenario in flat for key in scenario}
     differing = [key for key in keys if len({json.dumps(scenario.get(key)) for scenario in flat}) > 1]
@@ -158,8 +163,6 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     Raises:
         LogError: wrong number of runs, or one of them has no turn or cannot be replayed.
     """
-    if not 2 <= len(run_logs) <= MOST_RUNS:
-        raise LogError(f"{len(run_logs)} run(s) to compare; allowed: 2 to {MOST_RUNS}")
     differences = scenario_differences(run_logs)
     metrics = [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()]
     signals = Plot(

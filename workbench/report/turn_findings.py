@@ -235,21 +235,11 @@ def jolt_sentence(summaries: Sequence[RunSummary]) -> str:
     if not jolted:
         return ""
     torque = max(s.metrics.tail_torque_peak_n_m or 0.0 for s in jolted)
+    modes = ", ".join(MODE_STYLES[mode].words for mode in modes_of(jolted))
+    raw = span([s.metrics.raw.max_linear_acceleration_m_per_s2 for s in jolted])
+    filtered = span([s.metrics.filtered.max_linear_acceleration_m_per_s2 for s in jolted])
     return (
-        f"In {len(jolted)} runs ({_modes(jolted)}) the largest raw lateral acceleration, "
-        f"{span([_raw(s) for s in jolted])} m/s², is a jolt of the tail motor at the IMU (up to {torque:.1f} N m) and "
-        f"not cornering: in the IMU's 100 Hz after the 5 Hz filter {span([_filtered(s) for s in jolted])} m/s² are "
-        "left."
+        f"In {len(jolted)} runs ({modes}) the largest raw lateral acceleration, {raw} m/s², is a jolt of the tail "
+        f"motor at the IMU (up to {torque:.1f} N m) and not cornering: in the IMU's 100 Hz after the 5 Hz filter "
+        f"{filtered} m/s² are left."
     )
-
-
-def _raw(summary: RunSummary) -> float:
-    return summary.metrics.raw.max_linear_acceleration_m_per_s2
-
-
-def _filtered(summary: RunSummary) -> float:
-    return summary.metrics.filtered.max_linear_acceleration_m_per_s2
-
-
-def _modes(summaries: Sequence[RunSummary]) -> str:
-    return ", ".join(MODE_STYLES[mode].words for mode in modes_of(summaries))
