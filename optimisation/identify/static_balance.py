@@ -43,7 +43,7 @@ class StaticBalance:
         bar_mass, bar_com: kg, and distance from the pivot.
         tail_distance: from the pivot to the end of the bar.
         tail_mass, tail_com, gap: kg, centre of mass beyond the root, root beyond the bar's end.
-        kilter: of the tail's axis against the bar's, rad, positive downstream.
+        misalignment: of the tail's axis against the bar's, rad, positive downstream.
         tail, bar: sections, each in its own frame with the axis hanging down.
         bar_drag: C_D of the bar.
         jet_edge_depth, jet_slope: of the jet below the pivot.
@@ -61,7 +61,7 @@ class StaticBalance:
     tail_mass: float
     tail_com: float
     gap: float
-    kilter: float
+    misalignment: float
     tail: SectionLayout
     bar: SectionLayout
     bar_drag: float
@@ -89,7 +89,7 @@ class StaticBalance:
             tail_mass=tail.mass,
             tail_com=tail.com_distance,
             gap=tail.gap,
-            kilter=scenario.tunnel.kilter,
+            misalignment=scenario.tunnel.misalignment,
             tail=tail_layout(scenario),
             bar=bar_layout(scenario),
             bar_drag=scenario.bar.drag_coefficient,
@@ -113,7 +113,7 @@ class StaticBalance:
         bodies = [
             (self.mount_mass, np.asarray(self.mount_com)),
             (self.bar_mass, pivot + self.bar_com * a),
-            (self.tail_mass, pivot + root + self.tail_com * np.array(hanging_axis(angle + self.kilter))),
+            (self.tail_mass, pivot + root + self.tail_com * np.array(hanging_axis(angle + self.misalignment))),
         ]
         mass = sum(m for m, _ in bodies)
         first = np.sum([m * p for m, p in bodies], axis=0)
@@ -132,10 +132,10 @@ class StaticBalance:
         s, c = (math.sin(psi), math.cos(psi)) if isinstance(psi, float) else (sin(psi), cos(psi))
         wind = (wind_speed * s, -wind_speed * c, 0.0 * s)
         jet = Jet.below_pivot(self.pivot, self.jet_edge_depth, float_of(psi), self.jet_slope)
-        a, b = hanging_axis(angle), hanging_axis(angle + self.kilter)
+        a, b = hanging_axis(angle), hanging_axis(angle + self.misalignment)
         bar = self._forces((_DRAG,), self.bar, 0.0, a, a, wind, jet)[0]
         tail = self._forces((_DRAG, _LIFT), self.tail, self.tail_distance + self.gap, a, b, wind, jet)
-        if -UPRIGHT_MARGIN < angle < 0.0 <= self.kilter and angle + self.kilter < 0.0:
+        if -UPRIGHT_MARGIN < angle < 0.0 <= self.misalignment and angle + self.misalignment < 0.0:
             tail[1] = [-value for value in tail[1]]
         return [[self.bar_drag * value for value in bar], *tail]
 
@@ -161,7 +161,7 @@ class StaticBalance:
         """How much of the tail is in the jet, m."""
         jet = Jet.below_pivot(self.pivot, self.jet_edge_depth, psi, self.jet_slope)
         root = np.asarray(self.pivot) + (self.tail_distance + self.gap) * np.array(hanging_axis(angle))
-        interval = jet.exposed_interval(self.tail, root.tolist(), hanging_axis(angle + self.kilter))
+        interval = jet.exposed_interval(self.tail, root.tolist(), hanging_axis(angle + self.misalignment))
         return 0.0 if interval is None else float(interval[1] - interval[0])
 
     def holding_current(self, angle: float, wind_speed: float, cd: float, cl: float, psi: float) -> float:

@@ -27,7 +27,7 @@ EXIT_INTERRUPTED = 130
 
 
 class ErrorBoundary(TyperGroup):
-    """The outermost group: what a user can mend becomes one line; any other exception is a bug, its traceback stays."""
+    """The outermost group: what a user can fix becomes one line; any other exception is a bug, its traceback stays."""
 
     def invoke(self, ctx: Any) -> Any:  # Typer's own class of the context is private
         """Run the command; raises `typer.Exit` with the statuses of the module's docstring."""

@@ -34,7 +34,7 @@ _MOUNT = ("tail.mount_x", "tail.mount_height")
 
 @dataclass(frozen=True)
 class Member:
-    """One possible car.
+    """One car of an ensemble.
 
     Attributes:
         name: within its ensemble.
@@ -87,7 +87,7 @@ class Ensemble:
 
     @property
     def effective_size(self) -> float:
-        """Effective sample size 1 / sum(w^2): how many equally likely members it is worth."""
+        """Effective sample size 1 / sum(w^2)."""
         return float(1.0 / np.sum(self.weights**2))
 
     def drawn(self, number: int) -> tuple[Member, ...]:

@@ -91,7 +91,7 @@ class TunnelParameters(QuantityModel):
     jet_edge_depth: float = quantity("m", "upper edge of the jet below the pivot, h0", ge=-2, le=2)
     jet_slope: float = quantity("1", "rise of that edge per metre downstream", ge=-1, le=1)
     psi3: float = quantity("rad", "wind direction from -y, turned about z", ge=-0.5, le=0.5)
-    kilter: float = quantity("rad", "tail axis from the bar's, positive downstream", ge=-0.5, le=0.5)
+    misalignment: float = quantity("rad", "tail axis from the bar's, positive downstream", ge=-0.5, le=0.5)
 
 
 class ForceSensorParameters(QuantityModel):

@@ -113,6 +113,8 @@ class RigScenario(ScenarioFile):
         "environment": "environment",
     }
 
+    renamed: ClassVar = {"tunnel": {"kilter": "misalignment"}}
+
     schema_: Literal["aerodima/rig-scenario/1"] = Field("aerodima/rig-scenario/1", alias="schema")
     name: str = Field("rig", description="what the experiment is called in reports", min_length=1, max_length=80)
     experiment: ExperimentParameters
@@ -137,7 +139,7 @@ class RigScenario(ScenarioFile):
 
     @model_validator(mode="after")
     def _experiment_is_possible(self) -> "RigScenario":
-        done, limit, kilter = self.experiment, self.mount.angle_limit, self.tunnel.kilter
+        done, limit, misalignment = self.experiment, self.mount.angle_limit, self.tunnel.misalignment
         is_static, is_bar = done.kind == "static", done.kind == "bar_swing"
         within = f"within mount.angle_limit, +-{limit:g} rad ({math.degrees(limit):.0f} degrees)"
         shorter = f"< duration {done.duration:g} s"
@@ -147,9 +149,9 @@ class RigScenario(ScenarioFile):
             (abs(done.target) <= limit + 1e-9, "experiment.target", within),
             (not is_bar or done.wind_speed == 0.0, "experiment.wind_speed", "0 m/s in a bar_swing"),
             (
-                self.aero.added_mass == 0.0 or kilter == 0.0,
+                self.aero.added_mass == 0.0 or misalignment == 0.0,
                 "aero.added_mass",
-                f"0 kg with tunnel.kilter {kilter:g} rad",
+                f"0 kg with tunnel.misalignment {misalignment:g} rad",
             ),
             (is_static or done.rest < done.duration, "experiment.rest", shorter),
             (not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter),

@@ -122,6 +122,8 @@ class ScenarioFile(StrictModel):
     """Section of another scenario -> section of the car, whose file it has."""
     retired: ClassVar[Mapping[str, set[str]]] = {}
     """Section -> keys that resolved scenarios of earlier versions hold (logs, swing files) and none needs any more."""
+    renamed: ClassVar[Mapping[str, Mapping[str, str]]] = {}
+    """Section -> key of an earlier version -> its name now."""
 
     schema_: str = Field(alias="schema")
     name: str = Field(description="what the run is called in reports", min_length=1, max_length=80)
@@ -186,7 +188,7 @@ class ScenarioFile(StrictModel):
             ScenarioError: unknown key, wrong unit, value out of range, NaN; names the place, the value and what is
                 allowed.
         """
-        return cls._resolve(cls.defaults(), cls._without_retired(overrides), where)
+        return cls._resolve(cls.defaults(), cls._as_named_now(overrides), where)
 
     @classmethod
     def load(cls, name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> Self:
@@ -265,16 +267,17 @@ class ScenarioFile(StrictModel):
         return checked(cls, {"schema": schema} | _floats(merged, cls), where, schema=schema)
 
     @classmethod
-    def _without_retired(cls, overrides: dict[str, Any]) -> dict[str, Any]:
-        """A resolved scenario of an earlier version without the keys that are gone; other data as they are.
+    def _as_named_now(cls, overrides: dict[str, Any]) -> dict[str, Any]:
+        """The overrides with the keys of this version; other data as they are.
 
-        Only a whole section can be of an earlier version: in a file that names single keys a retired one is an error.
+        Only a whole section can hold a retired key: in a file that names single keys it is an error.
         """
         result = dict(overrides)
-        for section, keys in cls.retired.items():
-            given = overrides.get(section)
-            if isinstance(given, dict) and len(given) > len(cls.sections()[section].model_fields) // 2:
-                result[section] = {key: value for key, value in given.items() if key not in keys}
+        for section, model in cls.sections().items():
+            given, names = overrides.get(section), cls.renamed.get(section, {})
+            if isinstance(given, dict):
+                gone = cls.retired.get(section, set()) if len(given) > len(model.model_fields) // 2 else set()
+                result[section] = {names.get(key, key): value for key, value in given.items() if key not in gone}
         return result
 
 

@@ -54,7 +54,7 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None
             wrong unit; names file, column and time.
     """
     paths = [paths] if isinstance(paths, str | Path) else list(paths)
-    foreign = joined([read_foreign_log(path, mapping and mapping.csv) for path in paths])
+    foreign = joined([read_foreign_log(path, None if mapping is None else mapping.csv) for path in paths])
     if mapping is None:
         return _import_own(foreign)
     table, findings = mapped_table(foreign, mapping)

@@ -100,7 +100,7 @@ def cheetah_rig_sdf(scenario: RigScenario) -> SdfModel:
         return model
     tail = scenario.cheetah_tail
     root = pivot + np.array([0.0, 0.0, -bar.tail_distance - tail.gap])
-    _set_link(model, "tail", cheetah_tail_properties(tail), root, roll=0.0 - scenario.tunnel.kilter)
+    _set_link(model, "tail", cheetah_tail_properties(tail), root, roll=0.0 - scenario.tunnel.misalignment)
     facing, side = tail.major_axis / 2, tail.minor_axis / 2
     if scenario.experiment.axis == "minor":
         facing, side = side, facing

@@ -255,11 +255,11 @@ def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade
     hanging = _swinging(bar_properties(bar), 0.0, 0.0)
     if not scenario.has_cheetah_tail:
         return (hanging,), ()
-    root, kilter = bar.tail_distance + scenario.cheetah_tail.gap, scenario.tunnel.kilter
-    tail = _swinging(cheetah_tail_properties(scenario.cheetah_tail), root, kilter)
+    root, misalignment = bar.tail_distance + scenario.cheetah_tail.gap, scenario.tunnel.misalignment
+    tail = _swinging(cheetah_tail_properties(scenario.cheetah_tail), root, misalignment)
     return (hanging, tail), (
         Blade(PolarLaw(bar.drag_coefficient), bar_layout(scenario), 0.0, 0.0),
-        Blade(law, tail_layout(scenario), root, kilter),
+        Blade(law, tail_layout(scenario), root, misalignment),
     )
 
 

@@ -59,7 +59,7 @@ def known_truth(scenario: RigScenario) -> dict[str, float]:
 def static_coefficients(scenario: RigScenario) -> tuple[float, float]:
     """C_D and C_L at the wind speed and the angle of attack of a static hold."""
     speed, tunnel = scenario.experiment.wind_speed, scenario.tunnel
-    attack = math.asin(abs(math.sin(scenario.experiment.angle + tunnel.kilter)) * math.cos(tunnel.psi3))
+    attack = math.asin(abs(math.sin(scenario.experiment.angle + tunnel.misalignment)) * math.cos(tunnel.psi3))
     law, _ = rig_law(scenario)
     assert isinstance(law, PolarLaw)
     drag, lift = (value(speed, attack) if callable(value) else value for value in (law.drag, law.lift))

@@ -86,6 +86,14 @@ def test_shipped_scenarios_resolve_and_survive_a_round_trip() -> None:
         assert scenario.varied() == scenario
 
 
+def test_a_key_of_an_earlier_version_has_its_name_of_today() -> None:
+    now = rig_scenario_from_dict({"tunnel": {"misalignment": 0.07}})
+    assert rig_scenario_from_dict({"tunnel": {"kilter": 0.07}}) == now
+    resolved = now.resolved()
+    resolved["tunnel"]["kilter"] = resolved["tunnel"].pop("misalignment")
+    assert rig_scenario_from_dict(resolved) == now
+
+
 def test_what_is_not_varied_stays() -> None:
     varied = RIG.varied(seed=9, experiment={"tail": 2})
     assert (varied.seed, varied.experiment.tail, varied.tail_name) == (9, 2, "2")

@@ -149,7 +149,7 @@ def test_turn_that_starts_before_the_speed_is_reached_is_refused():
 
 def test_tail_that_would_rest_behind_its_stop_is_refused():
     assert "controller.hold_angle: 1.8 rad; allowed: <= tail.roll_limit" in refusal({"controller": {"hold_angle": 1.8}})
-    assert "controller.pitch_angle: 1.8 rad; allowed: within tail.pitch_limit" in refusal(
+    assert "controller.pitch_angle: -1.8 rad; allowed: within tail.pitch_limit" in refusal(
         {"controller": {"pitch_angle": -1.8}}
     )
     assert scenario_from_dict({"controller": {"hold_angle": 1.8}, "tail": {"mode": "none"}})

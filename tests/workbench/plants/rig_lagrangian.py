@@ -22,24 +22,24 @@ ROTOR = 6.731e-3
 TAILS = {1: (0.0982, 0.390, 0.270 + 0.163), 2: (0.0975, 0.365, 0.295 + 0.181), 3: (0.0937, 0.365, 0.295 + 0.182)}
 """Mass, length, distance of the centre of mass from the motor axis."""
 ROOTS = {1: 0.270, 2: 0.295, 3: 0.295}
-"""Distance of the tail's root, where the kilter angle bends it, from the motor axis."""
+"""Distance of the tail's root, where the misalignment angle bends it, from the motor axis."""
 
 Motion = Callable[..., tuple[float, ...]]
 
 
-def derived(tail: int, angle: float, rate: float, torque: float, kilter: float = 0.0) -> tuple[float, np.ndarray]:
+def derived(tail: int, angle: float, rate: float, torque: float, misalignment: float = 0.0) -> tuple[float, np.ndarray]:
     """Acceleration of the angle (rad/s2) and the support's wrench at W (6): force (N) and moment (N m)."""
     mass, length, distance = TAILS[tail]
     root = ROOTS[tail]
     numbers = (mass, mass * length**2 / 12, root, distance - root)
-    acceleration, *wrench = _equations()(angle, rate, torque, kilter, *numbers)
+    acceleration, *wrench = _equations()(angle, rate, torque, misalignment, *numbers)
     return float(acceleration), np.array(wrench, float)
 
 
 @cache
 def _equations() -> Motion:
-    """Acceleration and wrench as a function of (angle, rate, torque, kilter, the four numbers of the tail)."""
-    q, w, torque, kilter = sp.symbols("q w torque kilter")
+    """Acceleration and wrench as a function of (angle, rate, torque, misalignment, the four numbers of the tail)."""
+    q, w, torque, misalignment = sp.symbols("q w torque misalignment")
     mass, inertia, root, beyond = sp.symbols("mass inertia root beyond")
     support, speeds = sp.symbols("x y z a b c"), sp.symbols("vx vy vz va vb vc")
     shift, (a, b, c) = sp.Matrix(support[:3]), support[3:]
@@ -54,7 +54,7 @@ def _equations() -> Motion:
         return turn * sp.Matrix([0, -sp.sin(q + phase), -sp.cos(q + phase)])
 
     pivot = shift + turn * sp.Matrix([sp.Float(v, 17) for v in PIVOT])
-    bar, bent = along(sp.Integer(0)), along(kilter)
+    bar, bent = along(sp.Integer(0)), along(misalignment)
     bodies = [
         (MOUNT_MASS, shift + turn * sp.Matrix([sp.Float(v, 17) for v in MOUNT_COM]), None, 0),
         (BAR_MASS, pivot + BAR_DISTANCE * bar, bar, BAR_INERTIA),
@@ -81,5 +81,5 @@ def _equations() -> Motion:
     coefficient = own_equation.diff(acceleration)
     solved = (torque - own_equation.subs(acceleration, 0)) / coefficient
     wrench = [generalised_force(s, v).subs(acceleration, solved) for s, v in zip(support, speeds, strict=True)]
-    symbols = (q, w, torque, kilter, mass, inertia, root, beyond)
+    symbols = (q, w, torque, misalignment, mass, inertia, root, beyond)
     return sp.lambdify(symbols, (solved, *wrench), modules="math", cse=True)

@@ -38,17 +38,17 @@ def without_air(tail: int = 1, friction: bool = False, **sections: dict[str, flo
     )
 
 
-@pytest.mark.parametrize(("tail", "kilter"), [(1, 0.0), (2, 0.0), (3, 0.0), (1, 0.07)])
-def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, kilter: float) -> None:
+@pytest.mark.parametrize(("tail", "misalignment"), [(1, 0.0), (2, 0.0), (3, 0.0), (1, 0.07)])
+def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, misalignment: float) -> None:
     """Acceleration and all six reactions over 100 random states.
 
     Both sides carry twelve or more digits, so 1e-9 is far above rounding and far below any modelling difference.
     """
-    rig = Rig(without_air(tail, tunnel={"kilter": kilter}))
+    rig = Rig(without_air(tail, tunnel={"misalignment": misalignment}))
     rng = np.random.default_rng(7)
     for _ in range(100):
         angle, rate, torque = rng.uniform(-1.7, 1.7), rng.uniform(-15, 15), rng.uniform(-6, 6)
-        acceleration, wrench = derived(tail, angle, rate, torque, kilter)
+        acceleration, wrench = derived(tail, angle, rate, torque, misalignment)
         reaction = rig.reaction(angle, rate, torque)
         assert reaction.acceleration == pytest.approx(acceleration, rel=1e-9, abs=1e-9)
         np.testing.assert_allclose(reaction.wrench, wrench, rtol=1e-9, atol=1e-9)

@@ -19,7 +19,7 @@ VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("flick", {"experiment": {"tail": 3, "axis": "minor", "wind_speed": 20.0}}),
     ("flick", {"aero": {"added_mass": 0.02}}),
     ("flick", {"aero": {"added_mass": -0.01}}),
-    ("flick", {"tunnel": {"kilter": 0.05, "psi3": -0.1}}),
+    ("flick", {"tunnel": {"misalignment": 0.05, "psi3": -0.1}}),
     ("flick", {"aero": {"source": "constant", "sections": 3}}),
     ("bar", {}),
     ("robot", {}),
@@ -99,5 +99,5 @@ def test_a_motion_without_bounds_is_refused() -> None:
 
 
 def test_added_mass_on_a_tilted_tail_is_refused() -> None:
-    with pytest.raises(ScenarioError, match=r"aero.added_mass: 0.02 kg; allowed: 0 kg with tunnel.kilter 0.05 rad"):
-        scenario("flick", {"aero": {"added_mass": 0.02}, "tunnel": {"kilter": 0.05}})
+    with pytest.raises(ScenarioError, match=r"aero.added_mass: 0.02 kg; allowed: 0 kg with tunnel.misal"):
+        scenario("flick", {"aero": {"added_mass": 0.02}, "tunnel": {"misalignment": 0.05}})
