@@ -6,20 +6,22 @@
  "imu": {"path": "/dev/ttyUSB0"}, "gps": {"path": "/dev/ttyACM1"}, "radio": {"path": "/dev/ttyUSB1"},
  "tail_pitch": {"motor_id": 1, "zero": 0.0}, "tail_roll": {"motor_id": 2, "zero": 0.0}}
 ```
+An emulator writes one too, beside other files; `is_emulated_port` tells its ports from those of real devices.
 """
 
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
-from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile, firmware_profile
+from aerodima.hardware.protocol.ak70 import FirmwareProfile, firmware_profile
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.hardware.protocol.xbee import BROADCAST
-from aerodima.hardware.transport.can_settings import BITRATE, CanSettings
+from aerodima.hardware.transport.can_adapter import BITRATE, CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
 from aerodima.workbench.config.checked_files import StrictModel, checked
 from aerodima.workbench.errors import HardwareError
@@ -28,7 +30,7 @@ SCHEMA = "aerodima/ports/1"
 
 
 class CanPort(StrictModel):
-    """A CAN adapter as python-can names it, see `aerodima.hardware.transport.can_settings.CanSettings`."""
+    """A CAN adapter as python-can names it, see `aerodima.hardware.transport.can_adapter.CanSettings`."""
 
     interface: str
     channel: str
@@ -155,3 +157,29 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
             seen[device.path] = name
     firmware_profile(ports.firmware_profile)
     return ports
+
+
+READY_FILE = "ready.json"
+"""Is there once an emulated car answers."""
+PORTS_FILE = "ports.json"
+"""The ports of an emulated car, for `connect` and `aerodima drive --ports`."""
+EVENTS_FILE = "events.jsonl"
+"""What happened in an emulated car, for `read_events`."""
+TRAFFIC_FILE, TRUTH_FILE = "traffic.blf", "truth.parquet"
+PORTS_FOLDER = "ports"
+READY_SCHEMA = "aerodima/emulator/1"
+
+
+def is_emulated_port(path: str) -> bool:
+    """Whether a device is a pseudo-terminal that an emulator made.
+
+    A pseudo-terminal alone is no proof: other programs put real devices behind one.
+    """
+    place = Path(path)
+    if place.parent.name != PORTS_FOLDER or not os.path.realpath(path).startswith("/dev/pts/"):
+        return False
+    try:
+        ready = json.loads((place.parent.parent / READY_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(ready, dict) and ready.get("schema") == READY_SCHEMA

@@ -11,23 +11,21 @@ from dataclasses import replace
 import numpy as np
 
 from aerodima.hardware.car.car_devices import Devices
-from aerodima.hardware.car.car_reporter import CarReporter
-from aerodima.hardware.car.drive_safety import DriveSafety
+from aerodima.hardware.car.car_reading import CarReporter, ListeningPort, SailRate
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.car.recent_cycles import ListeningPort, SailRate
+from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wiring import CarCommand, CarReading, WiringName
 from aerodima.hardware.devices.bno055 import Bno055Sample
+from aerodima.hardware.devices.device_states import ENERGISED, MotorFault, SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.motor_settings import MotorSettings
-from aerodima.hardware.devices.motor_state import ENERGISED, MotorFault
 from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.devices.sensor_thread import SensorThread
-from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.sensor_threads import SensorThread
 from aerodima.hardware.devices.teensy_link import TeensyFault
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.protocol.ak70 import MitCommand
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.car_report import Asks
+from aerodima.hardware.protocol.radio import Asks
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from aerodima.workbench.config.signal_table import IMU, STATUS
 from aerodima.workbench.errors import HardwareError

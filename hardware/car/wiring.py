@@ -14,8 +14,7 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 
 from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import OperatorCommand
+from aerodima.hardware.protocol.radio import Asks, OperatorCommand
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 from aerodima.workbench.errors import HardwareError
 

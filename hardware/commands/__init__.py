@@ -1,4 +1,4 @@
-"""The commands of this package: one module each, heavy imports inside the functions."""
+"""The commands of this package, heavy imports inside the functions."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ from importlib import import_module
 
 import typer
 
-COMMAND_MODULES: tuple[str, ...] = (
-    "console_command",
-    "drive_command",
-    "emulate_command",
-    "firmware_command",
-    "install_files_command",
-)
-"""Modules of this package in the order of the help page; each has `register(app)`."""
+from aerodima.workbench.cli.options import CAR
+
+COMMANDS = {
+    "console": "console_command",
+    "drive": "drive_command",
+    "emulate": "emulate_command",
+    "firmware": "setup_commands",
+    "install-files": "setup_commands",
+}
+"""Command and the module of this package that has it as a function, in the order of the help page."""
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands of every module in `COMMAND_MODULES` (entry point of the group `aerodima.commands`)."""
-    for name in COMMAND_MODULES:
-        import_module(f"{__name__}.{name}").register(app)
+    """Adds all of `COMMANDS` (entry point of the group `aerodima.commands`)."""
+    for name, module in COMMANDS.items():
+        function = getattr(import_module(f"{__name__}.{module}"), name.replace("-", "_"))
+        app.command(name, rich_help_panel=CAR)(function)

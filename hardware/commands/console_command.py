@@ -10,20 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.workbench.cli.options import CAR
-
 if TYPE_CHECKING:
     import socket
 
     from aerodima.hardware.car.car_ports import ConsoleDevice
-    from aerodima.hardware.console.console_record import ConsoleRecord
+    from aerodima.hardware.console.console import ConsoleRecord
     from aerodima.hardware.console.emulated_car import EmulatedCarProcess
     from aerodima.workbench.config.scenario import Scenario
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command(rich_help_panel=CAR)(console)
 
 
 def console(
@@ -60,7 +53,7 @@ def console(
         raise HardwareError(f"console: {missing[0]} is missing: pip install 'aerodima-workbench[console,hardware]'")
     from aerodima.hardware.car.car_ports import ConsoleDevice
     from aerodima.hardware.car.wiring import wiring_name
-    from aerodima.hardware.console.console_record import ConsoleRecord
+    from aerodima.hardware.console.console import ConsoleRecord
     from aerodima.hardware.console.console_server import open_socket
     from aerodima.hardware.console.emulated_car import EmulatedCarProcess
     from aerodima.workbench.config.scenario import load_scenario

@@ -9,17 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.workbench.cli.options import CAR, Force, Law, LogOut, OtherCar, Settings, SwingOption
+from aerodima.workbench.cli.options import Force, Law, LogOut, OtherCar, Settings, SwingOption
 
 if TYPE_CHECKING:
     from aerodima.hardware.car.car_ports import CarPorts
     from aerodima.hardware.car.wiring import WiringName
     from aerodima.workbench.config.scenario import Scenario
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command(rich_help_panel=CAR)(drive)
 
 
 def drive(
@@ -120,8 +115,7 @@ def drive(
 
 
 def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
-    from aerodima.hardware.drive.first_contact import JOINTS, run_motor_test
-    from aerodima.hardware.drive.held_car import connect
+    from aerodima.hardware.drive.held_car import JOINTS, connect, run_motor_test
     from aerodima.workbench.errors import HardwareError
 
     chosen = next((name for name in JOINTS if name == joint), None)
@@ -136,7 +130,7 @@ def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: 
 
 
 def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from aerodima.hardware.drive.first_contact import joint_angles, read_motor_angles, write_zeros
+    from aerodima.hardware.drive.held_car import joint_angles, read_motor_angles, write_zeros
     from aerodima.workbench.errors import HardwareError
 
     question = "hold the tail exactly upright, it is let go; type zero to read its angles"

@@ -7,15 +7,10 @@ from typing import Annotated
 
 import typer
 
-from aerodima.workbench.cli.options import CAR, ScenarioArgument, Settings
+from aerodima.workbench.cli.options import ScenarioArgument, Settings
 
 _IN_TIME = 0.02
 """s; two ticks of the drive. What is later than that is felt by it."""
-
-
-def register(app: typer.Typer) -> None:
-    """Adds the command."""
-    app.command(rich_help_panel=CAR)(emulate)
 
 
 def emulate(
@@ -45,11 +40,11 @@ def emulate(
 
     Example: aerodima emulate turn_swing --out emulated --wiring direct_can
     """
-    from aerodima.hardware.car.emulator_files import PORTS_FILE
+    from aerodima.hardware.car.car_ports import PORTS_FILE
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
     from aerodima.hardware.emulator.fault_script import no_faults, read_script
-    from aerodima.hardware.protocol.ak70_profiles import firmware_profile
+    from aerodima.hardware.protocol.ak70 import firmware_profile
     from aerodima.hardware.protocol.teensy import StringForm
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.errors import HardwareError

@@ -1,18 +1,21 @@
-"""What the console does with what pages say; no network in here. Times in s, monotonic."""
+"""What the console does with what pages say, which page controls the car, and the record; no network in here.
+
+Times in s, monotonic.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import json
+import time
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Final, Protocol, TextIO
 
-from aerodima.hardware.console.console_record import ConsoleRecord
 from aerodima.hardware.console.operator_radio import OperatorRadio
-from aerodima.hardware.console.page_control import Seats
-from aerodima.hardware.console.page_messages import Beat, BeatClock, Logging, Message, Stop
-from aerodima.hardware.console.page_state import radio_state
+from aerodima.hardware.console.page_messages import Beat, BeatClock, Logging, Message, Stop, radio_state
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.workbench.errors import UserError
+from aerodima.workbench.errors import LogError, UserError
 
 
 class ManagedCar(Protocol):
@@ -183,3 +186,93 @@ class Console:
         else:
             self._record.add("arm")
             self._car.arm()
+
+
+GONE_AFTER: Final = 2.0
+"""s without a word after which a page counts as gone, though its connection stands: hidden, frozen, asleep."""
+
+
+class Seats:
+    """One seat to control and any number to look on. Pages are known by a number; times in s, monotonic."""
+
+    def __init__(self) -> None:
+        self._next = 0
+        self.controller: int | None = None
+        self._heard = 0.0
+
+    def enter(self, now: float) -> int:
+        """A new page; the first one controls."""
+        self._next += 1
+        if self._next == 1:
+            self.take(1, now)
+        return self._next
+
+    def leave(self, page: int) -> None:
+        """The connection of a page has ended."""
+        if self.controller == page:
+            self.controller = None
+
+    def hear(self, page: int, now: float) -> None:
+        """The page lives."""
+        if self.controller == page:
+            self._heard = now
+
+    def free(self, now: float) -> bool:
+        """Whether the controlling page has gone."""
+        return self.controller is None or now - self._heard > GONE_AFTER
+
+    def take(self, page: int, now: float) -> bool:
+        """The page asks for control; whether it has it now."""
+        if self.controller != page and not self.free(now):
+            return False
+        self.controller, self._heard = page, now
+        return True
+
+
+class ConsoleRecord:
+    """A file that is begun with the first recording and continued by later ones.
+
+    A line has `time_s` (seconds since 1970) and `event`.
+
+    Args:
+        path: of the file; it must not exist.
+
+    Attributes:
+        error: what ended the recording, empty while it works.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if path.exists():
+            raise LogError(f"{path}: exists already; choose another --record")
+        self.path = path
+        self.error = ""
+        self._file: TextIO | None = None
+
+    @property
+    def on(self) -> bool:
+        """Whether it records."""
+        return self._file is not None
+
+    def switch(self, on: bool) -> None:
+        """Begins or ends; a disk that does not take it is told by `error`."""
+        if on == self.on:
+            return
+        try:
+            if self._file is None:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = open(self.path, "a", encoding="utf-8", buffering=1)  # noqa: SIM115 - until switched off
+                self.error = ""
+            else:
+                self._file.close()
+                self._file = None
+        except OSError as error:
+            self._file, self.error = None, f"{self.path}: {error.strerror}"
+
+    def add(self, event: str, **facts: Any) -> None:
+        """One line, if it records."""
+        if self._file is None:
+            return
+        try:
+            self._file.write(json.dumps({"time_s": time.time(), "event": event, **facts}) + "\n")
+        except OSError as error:
+            self._file, self.error = None, f"{self.path}: {error.strerror}"

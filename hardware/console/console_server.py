@@ -19,9 +19,8 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from aerodima.hardware.console.connection_limits import impatient_http
 from aerodima.hardware.console.console import Console
-from aerodima.hardware.console.page_access import HOST, Access
+from aerodima.hardware.console.page_access import HOST, Access, impatient_http
 from aerodima.hardware.console.page_messages import read_message
 from aerodima.workbench.errors import HardwareError, UserError
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from aerodima.hardware.car.emulator_files import PORTS_FILE, READY_FILE
+from aerodima.hardware.car.car_ports import PORTS_FILE, READY_FILE
 from aerodima.hardware.car.wiring import WiringName
 from aerodima.workbench.errors import HardwareError
 

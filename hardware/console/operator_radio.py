@@ -11,10 +11,11 @@ from typing import Protocol
 
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.hardware.protocol.car_report import CarReport, decode_report
 from aerodima.hardware.protocol.radio import (
+    CarReport,
     OperatorCommand,
     RadioMode,
+    decode_report,
     make_command,
     make_emergency_stop,
     make_heartbeat,

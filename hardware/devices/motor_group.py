@@ -9,8 +9,8 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
+from aerodima.hardware.devices.device_states import ENERGISED, FrameSink, MotorFault, MotorState
 from aerodima.hardware.devices.motor_settings import MotorSettings
-from aerodima.hardware.devices.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from aerodima.hardware.protocol.ak70 import MOST_ID, check_motor_id
-from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.ak70 import MOST_ID, FirmwareProfile, check_motor_id
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.quantity import QuantityModel, quantity
 from aerodima.workbench.config.scenario_file import load_section

@@ -20,12 +20,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from aerodima.hardware.devices.motor_following import Following
-from aerodima.hardware.devices.motor_limits import check_command, limit_command, scale_gains, to_motor
-from aerodima.hardware.devices.motor_load import MotorLoad
+from aerodima.hardware.devices.device_states import ENERGISED, FrameSink, MotorFault, MotorState
+from aerodima.hardware.devices.motor_limits import (
+    Following,
+    MotorLoad,
+    ReplyCount,
+    check_command,
+    limit_command,
+    scale_gains,
+    to_motor,
+)
 from aerodima.hardware.devices.motor_settings import MotorSettings
-from aerodima.hardware.devices.motor_state import ENERGISED, FrameSink, MotorFault, MotorState
-from aerodima.hardware.devices.reply_count import ReplyCount
 from aerodima.hardware.protocol.ak70 import (
     MitCommand,
     MitReply,

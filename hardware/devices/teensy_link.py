@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from enum import IntEnum
 
-from aerodima.hardware.devices.clock_alignment import ClockAlignment
-from aerodima.hardware.protocol.ak70 import NEUTRAL, MitReply, decode_command, is_special, make_reply
-from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.ak70 import NEUTRAL, FirmwareProfile, MitReply, decode_command, is_special, make_reply
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.sail_encoder import signed_angle
 from aerodima.hardware.protocol.teensy import (
@@ -33,6 +32,45 @@ from aerodima.hardware.protocol.teensy import (
 from aerodima.hardware.protocol.teensy_stream import reply_stream
 from aerodima.hardware.transport.serial_link import SerialLink
 from aerodima.workbench.errors import HardwareError
+
+_WRAP = 2**32
+_BACKWARDS = 1000
+"""A count that falls by more than that is a restart of the microcontroller, ms."""
+
+
+class ClockAlignment:
+    """Offset between a 32-bit millisecond counter and the computer's monotonic clock.
+
+    A message can only arrive late, never early: the smallest of the last offsets is the best one, and the window lets
+    it follow a drift of the counter.
+
+    Args:
+        window: number of messages over which the smallest offset is taken.
+
+    Attributes:
+        restarts: how often the counter began anew.
+    """
+
+    def __init__(self, window: int = 500) -> None:
+        self._offsets: deque[float] = deque(maxlen=window)
+        self._last: int | None = None
+        self._turns = 0
+        self.restarts = 0
+
+    def add(self, count: int, arrival: float) -> float:
+        """Takes a message with its count (ms) and arrival (s); returns when it was sent, s on the computer's clock."""
+        if self._last is not None:
+            if self._last - count > _WRAP // 2:
+                self._turns += 1
+            elif self._last - count > _BACKWARDS:
+                self.restarts += 1
+                self._offsets.clear()
+                self._turns = 0
+        self._last = count
+        seconds = (count + self._turns * _WRAP) / 1000.0
+        self._offsets.append(arrival - seconds)
+        return seconds + min(self._offsets)
+
 
 _SILENT = 0.1
 """Without a reply string for that long the Teensy counts as silent, s: ten cycles."""

@@ -24,12 +24,11 @@ from array import array
 from dataclasses import replace
 from enum import IntEnum
 
-from aerodima.hardware.car.drive_safety import DriveSafety
+from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wiring import CarCommand, CarReading, Wiring
-from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.drive.drive_limits import DriveLimits
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.signal_table import STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from aerodima.hardware.car.drive_safety import DriveSafety
+from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wiring import CarReading
-from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.workbench.config.signal_table import IMU, STATUS
 
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from aerodima.hardware.car.car_ports import CarPorts
-from aerodima.hardware.car.drive_safety import DriveSafety, load_drive_safety
 from aerodima.hardware.car.latency import DRIVE_PRIORITY, prefer_latency, restore_latency
+from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.devices.bno055 import Bno055Sample
-from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.drive_checks import (
     Check,
@@ -28,15 +28,13 @@ from aerodima.hardware.drive.drive_checks import (
     device_checks,
     motor_checks,
     refuse_failed,
+    standstill_checks,
     watchdog_check,
 )
-from aerodima.hardware.drive.pilots import AutoPilot, ControlPilot, ManualPilot
-from aerodima.hardware.drive.plain_loop import idle_until, run_loop
+from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPilot, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
-from aerodima.hardware.drive.standstill import standstill_checks
 from aerodima.hardware.drive.stop_signals import stop_on_signals
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time

@@ -1,26 +1,42 @@
-"""A car whose tail is held by its motors, for first contact: armed without a guard, off on every way out."""
+"""A car whose tail is held by its motors, for first contact: armed without a guard, off on every way out.
+
+And the first things to try with new motors: one joint by five degrees, and where its zero is.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
 
 from aerodima.hardware.car.car_ports import CarPorts, read_ports
-from aerodima.hardware.car.direct_can import direct_can
 from aerodima.hardware.car.latency import DRIVE_PRIORITY
-from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wiring import CarCommand, wiring_name
+from aerodima.hardware.car.wiring import CarCommand, WiringName, wiring_name
+from aerodima.hardware.car.wirings import direct_can, teensy_bridge
+from aerodima.hardware.devices.motor_group import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
-from aerodima.hardware.transport.can_settings import CanSettings
-from aerodima.hardware.transport.device_lock import DeviceLock, Say, tell_on_stderr
+from aerodima.hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
+from aerodima.hardware.protocol.can_frame import FrameError
+from aerodima.hardware.transport.can_adapter import CanSettings
+from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.hardware.transport.device_lock import DeviceLock, Say, can_address, lock_devices, tell_on_stderr
+from aerodima.hardware.transport.serial_link import SerialLink
 from aerodima.hardware.watchdog.test_record import require_watchdog_test
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
+from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.signal_table import STATUS
+from aerodima.workbench.config.signal_table import STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import prefer_realtime, restore_ordinary
 
@@ -101,3 +117,184 @@ def run_cycles(car: WiredCar, command: CarCommand | Callable[[float], CarCommand
         car.read(now)
         car.write(command if isinstance(command, CarCommand) else command(cycle * PERIOD), now)
         wait_until(begin + (cycle + 1) * PERIOD)
+
+
+Joint = Literal["tail_pitch", "tail_roll"]
+JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
+_WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
+"""Positive, negative (design section 4)."""
+_STEP = math.radians(5.0)
+_MOST_WRONG = math.radians(2.0)
+_KP, _KD = 60.0, 5.0
+"""N m/rad and N m s/rad: five degrees ask for 5 N m at most, and the weight of a tail that lies on its side (1.2 N m on
+the emulated car) costs one degree; with the soft gains that hold it, it would cost four."""
+_MOVE, _SETTLE = 1.0, 0.5
+_LEAST_REPLIES = 20
+_MOST_SPREAD = math.radians(1.0)
+_TORQUE_ERROR, _TORQUE_SHARE = 0.5, 0.4
+"""N m and share of it by which the reported torque may differ: a motor reads its current, not its torque."""
+_COOLER = 20.0
+"""K below the limit of a drive, for a motor that has done nothing yet."""
+
+
+@dataclass(frozen=True)
+class MotorTest:
+    """What one joint did.
+
+    Attributes:
+        moved: rad.
+        torque: that the motor reported at the end of the way, N m. wanted: that its gains ask for there, N m.
+        temperature: degrees Celsius; None if the motor does not report it.
+    """
+
+    joint: Joint
+    moved: float
+    torque: float
+    wanted: float
+    temperature: float | None
+
+
+def run_motor_test(car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str], bool]) -> MotorTest:
+    """Moves one joint by five degrees and back while the other is held, on a car that is not started yet.
+
+    Args:
+        confirm: asks somebody beside the car, once the motors are off, whether it went the positive way of the joint
+            (design section 4: pitch forward, roll to the right). What the motor itself reports cannot tell.
+
+    Raises:
+        HardwareError: the motors cannot be armed or have a fault, the joint moved by other than five
+            degrees, give or take two, the reported torque is not that of its gains, or it is too warm.
+    """
+    index = JOINTS.index(joint)
+    place = TAIL_STATE.index(("pitch_angle", "roll_angle")[index])
+    with held(car):
+        begin = float(car.reading.tail_state[place])
+        high = car.group.motors[index].settings.high if car.group else math.inf
+        step = _STEP if begin + _STEP < high else -_STEP
+        way = _WAYS[joint][step < 0.0]
+        say(f"{joint}: now 5 degrees {way}")
+
+        def command(since: float) -> CarCommand:
+            row = np.array([begin + step * float(np.clip(since / _MOVE, 0.0, 1.0)), 0.0, _KP, _KD, 0.0])
+            return CarCommand(tail_pitch=row) if index == 0 else CarCommand(tail_roll=row)
+
+        run_cycles(car, command, _MOVE + _SETTLE)
+        reported, wanted = [], []
+        for _ in range(_LEAST_REPLIES):
+            run_cycles(car, command(_MOVE))
+            angle, rate = car.reading.tail_state[[place, place + 3]]
+            reported.append(float(car.reading.tail_torque[index]))
+            wanted.append(float(_KP * (begin + step - angle) - _KD * rate))
+        fault, moved = car.reading.fault_text, float(car.reading.tail_state[place] - begin)
+        temperature = None if car.group is None else car.group.motors[index].temperature
+        run_cycles(car, lambda since: command(_MOVE - since), _MOVE + _SETTLE)
+    test = MotorTest(joint, moved, float(np.mean(reported)), float(np.mean(wanted)), temperature)
+    _refuse_wrong(test, step, fault, load_motor_safety().temperature_limit)
+    if not confirm(f"Did the tail go {way}?"):
+        raise HardwareError(
+            f"motor test of {joint}: it went the other way; change the sign of "
+            f"{joint}.direction (1, -1) in the ports file"
+        )
+    return test
+
+
+def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]:
+    """Angles of the motors (rad, of the motor itself) while somebody holds the tail: no gains, no torque.
+
+    Raises:
+        HardwareError: a port that cannot be opened, a motor that does not answer, or one that is moved meanwhile.
+    """
+    can = None if wiring == "teensy_bridge" else ports.adapter(wiring).settings
+    device = ports.teensy.path if can is None else can_address(can)
+    with closing(lock_devices([device], "the setting of the zero")):
+        if can is None:
+            with closing(SerialLink.open(ports.teensy.settings)) as serial:
+                teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+                return _angles(ports, teensy, teensy.commit)
+        with closing(CanBus.open(can, listen={0, *ports.motor_ids})) as bus:
+            return _angles(ports, bus, lambda: None)
+
+
+def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
+    """Puts the motors' angles of now into a ports file as their zeros: the tail stands upright now.
+
+    Raises:
+        HardwareError: the file cannot be read or written.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    for number, (joint, angle) in enumerate(angles.items(), start=1):
+        part = data.setdefault(joint, {"motor_id": number})
+        part["zero"] = round(angle, 5)
+    text = json.dumps(data, indent=1) + "\n"
+
+    def write(target: Path) -> None:
+        target.write_text(text, encoding="utf-8")
+
+    write_atomically(path, write, True, HardwareError)
+
+
+def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, float]:
+    """What the joints' angles are (rad) by the zeros that the ports file has."""
+    mounting = load_mounting()
+    signs = {"tail_pitch": mounting.tail_pitch_direction, "tail_roll": mounting.tail_roll_direction}
+    parts = {"tail_pitch": ports.tail_pitch, "tail_roll": ports.tail_roll}
+    return {j: (parts[j].direction or signs[j]) * (angle - parts[j].zero) for j, angle in angles.items()}
+
+
+def _refuse_wrong(test: MotorTest, step: float, fault: str, warmest: float) -> None:
+    name, degrees = f"motor test of {test.joint}", math.degrees(test.moved)
+    if fault:
+        raise HardwareError(f"{name}: {fault}")
+    if abs(test.moved - step) > _MOST_WRONG:
+        asked, most = math.degrees(step), math.degrees(_MOST_WRONG)
+        raise HardwareError(f"{name}: moved by {degrees:+.1f} degrees; allowed is {asked:+g}, give or take {most:g}")
+    if abs(test.torque - test.wanted) > _TORQUE_ERROR + _TORQUE_SHARE * abs(test.wanted):
+        raise HardwareError(
+            f"{name}: reports {test.torque:+.2f} N m where its gains ask for {test.wanted:+.2f}; is the profile right?"
+        )
+    if test.temperature is not None and test.temperature > warmest - _COOLER:
+        raise HardwareError(f"{name}: {test.temperature:g} degC; allowed is {warmest - _COOLER:g}")
+
+
+def _angles(ports: CarPorts, port: FramePort, commit: Callable[[], None]) -> dict[Joint, float]:
+    """Asks both motors with zero gains for a while, then switches them off."""
+    ids = dict(zip(ports.motor_ids, JOINTS, strict=True))
+    heard: dict[Joint, list[float]] = {joint: [] for joint in JOINTS}
+    try:
+        for cycle in range(80):
+            for motor_id in ids:
+                frame = make_exit(motor_id) if cycle < 20 else make_neutral(motor_id, ports.profile)
+                port.send(make_enter(motor_id) if cycle == 20 else frame)
+            commit()
+            time.sleep(PERIOD)
+            for _, frame in port.poll():
+                reply = _reply(frame, ports)
+                if reply is not None and reply.motor_id in ids and cycle > 30:
+                    heard[ids[reply.motor_id]].append(reply.position)
+    finally:
+        for _ in range(5):
+            for motor_id in ids:
+                port.send(make_exit(motor_id), urgent=True)
+            commit()
+            time.sleep(PERIOD)
+        port.flush()
+    return {joint: _steady(joint, values) for joint, values in heard.items()}
+
+
+def _reply(frame: object, ports: CarPorts) -> MitReply | None:
+    try:
+        return decode_reply(frame, ports.profile)  # type: ignore[arg-type]
+    except FrameError:
+        return None
+
+
+def _steady(joint: Joint, values: list[float]) -> float:
+    if len(values) < _LEAST_REPLIES:
+        raise HardwareError(f"{joint}: {len(values)} replies; is the motor powered, is its id right?")
+    if max(values) - min(values) > _MOST_SPREAD:
+        spread = math.degrees(max(values) - min(values))
+        raise HardwareError(f"{joint}: moved by {spread:.1f} degrees meanwhile; hold the tail still")
+    return float(np.median(values))

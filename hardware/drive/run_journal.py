@@ -21,7 +21,7 @@ from aerodima.workbench.logs.schema import run_metadata
 
 LINK_COLUMNS = ("loop_lateness_s", "imu_sample_time_s", "teensy_sent_time_s")
 """Beside the columns of every run: how late the cycle came, and when IMU and Teensy took what stands in the row, on the
-clock of the run. The Teensy's clock is aligned by `aerodima.hardware.devices.clock_alignment`."""
+clock of the run. The Teensy's clock is aligned by `aerodima.hardware.devices.teensy_link`."""
 _MOST_WAITING = 3000
 _FLUSH = 0.08
 """s; with the period of the loop, what a killed drive loses stays below 0.1 s."""

@@ -18,9 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.hardware.car.car_ports import bare_ports, ports_from_dict
-from aerodima.hardware.car.drive_safety import load_drive_safety
-from aerodima.hardware.car.emulator_files import (
+from aerodima.hardware.car.car_ports import (
     EVENTS_FILE,
     PORTS_FILE,
     PORTS_FOLDER,
@@ -28,25 +26,38 @@ from aerodima.hardware.car.emulator_files import (
     READY_SCHEMA,
     TRAFFIC_FILE,
     TRUTH_FILE,
+    bare_ports,
+    ports_from_dict,
 )
-from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
 from aerodima.hardware.car.latency import EMULATOR_PRIORITY, prefer_latency
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.open_ports import firmware_limits
+from aerodima.hardware.car.safety_settings import load_drive_safety, load_teensy_timing
 from aerodima.hardware.car.wiring import WiringName
-from aerodima.hardware.emulator.emulated_bus import EmulatedBus
-from aerodima.hardware.emulator.emulated_motor import EmulatedMotor
+from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, SlcanAdapter
+from aerodima.hardware.emulator.emulated_devices import (
+    CAR,
+    EmulatedAir,
+    EmulatedGps,
+    EmulatedImu,
+    EmulatedOperator,
+    EmulatedTeensy,
+)
 from aerodima.hardware.emulator.emulated_plant import EmulatedCar
-from aerodima.hardware.emulator.emulated_teensy import EmulatedTeensy
-from aerodima.hardware.emulator.event_log import EventLog
-from aerodima.hardware.emulator.fault_board import FaultBoard
-from aerodima.hardware.emulator.fault_script import JOINTS, Device, Fault, Script, load_emulator_numbers, no_faults
+from aerodima.hardware.emulator.fault_script import (
+    JOINTS,
+    Device,
+    EventLog,
+    Fault,
+    FaultBoard,
+    Script,
+    load_emulator_numbers,
+    no_faults,
+)
 from aerodima.hardware.emulator.pty_port import PtyPort
-from aerodima.hardware.emulator.serial_devices import CAR, EmulatedAir, EmulatedGps, EmulatedImu, EmulatedOperator
-from aerodima.hardware.emulator.slcan_device import SlcanAdapter
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8, FirmwareProfile
+from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, firmware_limits
+from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, FirmwareProfile
 from aerodima.hardware.protocol.teensy import StringForm
-from aerodima.hardware.transport.traffic_log import TrafficLog
+from aerodima.hardware.transport.can_adapter import TrafficLog
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.realtime import prefer_realtime

@@ -1,4 +1,4 @@
-"""What happens to the emulated car and when: faults of its devices, and the operator at the radio.
+"""What happens to the emulated car and when: faults of its devices, the operator at the radio, and the events of a run.
 
 ```yaml
 schema: aerodima/emulation/1
@@ -17,9 +17,12 @@ goes back to IDLE when the car asks for that. One in `auto` sends AUTO whatever 
 
 from __future__ import annotations
 
+import json
+import math
+import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -152,3 +155,87 @@ class EmulatorNumbers(QuantityModel):
 def load_emulator_numbers() -> EmulatorNumbers:
     """The values of `models/parameters/hardware/emulator.yaml`; `ScenarioError` names what is wrong in it."""
     return load_section(model_path("parameters/hardware/emulator.yaml"), EmulatorNumbers)
+
+
+class FaultBoard:
+    """Faults by the clock of the script.
+
+    Attributes:
+        time: s on the script's clock; negative before it runs.
+    """
+
+    def __init__(self, script: Script, events: EventLog) -> None:
+        self._script = script
+        self._events = events
+        self._begin: float | None = None
+        self._met = dict.fromkeys(range(len(script.faults)), 0)
+        self._on: set[int] = set()
+        self.time = -math.inf
+
+    def begin(self, clock: Clock, now: float) -> None:
+        """What a clock counts from has come; starts the script if that clock is its own, for good."""
+        if clock == self._script.clock and self._begin is None:
+            self._begin = now
+            self._events.add("script_begins", clock=clock)
+
+    def look(self, now: float) -> None:
+        """Switches faults on and off by the clock, and notes it."""
+        if self._begin is None:
+            return
+        self.time = now - self._begin
+        for index, entry in enumerate(self._script.faults):
+            spent = entry.count is not None and self._met[index] >= entry.count
+            on = entry.time <= self.time < entry.time + (entry.duration or math.inf) and not spent
+            if on and index not in self._on:
+                self._on.add(index)
+                self._note("fault_on", entry)
+            elif not on and index in self._on:
+                self._on.remove(index)
+                self._note("fault_off", entry)
+
+    def entry(self, fault: Fault, part: str | None = None) -> FaultEntry | None:
+        """The entry of a fault that is on; None while it is not."""
+        for index in self._on:
+            entry = self._script.faults[index]
+            if entry.fault is fault and entry.part == part:
+                return entry
+        return None
+
+    def meets(self, fault: Fault, part: str | None = None) -> bool:
+        """Whether a fault is on; counts as one of its times."""
+        for index in self._on:
+            entry = self._script.faults[index]
+            if entry.fault is fault and entry.part == part:
+                self._met[index] += 1
+                if entry.count is not None and self._met[index] >= entry.count:
+                    self._on.remove(index)
+                    self._note("fault_off", entry)
+                return True
+        return False
+
+    def _note(self, event: str, entry: FaultEntry) -> None:
+        self._events.add(event, fault=entry.fault.value, part=entry.part, script_time_s=entry.time)
+
+
+class EventLog:
+    """Appends to a file; every line is on the disk's side of the process as soon as it is written.
+
+    A line has `time_s` (`time.monotonic`) and `event`, and what belongs to the event.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = open(path, "x", encoding="utf-8", buffering=1)  # noqa: SIM115 - open as long as the emulator runs
+
+    def add(self, event: str, **facts: Any) -> None:
+        """One event, now."""
+        self._file.write(json.dumps({"time_s": time.monotonic(), "event": event, **facts}) + "\n")
+
+    def close(self) -> None:
+        """Nothing more to write."""
+        self._file.close()
+
+
+def read_events(path: Path) -> list[dict[str, Any]]:
+    """The events so far, also while the emulator runs; a line that is not complete is left out."""
+    lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    return [json.loads(line) for line in lines]

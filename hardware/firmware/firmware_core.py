@@ -9,10 +9,9 @@ from dataclasses import astuple, dataclass
 from functools import cache
 from typing import Any
 
-from aerodima.hardware.car.firmware_settings import FirmwareSettings, MotorLimits, milliseconds
-from aerodima.hardware.firmware.core_build import build_core
-from aerodima.hardware.protocol.ak70 import MitCommand, MitReply
-from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, MotorLimits, milliseconds
+from aerodima.hardware.firmware.firmware_sketch import build_core
+from aerodima.hardware.protocol.ak70 import FirmwareProfile, MitCommand, MitReply
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import (
     Attitude,

@@ -17,9 +17,8 @@ from pathlib import Path
 import can
 
 from aerodima.hardware.protocol.can_frame import MOST_BYTES, CanFrame
-from aerodima.hardware.transport.can_settings import CanSettings, open_bus
+from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, open_bus
 from aerodima.hardware.transport.outbox import Outbox
-from aerodima.hardware.transport.traffic_log import TrafficLog
 from aerodima.workbench.errors import HardwareError
 
 _RECEIVE_TIMEOUT = 0.05

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.workbench.errors import HardwareError
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())

@@ -17,11 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from aerodima.hardware.car.latency import WATCHDOG_PRIORITY
-from aerodima.hardware.car.watchdog_settings import WatchdogTiming, load_watchdog_timing
-from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.car.safety_settings import WatchdogTiming, load_watchdog_timing
+from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.watchdog.adapter_line import ExitLine, open_line
-from aerodima.hardware.watchdog.control_group import leave_control_group
-from aerodima.hardware.watchdog.watchdog_guard import ANSWER, Guard, Word
+from aerodima.hardware.watchdog.watchdog_process import ANSWER, Guard, Word
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.realtime import prefer_realtime
 
@@ -103,6 +102,34 @@ class Watchdog:
             self._report.write_text(json.dumps(content) + "\n", encoding="utf-8")
         except OSError as error:
             _say(f"error: {self._report}: {error.strerror}")
+
+
+_GROUP = "watchdog"
+
+
+def leave_control_group(
+    root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup"), asked: bool | None = None
+) -> str:
+    """Moves this process into the group `watchdog` below its own.
+
+    Args:
+        root: where the groups are. own: which group this process is in.
+        asked: whether the service asks for it; by its environment when None.
+
+    Returns:
+        The new group; empty if it stays where it is.
+    """
+    if not (os.environ.get("AERODIMA_UNIT") == "1" if asked is None else asked):
+        return ""
+    try:
+        lines = own.read_text(encoding="utf-8").splitlines()
+        path = next(line.removeprefix("0::") for line in lines if line.startswith("0::"))
+        group = root / path.lstrip("/") / _GROUP
+        group.mkdir(exist_ok=True)
+        (group / "cgroup.procs").write_text(f"{os.getpid()}\n", encoding="ascii")
+    except (OSError, StopIteration):
+        return ""
+    return str(group)
 
 
 def _say(text: str) -> None:

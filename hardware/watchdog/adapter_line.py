@@ -11,7 +11,7 @@ import can
 
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.transport.can_settings import CanSettings, open_bus
+from aerodima.hardware.transport.can_adapter import CanSettings, open_bus
 from aerodima.workbench.errors import HardwareError
 
 _BITRATES = {

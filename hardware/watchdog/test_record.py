@@ -11,11 +11,10 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from aerodima.hardware.car.car_ports import CarPorts
-from aerodima.hardware.car.emulator_files import is_emulated_port
-from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.car.car_ports import CarPorts, is_emulated_port
+from aerodima.hardware.car.safety_settings import load_watchdog_timing
 from aerodima.hardware.car.wiring import WiringName, wiring_name
-from aerodima.hardware.firmware.core_build import firmware_hash
+from aerodima.hardware.firmware.firmware_sketch import firmware_hash
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.checked_files import StrictModel, checked
@@ -143,7 +142,7 @@ def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
 def watchdog_hash() -> str:
     """SHA-256 over the watchdog process, its frames, its adapter and its timing; 64 hexadecimal digits."""
     folder = Path(__file__).parent
-    used = [folder.parent / "protocol" / "ak70.py", folder.parent / "transport" / "can_settings.py"]
+    used = [folder.parent / "protocol" / "ak70.py", folder.parent / "transport" / "can_adapter.py"]
     return _hash_of([*sorted(folder.glob("*.py")), *used, model_path("parameters/hardware/watchdog.yaml")])
 
 

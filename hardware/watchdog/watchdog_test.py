@@ -4,6 +4,10 @@
 exit frame. `watched_can`: both are killed together; the Teensy reports that the heartbeat on the bus has stopped.
 `teensy_bridge`: the strings stop; the Teensy reports that its watchdog has acted. No report shows what the motors do:
 `confirm` asks the operator to move the tail by hand.
+
+The process to kill is this module: `python -m aerodima.hardware.watchdog.watchdog_test SETTINGS` enters the motors and
+holds them. SETTINGS is JSON: `scenario` (resolved), `ports`, `report`, `wiring`. It prints `holding` and the id of its
+watchdog once the motors hold, with the gains of the scenario's controller, and goes on until it is killed.
 """
 
 from __future__ import annotations
@@ -20,19 +24,23 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.car_ports import CarPorts, ports_from_dict
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.open_ports import tail_motors
+from aerodima.hardware.car.safety_settings import load_watchdog_timing
+from aerodima.hardware.car.watchdogs import BusWatch, Watchdog, Watchdogs
 from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyFault, TeensyLink
+from aerodima.hardware.protocol.heartbeat import ANSWER_ID
 from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
-from aerodima.hardware.transport.device_lock import lock_devices
+from aerodima.hardware.transport.can_bus import CanBus
+from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
-from aerodima.hardware.watchdog.holder import PERIOD, SETTLING
 from aerodima.hardware.watchdog.test_record import WatchdogTest, new_record, write_record
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.errors import HardwareError
+from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
+from aerodima.workbench.errors import HardwareError, UserError
 
 QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
 _START_TIME, _ACT_TIME = 30.0, 2.0
@@ -140,7 +148,7 @@ def _holding(
         "wiring": wiring,
     }
     holder = subprocess.Popen(
-        [sys.executable, "-P", "-m", "aerodima.hardware.watchdog.holder", json.dumps(content)],
+        [sys.executable, "-P", "-m", "aerodima.hardware.watchdog.watchdog_test", json.dumps(content)],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -202,3 +210,63 @@ def _hold_over_strings(group: MotorGroup, teensy: TeensyLink) -> float:
         time.sleep(due - now)
     teensy.flush()
     return time.monotonic()
+
+
+PERIOD = 0.01
+SETTLING = 50
+"""Cycles of holding before the cut: the gains have come on."""
+
+
+def hold(scenario: dict, ports_data: dict, report: Path, wiring: str) -> None:
+    """Enters and holds until something fails; raises `HardwareError` then."""
+    ports = ports_from_dict(ports_data)
+    settings = ports.adapter(wiring).settings
+    lock = lock_devices([can_address(settings)], "a watchdog test")
+    bus = CanBus.open(settings, listen={0, ANSWER_ID, *ports.motor_ids})
+    process = WatchdogProcess(settings, ports.motor_ids, report, lock)
+    watch = BusWatch(bus, load_watchdog_timing())
+    watched = wiring == "watched_can"
+    watchdog: Watchdog = Watchdogs(process, watch) if watched else process
+    motors = tail_motors(scenario_from_dict(scenario), ports, load_mounting())
+    with MotorGroup(motors, watch if watched else bus) as group:
+        _hear_the_teensy(group, watchdog)
+        watchdog.arm()
+        group.set_enter(time.monotonic())
+        due, cycles = time.monotonic(), 0
+        while not group.fault_text:
+            now = time.monotonic()
+            group.step(now)
+            watchdog.beat()
+            if not watchdog.healthy:
+                raise HardwareError(watchdog.reason)
+            cycles = cycles + 1 if group.ready else 0
+            if cycles == SETTLING:
+                print(f"holding {process.pid}", flush=True)
+            due = max(due + PERIOD, now)
+            time.sleep(due - now)
+        raise HardwareError(group.fault_text)
+
+
+def _hear_the_teensy(group: MotorGroup, watchdog: Watchdog) -> None:
+    """Beats until every watchdog is well, for a second at most."""
+    end = time.monotonic() + 1.0
+    while time.monotonic() < end:
+        group.step(time.monotonic())
+        watchdog.beat()
+        time.sleep(PERIOD)
+        if watchdog.healthy and end - time.monotonic() < 1.0 - 10 * PERIOD:
+            return
+
+
+def main() -> int:
+    """2 if the motors cannot be held; otherwise it does not return."""
+    settings = json.loads(sys.argv[1])
+    try:
+        hold(settings["scenario"], settings["ports"], Path(settings["report"]), settings["wiring"])
+    except UserError as error:
+        print(f"error: {error}", flush=True)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

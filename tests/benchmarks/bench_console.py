@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.hardware.car.emulator_files import PORTS_FILE
+from aerodima.hardware.car.car_ports import PORTS_FILE
 from tests.benchmarks.rows import BenchRow
 from tests.browser.conftest import BROWSERS, FLAGS
 from tests.browser.console_session import SETTINGS, ConsoleSession, OperatorPage, wait_for

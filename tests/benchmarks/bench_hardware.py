@@ -11,7 +11,7 @@ import cantools
 from cantools.database.can import Database
 
 from aerodima.hardware.protocol import ak70, radio, teensy
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
+from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.workbench.resources import model_path

@@ -15,13 +15,12 @@ import time
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import read_ports
-from aerodima.hardware.car.drive_safety import load_drive_safety
 from aerodima.hardware.car.latency import prefer_latency
-from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.car.wirings import teensy_bridge
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.pilots import ManualPilot
-from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
+from aerodima.hardware.drive.plain_loop import PERIOD, ManualPilot, wait_until
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError

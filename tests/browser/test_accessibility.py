@@ -11,8 +11,7 @@ import pytest
 
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
-from aerodima.hardware.protocol.car_report import CarReport
-from aerodima.hardware.protocol.radio import EmergencyStop, OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import CarReport, EmergencyStop, OperatorCommand, RadioMode
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.fit.fit_report import write_report
 from aerodima.workbench.figures.figure_style import new_figure

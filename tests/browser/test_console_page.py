@@ -17,8 +17,7 @@ import pytest
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from aerodima.hardware.console.console_server import open_socket
-from aerodima.hardware.protocol.car_report import CarReport
-from aerodima.hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import CarReport, EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from tests.browser.console_session import GAMEPADS
 from tests.hardware.console.test_console_server import ARMED, Served, eventually
 

@@ -3,10 +3,11 @@
 import math
 from collections import deque
 
+from aerodima.hardware.devices.device_states import MotorState
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.motor_settings import load_motor_safety, motor_settings
-from aerodima.hardware.devices.motor_state import MotorState
 from aerodima.hardware.protocol.ak70 import (
+    AK70_10_V1_0_8,
     NEUTRAL,
     MitCommand,
     MitReply,
@@ -14,7 +15,6 @@ from aerodima.hardware.protocol.ak70 import (
     is_special,
     make_reply,
 )
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario_file import load_parameter_file

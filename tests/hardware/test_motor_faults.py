@@ -9,8 +9,8 @@ import math
 
 import pytest
 
+from aerodima.hardware.devices.device_states import MotorFault, MotorState
 from aerodima.hardware.devices.motor_group import MotorGroup, check_distinct_ids, exit_frames
-from aerodima.hardware.devices.motor_state import MotorFault, MotorState
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError

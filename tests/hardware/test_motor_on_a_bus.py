@@ -6,12 +6,12 @@ import time
 import can
 import pytest
 
+from aerodima.hardware.devices.device_states import MotorFault, MotorState
 from aerodima.hardware.devices.motor_group import MotorGroup
-from aerodima.hardware.devices.motor_state import MotorFault, MotorState
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.can_bus import BusFault, CanBus
-from aerodima.hardware.transport.can_settings import CanSettings
 from tests.hardware.fake_can import SlcanAdapter, wait_until
 from tests.hardware.fake_motors import PERIOD, FakeMotor, hold, settings
 

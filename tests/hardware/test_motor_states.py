@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from aerodima.hardware.devices.motor_state import MotorFault, MotorState
+from aerodima.hardware.devices.device_states import MotorFault, MotorState
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,

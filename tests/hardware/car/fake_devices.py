@@ -5,17 +5,16 @@ import time
 
 from aerodima.hardware.car.car_devices import Devices
 from aerodima.hardware.car.car_ports import ports_from_dict
-from aerodima.hardware.car.drive_safety import load_drive_safety
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.open_ports import tail_motors
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.bno055 import Bno055Sample
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.hardware.devices.teensy_link import TeensyFault
 from aerodima.hardware.devices.ublox import GpsSample
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_motors import FakeMotor, FakePort

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict, read_ports
-from aerodima.hardware.car.direct_can import direct_can
 from aerodima.hardware.car.mounting import AXES, load_mounting
-from aerodima.hardware.car.open_ports import tail_motors
-from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.wirings import direct_can, tail_motors, teensy_bridge
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import MotorSettings
-from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.stations.car_station import NOT_FITTED

@@ -6,15 +6,14 @@ import time
 import numpy as np
 import pytest
 
-from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
-from aerodima.hardware.devices.motor_state import MotorFault
-from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.teensy_link import TeensyFault
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.protocol.ak70 import make_exit
-from aerodima.hardware.protocol.car_report import decode_report
+from aerodima.hardware.protocol.radio import decode_report
 from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.car.fake_devices import CarOnTheBench

@@ -18,13 +18,11 @@ from typer.testing import CliRunner
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from aerodima.hardware.console.console import Console, Limits
-from aerodima.hardware.console.console_record import ConsoleRecord
+from aerodima.hardware.console.console import Console, ConsoleRecord, Limits
 from aerodima.hardware.console.console_server import make_app, make_server, open_socket, run_server
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_access import Access
-from aerodima.hardware.protocol.car_report import CarReport
-from aerodima.hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import CarReport, EmergencyStop, Heartbeat, OperatorCommand, RadioMode
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.console.test_operator_radio import CAR, FakeLink

@@ -7,14 +7,21 @@ import pty
 
 import pytest
 
+from aerodima.hardware.console.console import GONE_AFTER, Seats
 from aerodima.hardware.console.operator_radio import OperatorRadio
-from aerodima.hardware.console.page_control import GONE_AFTER, Seats
-from aerodima.hardware.console.page_messages import BeatClock, read_message
-from aerodima.hardware.console.page_state import radio_state
+from aerodima.hardware.console.page_messages import BeatClock, radio_state, read_message
 from aerodima.hardware.protocol import radio as frames
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.hardware.protocol.car_report import Asks, CarReport, decode_report, make_report
-from aerodima.hardware.protocol.radio import EmergencyStop, Heartbeat, OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import (
+    Asks,
+    CarReport,
+    EmergencyStop,
+    Heartbeat,
+    OperatorCommand,
+    RadioMode,
+    decode_report,
+    make_report,
+)
 from aerodima.hardware.protocol.xbee import ApiStream, ReceivedPacket, make_received
 from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings
 from aerodima.workbench.errors import UserError

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from aerodima.hardware.devices.clock_alignment import ClockAlignment
+from aerodima.hardware.devices.teensy_link import ClockAlignment
 
 
 def test_delays_are_taken_out_up_to_the_shortest_one():

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from aerodima.hardware.devices.motor_limits import check_command, limit_command, pd_torque, to_motor
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.protocol.ak70 import MitCommand, make_command
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_24_N_M, MANUAL_SAMPLE_CODE
+from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M, MANUAL_SAMPLE_CODE, MitCommand, make_command
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.workbench.errors import HardwareError, ScenarioError
 from tests.hardware.fake_motors import PROFILE, Bench, hold, settings, tail_motor_parameters

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
+from aerodima.hardware.devices.device_states import MotorFault, MotorState
 from aerodima.hardware.devices.motor_group import MotorGroup
-from aerodima.hardware.devices.motor_state import MotorFault, MotorState
 from aerodima.hardware.devices.teensy_link import TeensyFault, TeensyLink, pulse
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit, make_neutral, make_zero
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError

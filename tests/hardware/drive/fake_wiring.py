@@ -5,11 +5,9 @@ import math
 import numpy as np
 
 from aerodima.hardware.car.wiring import CarReading
-from aerodima.hardware.devices.motor_state import MotorFault
+from aerodima.hardware.devices.device_states import MotorFault, SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.devices.source_fault import SourceFault
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import STATUS, STATUS_SOURCES
 from aerodima.workbench.errors import HardwareError

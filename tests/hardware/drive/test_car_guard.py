@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
+from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.drive.fake_wiring import PERIOD, FakeWiring
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.hardware.car.drive_safety import load_drive_safety
-from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.car.safety_settings import load_drive_safety
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.drive.car_guard import Stage
 from aerodima.workbench.config.scenario import load_scenario
 from tests.hardware.drive.test_car_guard import FORWARD, Car

@@ -10,15 +10,13 @@ import time
 import numpy as np
 import pytest
 
-from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarReading
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.devices.source_fault import SourceFault
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.car_interface import interface_to
-from aerodima.hardware.drive.drive_diagram import DiagramRun
-from aerodima.hardware.drive.pilots import AutoPilot, ManualPilot
-from aerodima.hardware.drive.plain_loop import PERIOD, idle_until, run_loop
+from aerodima.hardware.drive.drive_diagram import DiagramRun, interface_to
+from aerodima.hardware.drive.plain_loop import PERIOD, AutoPilot, ManualPilot, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS

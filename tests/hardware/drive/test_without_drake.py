@@ -14,10 +14,10 @@ for package in (drive, devices, watchdog, car):
 import numpy as np
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.plain_loop import idle_until, run_loop
-from aerodima.hardware.drive.pilots import AutoPilot
+from aerodima.hardware.drive.plain_loop import AutoPilot
 from aerodima.hardware.drive.run_journal import open_run_journal
 from aerodima.hardware.protocol.radio import RadioMode
-from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from tests.hardware.drive.fake_wiring import FakeWiring, quick_turn
 
 class Time:

@@ -17,12 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.hardware.car.car_ports import CarPorts, read_ports
-from aerodima.hardware.car.direct_can import direct_can
-from aerodima.hardware.car.drive_safety import load_drive_safety
-from aerodima.hardware.car.emulator_files import PORTS_FILE
-from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.car_ports import PORTS_FILE, CarPorts, read_ports
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.car.wirings import direct_can, teensy_bridge
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.drive_limits import DriveLimits
 from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal

@@ -8,8 +8,7 @@ import time
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.emulator.fault_script import OperatorEntry
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import make_emergency_stop
+from aerodima.hardware.protocol.radio import Asks, make_emergency_stop
 from aerodima.hardware.transport.serial_link import SerialLink
 from tests.hardware.fake_can import wait_until
 

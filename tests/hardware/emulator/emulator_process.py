@@ -17,11 +17,9 @@ from typing import Any, TypeVar
 
 import can
 
-from aerodima.hardware.car.car_ports import CarPorts, read_ports
-from aerodima.hardware.car.emulator_files import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE
+from aerodima.hardware.car.car_ports import EVENTS_FILE, PORTS_FILE, READY_FILE, TRAFFIC_FILE, CarPorts, read_ports
 from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
-from aerodima.hardware.emulator.event_log import read_events
-from aerodima.hardware.emulator.fault_script import Script
+from aerodima.hardware.emulator.fault_script import Script, read_events
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.console_operator import ConsoleOperator

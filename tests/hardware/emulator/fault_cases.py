@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.hardware.car.drive_safety import load_drive_safety
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from tests.hardware.emulator.breakers import (
     Blind,

@@ -18,16 +18,14 @@ import can
 import numpy as np
 
 from aerodima.hardware.car.car_ports import CarPorts
-from aerodima.hardware.car.direct_can import direct_can
-from aerodima.hardware.car.drive_safety import load_drive_safety
-from aerodima.hardware.car.teensy_bridge import teensy_bridge
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
+from aerodima.hardware.car.wirings import direct_can, teensy_bridge
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
 from aerodima.hardware.emulator.fault_script import JOINTS
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
-from aerodima.hardware.protocol.car_report import Asks
-from aerodima.hardware.protocol.radio import RadioMode
+from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.signal_table import STATUS

@@ -10,7 +10,7 @@ import pytest
 
 from aerodima.hardware.car.car_ports import read_ports
 from aerodima.hardware.commands.emulate_command import emulate
-from aerodima.hardware.emulator.event_log import read_events
+from aerodima.hardware.emulator.fault_script import read_events
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.resources import model_path

@@ -5,19 +5,29 @@ import math
 import can
 import pytest
 
-from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
 from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.devices.bno055 import make_sample_request
 from aerodima.hardware.devices.ublox import GpsStream
-from aerodima.hardware.emulator.emulated_bus import EmulatedBus
-from aerodima.hardware.emulator.emulated_motor import EmulatedMotor
-from aerodima.hardware.emulator.emulated_teensy import EmulatedTeensy
-from aerodima.hardware.emulator.event_log import EventLog, read_events
-from aerodima.hardware.emulator.fault_board import FaultBoard
-from aerodima.hardware.emulator.fault_script import OperatorEntry, Script, load_emulator_numbers
-from aerodima.hardware.emulator.serial_devices import OPERATOR, EmulatedGps, EmulatedImu, EmulatedOperator
-from aerodima.hardware.emulator.slcan_device import SlcanAdapter, read_frame, write_frame
+from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, SlcanAdapter, read_frame, write_frame
+from aerodima.hardware.emulator.emulated_devices import (
+    OPERATOR,
+    EmulatedGps,
+    EmulatedImu,
+    EmulatedOperator,
+    EmulatedTeensy,
+)
+from aerodima.hardware.emulator.fault_script import (
+    EventLog,
+    FaultBoard,
+    OperatorEntry,
+    Script,
+    load_emulator_numbers,
+    read_events,
+)
+from aerodima.hardware.firmware.firmware_settings import FirmwareSettings
 from aerodima.hardware.protocol import radio
+from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
@@ -28,9 +38,8 @@ from aerodima.hardware.protocol.ak70 import (
     make_neutral,
     make_zero,
 )
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.car_report import Asks, CarReport, make_report
+from aerodima.hardware.protocol.radio import Asks, CarReport, make_report
 from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, StringForm, TeensyCommand
 from aerodima.hardware.protocol.teensy import make_command as make_string
 from aerodima.hardware.protocol.xbee import ApiStream, make_transmit

@@ -4,9 +4,16 @@ import pytest
 import yaml
 
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.emulator.event_log import EventLog, read_events
-from aerodima.hardware.emulator.fault_board import FaultBoard
-from aerodima.hardware.emulator.fault_script import Fault, Script, load_emulator_numbers, no_faults, read_script
+from aerodima.hardware.emulator.fault_script import (
+    EventLog,
+    Fault,
+    FaultBoard,
+    Script,
+    load_emulator_numbers,
+    no_faults,
+    read_events,
+    read_script,
+)
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.errors import UserError
 

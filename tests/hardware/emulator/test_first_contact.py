@@ -8,10 +8,9 @@ import sys
 
 import pytest
 
-from aerodima.hardware.car.car_ports import read_ports
-from aerodima.hardware.car.emulator_files import PORTS_FILE
+from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.drive.first_contact import joint_angles, read_motor_angles, run_motor_test, write_zeros
+from aerodima.hardware.drive.held_car import joint_angles, read_motor_angles, run_motor_test, write_zeros
 from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from aerodima.hardware.car.emulator_files import PORTS_FILE
-from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.car.car_ports import PORTS_FILE
+from aerodima.hardware.car.safety_settings import load_watchdog_timing
 from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.watchdog.test_record import record_path, require_watchdog_test
 from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test

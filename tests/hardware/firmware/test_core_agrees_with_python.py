@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from aerodima.hardware.firmware import firmware_core as core
 from aerodima.hardware.protocol import ak70, teensy
-from aerodima.hardware.protocol.ak70 import MitCommand
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES
+from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES, MitCommand
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import (
     MotorOrder,

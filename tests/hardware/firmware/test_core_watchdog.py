@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from aerodima.hardware.car.firmware_settings import FirmwareSettings, load_teensy_timing
+from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.firmware.firmware_core import TeensyCore
+from aerodima.hardware.firmware.firmware_settings import FirmwareSettings
+from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
@@ -16,7 +18,6 @@ from aerodima.hardware.protocol.ak70 import (
     make_neutral,
     make_reply,
 )
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.sail_encoder import AEAT_6010
 from aerodima.hardware.protocol.teensy import (

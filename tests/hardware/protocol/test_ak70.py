@@ -5,12 +5,16 @@ import math
 import pytest
 
 from aerodima.hardware.protocol.ak70 import (
+    AK70_10_V1_0_8,
+    MANUAL_SAMPLE_CODE,
     MOST_ID,
     NEUTRAL,
+    PROFILES,
     MitCommand,
     MitReply,
     decode_command,
     decode_reply,
+    firmware_profile,
     is_special,
     make_command,
     make_enter,
@@ -20,7 +24,6 @@ from aerodima.hardware.protocol.ak70 import (
     make_zero,
     unwrap,
 )
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES, firmware_profile
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.workbench.errors import HardwareError, UserError
 

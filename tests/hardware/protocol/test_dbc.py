@@ -5,8 +5,8 @@ import random
 import cantools
 import pytest
 
+from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.ak70 import MitCommand, MitReply, decode_command, decode_reply, make_command, make_reply
-from aerodima.hardware.protocol.ak70_profiles import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.resources import model_path
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import strategies as st
 
 from aerodima.hardware.protocol import ak70, radio, sail_encoder, teensy
-from aerodima.hardware.protocol.ak70_profiles import PROFILES
+from aerodima.hardware.protocol.ak70 import PROFILES
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.hardware.protocol.teensy_stream import command_stream, reply_stream

@@ -10,9 +10,8 @@ import can
 import pytest
 
 from aerodima.hardware.protocol.can_frame import CanFrame
+from aerodima.hardware.transport.can_adapter import CanSettings, TrafficLog, open_bus
 from aerodima.hardware.transport.can_bus import BusFault, CanBus
-from aerodima.hardware.transport.can_settings import CanSettings, open_bus
-from aerodima.hardware.transport.traffic_log import TrafficLog
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import FakeAdapter, SlcanAdapter, wait_until
 

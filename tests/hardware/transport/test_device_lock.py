@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
-from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.workbench.errors import HardwareError
 

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from aerodima.hardware.car.car_ports import ports_from_dict
-from aerodima.hardware.car.emulator_files import READY_FILE, READY_SCHEMA
+from aerodima.hardware.car.car_ports import READY_FILE, READY_SCHEMA, ports_from_dict
 from aerodima.hardware.watchdog import test_record as record
 from aerodima.hardware.watchdog.test_record import (
     is_emulated,

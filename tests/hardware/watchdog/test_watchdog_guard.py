@@ -2,8 +2,8 @@
 
 import pytest
 
-from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
-from aerodima.hardware.watchdog.watchdog_guard import Guard, Word
+from aerodima.hardware.car.safety_settings import load_watchdog_timing
+from aerodima.hardware.watchdog.watchdog_process import Guard, Word
 
 TIMING = load_watchdog_timing()
 

@@ -9,9 +9,9 @@ import time
 
 import pytest
 
-from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.car.safety_settings import load_watchdog_timing
 from aerodima.hardware.protocol.ak70 import make_exit
-from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.device_lock import lock_devices
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 from aerodima.workbench.errors import HardwareError
@@ -25,7 +25,7 @@ EXITS = [(motor_id, make_exit(motor_id).data) for motor_id in (1, 2)]
 DRIVE = """
 import sys, time
 from pathlib import Path
-from aerodima.hardware.transport.can_settings import CanSettings
+from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 watchdog = WatchdogProcess(CanSettings("slcan", sys.argv[1]), (1, 2), Path(sys.argv[2]))
 watchdog.arm()

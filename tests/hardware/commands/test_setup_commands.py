@@ -10,9 +10,9 @@ import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict
 from aerodima.hardware.car.latency import DRIVE_PRIORITY, WATCHDOG_PRIORITY
-from aerodima.hardware.commands import system_files
-from aerodima.hardware.commands.system_files import LIMITS, RULES, UNIT, udev_rules, write_system_files
-from aerodima.hardware.watchdog.control_group import leave_control_group
+from aerodima.hardware.commands import setup_commands as system_files
+from aerodima.hardware.commands.setup_commands import LIMITS, RULES, UNIT, udev_rules, write_system_files
+from aerodima.hardware.watchdog.__main__ import leave_control_group
 from aerodima.workbench.errors import HardwareError
 
 PORTS = {

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from aerodima.hardware.console import connection_limits as waiting
-from aerodima.hardware.console.connection_limits import MOST_WAITING
+from aerodima.hardware.console import page_access as waiting
+from aerodima.hardware.console.page_access import MOST_WAITING
 from tests.hardware.console.test_console_server import Served, eventually
 
 FLOOD = 400

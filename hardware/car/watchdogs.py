@@ -1,20 +1,55 @@
-"""The Teensy as watchdog on the CAN bus of the computer's adapter (wiring `watched_can`), as the drive sees it.
+"""What switches the motors off when this process dies: the Teensy on the bus of the computer's adapter, or several.
 
-Every cycle a heartbeat leaves for the Teensy, which answers each on the same bus. One that is not answered in time
-stops the car: a Teensy that is dead, or that cannot reach the bus, would not switch the motors off either.
+In the wiring `watched_can` a heartbeat leaves for the Teensy every cycle, which answers each on the same bus. One that
+is not answered in time stops the car: a Teensy that is dead, or that cannot reach the bus, would not switch the motors
+off either. `aerodima.hardware.watchdog` is the process of this computer that watches.
 """
 
 from __future__ import annotations
 
 import time
+from typing import Protocol
 
-from aerodima.hardware.car.car_devices import Watchdog
-from aerodima.hardware.car.watchdog_settings import WatchdogTiming
+from aerodima.hardware.car.safety_settings import WatchdogTiming
 from aerodima.hardware.devices.motor_group import FramePort, PassingPort
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
 from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.workbench.errors import HardwareError
+
+
+class Watchdog(Protocol):
+    """What switches the motors off when this process dies, as a `WatchdogProcess` does."""
+
+    @property
+    def healthy(self) -> bool:
+        """Whether it lives and has not acted."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Why it is not healthy."""
+        ...
+
+    def arm(self) -> None:
+        """From now on it waits for heartbeats; `HardwareError` if it is not healthy."""
+        ...
+
+    def beat(self) -> None:
+        """The loop lives."""
+        ...
+
+    def disarm(self) -> None:
+        """The motors are off; no heartbeats follow."""
+        ...
+
+    def trip(self) -> None:
+        """Asks it to switch the motors off."""
+        ...
+
+    def close(self) -> None:
+        """Ends it in order."""
+        ...
 
 
 class BusWatch(PassingPort):

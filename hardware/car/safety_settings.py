@@ -1,4 +1,4 @@
-"""When the computer stops the car, and what is checked before it drives: numbers with their reasons in one file."""
+"""When computer, watchdog process and firmware stop the car: numbers with their reasons in parameter files."""
 
 from __future__ import annotations
 
@@ -41,3 +41,40 @@ class DriveSafety(QuantityModel):
 def load_drive_safety() -> DriveSafety:
     """The limits; `ScenarioError` names what is wrong in the file."""
     return load_section(model_path("parameters/hardware/drive_safety.yaml"), DriveSafety)
+
+
+class WatchdogTiming(QuantityModel):
+    """When the watchdog process acts, and what it sends then."""
+
+    heartbeat_timeout: float = quantity("s", "without a heartbeat while armed, after which it acts", ge=0.05, le=0.25)
+    answer_timeout: float = quantity("s", "without an answer to a heartbeat, after which the car stops", gt=0, le=0.25)
+    exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
+    exit_interval: float = quantity("s", "interval of the exit frames after that", gt=0, le=0.1)
+    exit_time: float = quantity("s", "for how long it sends these", gt=0, le=10)
+    give_up: float = quantity("s", "for how long it waits for an adapter that was unplugged", gt=0, le=3600)
+    reopen_after: float = quantity("s", "until it opens the channel anew", gt=0, le=1)
+    reminder: float = quantity("s", "interval of the exit frames while a hung drive process lives", gt=0, le=1)
+    longest_test: float = quantity("s", "from the cut to the exit frames in a watchdog test", gt=0, le=1)
+
+
+def load_watchdog_timing() -> WatchdogTiming:
+    """The values of `models/parameters/hardware/watchdog.yaml`; `ScenarioError` names what is wrong in it."""
+    return load_section(model_path("parameters/hardware/watchdog.yaml"), WatchdogTiming)
+
+
+class TeensyTiming(QuantityModel):
+    """When the watchdog of the Teensy acts, and what it sends then."""
+
+    watchdog_timeout: float = quantity("s", "without a valid string, after which it acts", ge=0.1, le=0.25)
+    exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
+    exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
+    exit_cycle: float = quantity("s", "interval of these", gt=0, le=0.1)
+    reminder: float = quantity("s", "interval of the exit frames after that", gt=0, le=1)
+    attitude_time: float = quantity("s", "beyond the attitude limit, after which it acts", ge=0, le=1)
+    attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
+    reply_wait: float = quantity("s", "how long a reply string waits for the motors", gt=0, le=0.01)
+
+
+def load_teensy_timing() -> TeensyTiming:
+    """The values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names what is wrong in it."""
+    return load_section(model_path("parameters/hardware/teensy_firmware.yaml"), TeensyTiming)

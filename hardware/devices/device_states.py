@@ -1,4 +1,4 @@
-"""States and faults of a tail motor, and what it needs of whatever carries its frames."""
+"""States and faults of the car's devices, as codes on the port `status`, and what a motor needs to send its frames."""
 
 from __future__ import annotations
 
@@ -6,6 +6,24 @@ from enum import IntEnum
 from typing import Protocol
 
 from aerodima.hardware.protocol.can_frame import CanFrame
+
+
+class SourceFault(IntEnum):
+    """Fault codes of sail, imu, speed and operator on `status`; those of the tail motors are `MotorFault`."""
+
+    NONE = 0
+    NOT_FITTED = 1
+    """As the simulated station says it of parts that its car does not have."""
+    NO_SAMPLE_YET = 2
+    SILENT = 3
+    LOST = 4
+    """Its port has gone."""
+    REPORTED = 5
+    """The device itself reports a fault: error of the IMU, watchdog of the Teensy."""
+    NO_FIX = 6
+    """The GPS receiver lives and knows no speed."""
+    STOPPED = 7
+    """The operator asked for an emergency stop."""
 
 
 class MotorState(IntEnum):

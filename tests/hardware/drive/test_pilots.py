@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aerodima.hardware.car.wiring import CarReading
-from aerodima.hardware.drive.pilots import ControlPilot
+from aerodima.hardware.drive.plain_loop import ControlPilot
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.signal_table import IMU, STATUS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario

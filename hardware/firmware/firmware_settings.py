@@ -4,35 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from aerodima.hardware.car.drive_safety import DriveSafety, load_drive_safety
+from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.mounting import load_mounting
+from aerodima.hardware.car.safety_settings import DriveSafety, TeensyTiming, load_drive_safety
 from aerodima.hardware.car.wiring import wiring_name
+from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.motor_settings import MotorSettings
-from aerodima.hardware.protocol.ak70 import check_motor_id
-from aerodima.hardware.protocol.ak70_profiles import FirmwareProfile
+from aerodima.hardware.protocol.ak70 import FirmwareProfile, check_motor_id
 from aerodima.hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, StringForm
-from aerodima.workbench.config.quantity import QuantityModel, quantity
-from aerodima.workbench.config.scenario_file import load_section
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.resources import model_path
-
-
-class TeensyTiming(QuantityModel):
-    """When the watchdog of the Teensy acts, and what it sends then."""
-
-    watchdog_timeout: float = quantity("s", "without a valid string, after which it acts", ge=0.1, le=0.25)
-    exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
-    exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
-    exit_cycle: float = quantity("s", "interval of these", gt=0, le=0.1)
-    reminder: float = quantity("s", "interval of the exit frames after that", gt=0, le=1)
-    attitude_time: float = quantity("s", "beyond the attitude limit, after which it acts", ge=0, le=1)
-    attitude_age: float = quantity("s", "oldest attitude with which the car drives", gt=0, le=1)
-    reply_wait: float = quantity("s", "how long a reply string waits for the motors", gt=0, le=0.01)
-
-
-def load_teensy_timing() -> TeensyTiming:
-    """The values of `models/parameters/hardware/teensy_firmware.yaml`; `ScenarioError` names what is wrong in it."""
-    return load_section(model_path("parameters/hardware/teensy_firmware.yaml"), TeensyTiming)
 
 
 @dataclass(frozen=True)
@@ -139,3 +121,9 @@ class FirmwareSettings:
 def milliseconds(seconds: float) -> int:
     """The firmware's clock counts milliseconds."""
     return round(seconds * 1000.0)
+
+
+def firmware_limits(scenario: Scenario, ports: CarPorts) -> tuple[MotorLimits, MotorLimits] | None:
+    """What the firmware lets through to the motors of a scenario on these ports; None for a car without a tail."""
+    motors = tail_motors(scenario, ports, load_mounting())
+    return (motor_limits(motors[0]), motor_limits(motors[1])) if motors else None

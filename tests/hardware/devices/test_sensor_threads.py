@@ -12,8 +12,8 @@ from itertools import pairwise
 import pytest
 
 from aerodima.hardware.devices.bno055 import Bno055Chip, Bno055Sample
-from aerodima.hardware.devices.sensor_readers import gps_thread, imu_thread
-from aerodima.hardware.devices.source_fault import SourceFault
+from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.sensor_threads import gps_thread, imu_thread
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.transport.serial_link import SerialSettings, open_serial
 from tests.hardware.fake_can import wait_until

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from aerodima.hardware.car.bus_watch import BusWatch, Watchdogs
-from aerodima.hardware.car.watchdog_settings import load_watchdog_timing
+from aerodima.hardware.car.safety_settings import load_watchdog_timing
+from aerodima.hardware.car.watchdogs import BusWatch, Watchdogs
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.heartbeat import BEAT_ID, BeatState, decode_beat, make_answer
 from aerodima.hardware.protocol.teensy import TeensyStatus

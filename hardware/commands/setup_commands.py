@@ -1,6 +1,7 @@
-"""What a car's computer needs of the system, as files to look at and to install by hand: names, limits, a service.
+"""The files that set up a car: the Teensy's sketch with its numbers, and what the computer needs of the system.
 
-Nothing here touches the system: the files are written into a folder, and the commands that install them are printed.
+What a car's computer needs of the system (names, limits, a service) are files to look at and to install by hand: they
+are written into a folder, and the commands that install them are printed. Nothing here touches the system.
 """
 
 from __future__ import annotations
@@ -9,10 +10,77 @@ import getpass
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.latency import WATCHDOG_PRIORITY
 from aerodima.workbench.errors import HardwareError
+
+
+def firmware(
+    folder: Annotated[Path, typer.Argument(help="New folder for the sketch; its last name is the sketch's.")],
+    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
+    profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
+    motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),
+    encoder: Annotated[str, typer.Option(help="Part that reads the sail: aeat_6012 or aeat_6010.")] = "aeat_6012",
+    ports: Annotated[
+        Path | None, typer.Option(help="Ports file (JSON): ids, zeros and profile of the motors from there.")
+    ] = None,
+    scenario: Annotated[str, typer.Option(help="Scenario whose tail the limits of the motors are of.")] = "auto_turn",
+    published_strings: Annotated[
+        bool, typer.Option("--published-strings", help="Strings as printed in the thesis, without checksum.")
+    ] = False,
+) -> None:
+    """Write the Teensy's sketch with a config.h made of the parameters, ready for the Arduino IDE.
+
+    Example: aerodima firmware aerodima_teensy --ports car.json
+    """
+    from aerodima.hardware.car.car_ports import bare_ports, ports_from_dict, read_ports
+    from aerodima.hardware.car.safety_settings import load_teensy_timing
+    from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, firmware_limits
+    from aerodima.hardware.firmware.firmware_sketch import export_sketch, firmware_hash
+    from aerodima.hardware.protocol.sail_encoder import encoder_profile
+    from aerodima.hardware.protocol.teensy import StringForm
+    from aerodima.workbench.config.scenario import load_scenario
+
+    car = ports_from_dict(bare_ports(profile, motor_ids), "firmware") if ports is None else read_ports(ports)
+    settings = FirmwareSettings(
+        wiring,
+        car.profile,
+        load_teensy_timing(),
+        car.motor_ids,
+        encoder_profile(encoder),
+        StringForm.PUBLISHED if published_strings else StringForm.CHECKED,
+        firmware_limits(load_scenario(scenario), car),
+    )
+    sketch = export_sketch(settings, folder)
+    typer.echo(f"sketch: {sketch}")
+    typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {car.firmware_profile}")
+
+
+def install_files(
+    folder: Annotated[Path, typer.Argument(help="Folder for the files.")],
+    ports: Annotated[Path, typer.Option(help="Ports file (JSON) of the car.")],
+    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
+    scenario: Annotated[str, typer.Option(help="What the service drives.")] = "auto_turn",
+    user: Annotated[str, typer.Option(help="Who drives; the present user when not given.")] = "",
+) -> None:
+    """Write fixed device names (udev), real-time limits and a systemd service; says how to install them.
+
+    Nothing is installed. The service's kill mode spares the watchdog.
+
+    Example: aerodima install-files system --ports car.json
+    """
+    from aerodima.hardware.car.car_ports import read_ports
+    from aerodima.hardware.car.wiring import wiring_name
+
+    name = wiring_name(wiring)
+    for file in write_system_files(folder, read_ports(ports), ports, name, scenario, user):
+        typer.echo(f"sudo install -m 644 {folder / file.name} {file.place}/")
+    typer.echo("sudo udevadm control --reload && sudo udevadm trigger && sudo systemctl daemon-reload")
+
 
 RULES, LIMITS, UNIT = "70-aerodima.rules", "95-aerodima.conf", "aerodima-drive.service"
 _USB = Path("/sys/class/tty")
