@@ -71,12 +71,12 @@ def test_package_imports_only_what_stands_below_it(package: str) -> None:
 @pytest.mark.parametrize(
     ("package", "source"),
     [
-        ("workbench", "from aerodima.optimisation.study import sweep"),
+        ("workbench", "from aerodima.optimisation.sweep import study"),
         ("workbench", "def later():\n    import aerodima.hardware.drive"),
         ("optimisation", "import aerodima.hardware"),
         ("hardware", "from aerodima.optimisation import swing"),
         ("workbench", "from tests.benchmarks import rows"),
-        ("hardware", "import importlib\nimportlib.import_module('aerodima.optimisation.cli')"),
+        ("hardware", "import importlib\nimportlib.import_module('aerodima.optimisation.commands')"),
     ],
 )
 def test_forbidden_arrow_is_seen(package: str, source: str) -> None:
