@@ -48,7 +48,8 @@ def test_what_makes_no_sense_is_refused(refused: Callable, tmp_path: Path) -> No
     assert "gains.feedback: missing; tracking torque" in refused(
         "turn", "--swing", "thesis_8_rad_per_s", "--tracking", "torque"
     )
-    assert "does not exist" in refused("turn", "--swing", "nowhere")
+    unknown = refused("turn", "--swing", "nowhere")
+    assert "models/swings has none of this name; allowed: thesis_8_rad_per_s" in unknown
     text = model_path("swings/thesis_8_rad_per_s.yaml").read_text()
     (tmp_path / "nan.yaml").write_text(text.replace("[8.0, 8.0, 0.0]", "[8.0, .nan, 0.0]"))
     assert "knots.roll_velocity_rad_per_s.1: nan" in refused("turn", "--swing", tmp_path / "nan.yaml")
