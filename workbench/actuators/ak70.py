@@ -1,14 +1,16 @@
 """AK70-10 tail motors in MIT mode (design section 6)."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.config.car_parameters import TailMotorParameters
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
-from aerodima.workbench.plants.joint_friction import FrictionLaw
-from aerodima.workbench.plants.tail import ArmInertia
+from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
+from aerodima.workbench.plants.tail import ArmInertia, arm_inertia
 
 JOINTS, ROLL = 2, 1
 """Pitch and roll, in this order, as in the tail plant: how many, and which one is roll."""
@@ -44,7 +46,7 @@ NOW = StepAhead()
 def mit_torque(
     position: float,
     speed: float,
-    command: tuple[float, ...],
+    command: Sequence[float],
     motor: TailMotorParameters,
     line: tuple[float, float],
     ahead: StepAhead = NOW,
@@ -81,13 +83,62 @@ def mit_torque(
     return min(max(torque, lower), upper)
 
 
-class TailMotors(LeafSystem):
-    """The two tail motors with the friction of their joints: commands in, joint torques out.
+class TailJoints:
+    """What drives the tail's two joints: the motors' law at the end of the step, and the friction of the joints.
 
-    The law is that of `mit_torque` at the end of the step. The load on a joint is taken from the last step, inertia
-    times acceleration less the torque that acted, with the friction of this instant. The reflected rotor inertia is
-    part of the plant (tail.sdf). A NaN in a command gives zero motor torque for that joint. Friction belongs to the
-    same system, since it is evaluated at every step with the same state.
+    The load on a joint is taken from the last step, inertia times acceleration less the torque that acted, with the
+    friction of this instant. The reflected rotor inertia is part of the plant (tail.sdf).
+
+    Args:
+        motor: limits and rotor.
+        arm: inertia of the arm about its joints.
+        friction: of each joint.
+        step: of the plant, s.
+    """
+
+    def __init__(self, motor: TailMotorParameters, arm: ArmInertia, friction: FrictionLaw, step: float) -> None:
+        self._motor, self._arm, self._friction, self._step = motor, arm, friction, step
+        self._line = torque_speed_limits(motor)
+        self._rotor = motor.rotor_inertia * motor.gear_ratio**2
+
+    @classmethod
+    def of_scenario(cls, scenario: Scenario) -> "TailJoints":
+        """Motors, friction, arm and step of a scenario."""
+        friction = scenario.friction
+        law = smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain)
+        inertia = arm_inertia(scenario.tail, scenario.tail_motor, scenario.car)
+        return cls(scenario.tail_motor, inertia, law, scenario.simulation.step)
+
+    def torques(
+        self,
+        angles: Sequence[float],
+        rates: Sequence[float],
+        accelerations: Sequence[float],
+        last_torques: Sequence[float],
+        commands: Sequence[Sequence[float]],
+    ) -> list[tuple[float, float]]:
+        """Motor and friction torque (N m) of each joint, pitch and roll in this order.
+
+        Args:
+            angles: rad.
+            rates: rad/s.
+            accelerations: of the plant's last step, rad/s2.
+            last_torques: motor and friction together, of the plant's last step, N m.
+            commands: per joint as in `mit_torque`; a NaN in it gives zero motor torque for that joint.
+        """
+        torques = []
+        for joint, about_joint in enumerate(self._arm.about_joints(angles[ROLL])):
+            rate, inertia = rates[joint], about_joint + self._rotor
+            friction = self._friction(rate)
+            load = inertia * accelerations[joint] - last_torques[joint] + friction
+            ahead = StepAhead(self._step, inertia, load)
+            torque = mit_torque(angles[joint], rate, commands[joint], self._motor, self._line, ahead)
+            torques.append((torque if torque == torque else 0.0, friction))
+        return torques
+
+
+class TailMotors(LeafSystem):
+    """The tail's joints as they are driven, `TailJoints`: commands in, joint torques out.
 
     Input ports (pitch and roll, in this order):
         joint_state (4): angles rad, rates rad/s, from the plant.
@@ -100,17 +151,12 @@ class TailMotors(LeafSystem):
         torque (2): N m along the joint axes, of the motors alone.
 
     Args:
-        motor: limits and rotor.
-        arm: inertia of the arm about its joints.
-        friction: of each joint.
-        step: of the plant, s.
+        joints: motors and friction.
     """
 
-    def __init__(self, motor: TailMotorParameters, arm: ArmInertia, friction: FrictionLaw, step: float):
+    def __init__(self, joints: TailJoints) -> None:
         super().__init__()
-        self._motor, self._arm, self._friction, self._step = motor, arm, friction, step
-        self._line = torque_speed_limits(motor)
-        self._rotor = motor.rotor_inertia * motor.gear_ratio**2
+        self._joints = joints
         names = {"joint_state": 2 * JOINTS, "joint_acceleration": JOINTS, "joint_torque": JOINTS}
         self._motion = [self.DeclareVectorInputPort(name, size) for name, size in names.items()]
         self._commands = [
@@ -127,16 +173,9 @@ class TailMotors(LeafSystem):
         output.SetFromVector(np.array([motor for motor, _ in self._torques(context)]))
 
     def _torques(self, context: Context) -> list[tuple[float, float]]:
-        """Motor and friction torque of each joint, N m."""
         motion: list[Any] = [port.Eval(context) for port in self._motion]
         state, accelerations, last_torques = (values.tolist() for values in motion)
-        torques = []
-        for joint, arm_inertia in enumerate(self._arm.about_joints(state[ROLL])):
-            command: Any = self._commands[joint].Eval(context)
-            rate, inertia = state[JOINTS + joint], arm_inertia + self._rotor
-            friction = self._friction(rate)
-            load = inertia * accelerations[joint] - last_torques[joint] + friction
-            ahead = StepAhead(self._step, inertia, load)
-            torque = mit_torque(state[joint], rate, command.tolist(), self._motor, self._line, ahead)
-            torques.append((torque if torque == torque else 0.0, friction))
-        return torques
+        commands: list[Any] = [port.Eval(context) for port in self._commands]
+        return self._joints.torques(
+            state[:JOINTS], state[JOINTS:], accelerations, last_torques, [command.tolist() for command in commands]
+        )

@@ -26,12 +26,29 @@ def shaft_gain(drive: DriveParameters, car: CarParameters) -> float:
     return (car.mass * car.tyre_radius**2 + drive.rotor_inertia) / drive.time_constant
 
 
-class Drive(LeafSystem):
-    """Torque on the differential's shaft: clip(k (w_target - w), +-limit).
+def shaft_torque(throttle: float, shaft_speed: float, drive: DriveParameters, gain: float, radius: float) -> float:
+    """Torque (N m) on the differential's shaft: clip(k (w_target - w), +-limit).
 
     The throttle sets the target through the line of section 6.2. With governor k is stiff, so the wheel speed is held
     through the turn; without, k is the slope of the motor's torque-speed line and the speed droops with load. At
     throttle 0 the drive is off and rolls freely. NaN counts as throttle 0; beyond +-1 is clipped.
+
+    Args:
+        throttle: -1..1.
+        shaft_speed: rad/s, positive forward.
+        drive: line, torque limit.
+        gain: k, N m s/rad, from `shaft_gain`.
+        radius: m, of the loaded rear tyres as they roll.
+    """
+    if throttle != throttle or throttle == 0.0:
+        return 0.0
+    target = steady_speed(min(max(throttle, -1.0), 1.0), drive) / radius
+    limit = drive.torque_limit
+    return min(max(gain * (target - shaft_speed), -limit), limit)
+
+
+class Drive(LeafSystem):
+    """The drive of `shaft_torque` as a Drake system.
 
     Input ports:
         throttle (1): -1..1.
@@ -59,10 +76,5 @@ class Drive(LeafSystem):
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
         command: Any = self._throttle.Eval(context)
         speed: Any = self._speed.Eval(context)
-        throttle = float(command[0])
-        limit = self._drive.torque_limit
-        torque = 0.0
-        if throttle == throttle and throttle != 0.0:
-            target = steady_speed(min(max(throttle, -1.0), 1.0), self._drive) / self._radius
-            torque = min(max(self._gain * (target - float(speed[0])), -limit), limit)
+        torque = shaft_torque(float(command[0]), float(speed[0]), self._drive, self._gain, self._radius)
         output.SetFromVector(np.array([torque]))

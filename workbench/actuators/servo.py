@@ -1,6 +1,7 @@
 """Steering servo and linkage (design section 6)."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,36 @@ def knuckle_angles(steering_angle: float, servo: ServoParameters, car: CarParame
     return ackermann(steering_angle, car.wheelbase, car.track)
 
 
+def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[float, float]:
+    """Bicycle steering angle, rad, and its rate, rad/s, at `time` s.
+
+    Args:
+        frame: begin s, angle at that time rad, angle rad that the servo moves to.
+        time: s.
+        rate: of the servo, rad/s.
+    """
+    begin, start, target = frame
+    travel = rate * (time - begin)
+    if abs(target - start) <= travel:
+        return target, 0.0
+    side = 1.0 if target > start else -1.0
+    return start + side * travel, side * rate
+
+
+def knuckle_motion(
+    angle: float, rate: float, servo: ServoParameters, car: CarParameters
+) -> tuple[float, float, float, float]:
+    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the bicycle."""
+    left, right = knuckle_angles(angle, servo, car)
+    if servo.linkage == "parallel":
+        return left, right, rate, rate
+    tangent = math.tan(angle)
+    half = 0.5 * car.track / car.wheelbase
+    turning = rate * (1.0 + tangent**2)
+    inner, outer = 1.0 - half * tangent, 1.0 + half * tangent
+    return left, right, turning / (inner**2 + tangent**2), turning / (outer**2 + tangent**2)
+
+
 class SteeringServo(LeafSystem):
     """Rate-limited servo that drives both front knuckles through a linkage (`knuckle_angles`).
 
@@ -39,6 +70,7 @@ class SteeringServo(LeafSystem):
     Input ports:
         steering_angle (1): commanded bicycle steering angle, rad, positive to the left.
     Output ports:
+        frame (3): what the servo does since its last frame, see `steering_motion`.
         knuckle_state (4): left and right knuckle angle rad, then their rates rad/s, as the linkage demands them.
 
     Args:
@@ -50,7 +82,7 @@ class SteeringServo(LeafSystem):
         super().__init__()
         self._servo, self._car = servo, car
         self._command = self.DeclareVectorInputPort("steering_angle", 1)
-        self._frame = DiscreteVector(self, [0.0, 0.0, 0.0])
+        self._frame = DiscreteVector(self, [0.0, 0.0, 0.0], output="frame")
         declare_ticks(self, servo.frame_rate, Stage.SERVO, self._read_frame)
         self.DeclareVectorOutputPort(
             "knuckle_state", 4, self._calc_knuckles, prerequisites_of_calc={self.time_ticket(), self._frame.ticket}
@@ -65,22 +97,8 @@ class SteeringServo(LeafSystem):
         self._frame.write(next_state, [time, angle, target])
 
     def _motion(self, context: Context, time: float) -> tuple[float, float]:
-        """Bicycle steering angle, rad, and its rate, rad/s, at `time` s."""
-        begin, start, target = self._frame.read(context).tolist()
-        travel = self._servo.rate * (time - begin)
-        if abs(target - start) <= travel:
-            return target, 0.0
-        side = 1.0 if target > start else -1.0
-        return start + side * travel, side * self._servo.rate
+        return steering_motion(self._frame.read(context).tolist(), time, self._servo.rate)
 
     def _calc_knuckles(self, context: Context, output: BasicVector) -> None:
         angle, rate = self._motion(context, context.get_time())
-        left, right = knuckle_angles(angle, self._servo, self._car)
-        if self._servo.linkage == "parallel":
-            output.SetFromVector(np.array([left, right, rate, rate]))
-            return
-        tangent = math.tan(angle)
-        half = 0.5 * self._car.track / self._car.wheelbase
-        turning = rate * (1.0 + tangent**2)
-        rates = [turning / (lever**2 + tangent**2) for lever in (1.0 - half * tangent, 1.0 + half * tangent)]
-        output.SetFromVector(np.array([left, right, *rates]))
+        output.SetFromVector(np.array(knuckle_motion(angle, rate, self._servo, self._car)))

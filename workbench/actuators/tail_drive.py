@@ -4,10 +4,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, System
 
-from aerodima.workbench.actuators.ak70 import TailMotors
+from aerodima.workbench.actuators.ak70 import TailJoints, TailMotors
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.plants.joint_friction import smooth_friction
-from aerodima.workbench.plants.tail import arm_inertia
 from aerodima.workbench.systems.connections import select
 
 
@@ -34,10 +32,7 @@ def add_tail_drive(
         plant.get_state_output_port(),
         angles + [plant.num_positions() + rate for rate in rates],
     )
-    inertia = arm_inertia(scenario.tail, scenario.tail_motor, scenario.car)
-    friction = scenario.friction
-    law = smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain)
-    motors = TailMotors(scenario.tail_motor, inertia, law, scenario.simulation.step)
+    motors = TailMotors(TailJoints.of_scenario(scenario))
     builder.AddNamedSystem("tail_torques", motors)
     builder.Connect(state, motors.GetInputPort("joint_state"))
     builder.Connect(motors.GetOutputPort("actuation"), plant.get_actuation_input_port(arm))

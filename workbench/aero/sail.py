@@ -173,6 +173,7 @@ class FreeSail:
         air: Air | None = None,
         wind: OutputPort | None = None,
         quasi_steady_limit: float | None = None,
+        applied: bool = True,
     ) -> tuple[System, System]:
         """Adds the air's force on shell and board, see `tail_force.add_to_builder`."""
         name = body if isinstance(body, str) else body.name()
@@ -185,6 +186,7 @@ class FreeSail:
             air=air,
             wind=wind,
             quasi_steady_limit=quasi_steady_limit,
+            applied=applied,
         )
         board = add_tail_force(
             builder,
@@ -195,5 +197,6 @@ class FreeSail:
             air=air,
             wind=wind,
             name=f"board_force_{name}",
+            applied=applied,
         )
         return shell, board

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -87,6 +88,38 @@ class SectionLayout:
     def p_BoTip_B(self) -> np.ndarray:
         """Tip of the sectioned length in the body frame (3), m."""
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
+
+    def motion(
+        self, X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any
+    ) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+        """What a `SectionLaw` asks of the motion of a line of sections on a body, for floats and for AutoDiffXd alike.
+
+        Args:
+            X_WB: pose of the body, three rows whose first three numbers are those of R_WB.
+            w_WB, v_WBo: angular velocity (3), rad/s, and velocity of the body origin (3), m/s, in W.
+            v_WA: velocity of the air in W (3), m/s; None in still air.
+
+        Returns:
+            Axis a and normal n in W; u, m/s, and k, 1/s, of the relative velocity u + s k at s from the root.
+        """
+        (r00, r01, r02, *_), (r10, r11, r12, *_), (r20, r21, r22, *_) = X_WB
+        w_x, w_y, w_z = w_WB
+        v_x, v_y, v_z = v_WBo
+        x, y, z = self.axis_B
+        a_x, a_y, a_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+        x, y, z = self.normal_B
+        n = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
+        x, y, z = self.p_BoRo_B
+        if x or y or z:
+            p_x, p_y, p_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+            v_x += w_y * p_z - w_z * p_y
+            v_y += w_z * p_x - w_x * p_z
+            v_z += w_x * p_y - w_y * p_x
+        k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
+        if v_WA is None:
+            return (a_x, a_y, a_z), n, (-v_x, -v_y, -v_z), k
+        air_x, air_y, air_z = v_WA
+        return (a_x, a_y, a_z), n, (air_x - v_x, air_y - v_y, air_z - v_z), k
 
     @classmethod
     def strip(

@@ -86,7 +86,6 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             self._quasi_steady_limit = quasi_steady_limit
             self._kinematics = plant.CreateDefaultContext()
             self._p_BoRo_B = layout.p_BoRo_B
-            self._a_B, self._n_B = layout.axis_B, layout.normal_B
             self._force = ExternallyAppliedSpatialForce_[T]()
             self._force.body_index = self._body
             self._force.p_BoBq_B = list(layout.p_BoRo_B)
@@ -134,22 +133,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
             X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
             w_x, w_y, w_z, v_x, v_y, v_z = plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
-            (r00, r01, r02, _), (r10, r11, r12, _), (r20, r21, r22, _) = X_WB
-            x, y, z = self._a_B
-            a_x, a_y, a_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-            x, y, z = self._n_B
-            n = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
-            x, y, z = self._p_BoRo_B
-            if x or y or z:
-                p_x, p_y, p_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-                v_x += w_y * p_z - w_z * p_y
-                v_y += w_z * p_x - w_x * p_z
-                v_z += w_x * p_y - w_y * p_x
-            k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
-            if self._wind.HasValue(context):
-                air_x, air_y, air_z = self._wind.Eval(context).tolist()
-                return X_WB, (a_x, a_y, a_z), n, (air_x - v_x, air_y - v_y, air_z - v_z), k
-            return X_WB, (a_x, a_y, a_z), n, (-v_x, -v_y, -v_z), k
+            wind = self._wind.Eval(context).tolist() if self._wind.HasValue(context) else None
+            return X_WB, *self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
         def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
             """Distances and areas of the sections; with a jet those of the exposed part, areas 0 without exposure."""
@@ -253,6 +238,7 @@ def add_tail_force(
     jet: Jet | None = None,
     quasi_steady_limit: float | None = None,
     name: str | None = None,
+    applied: bool = True,
 ) -> System:
     """Adds a `TailForce` for one body and wires it: the plant's state in, its force out, and the wind when given.
 
@@ -264,6 +250,7 @@ def add_tail_force(
         law: a `SectionLaw`, or a number for a constant C_N.
         wind: a port of v_WA (3), m/s; still air without it.
         name: of the system; `tail_force_<body>` by default.
+        applied: False leaves the plant alone: the system only reports.
 
     Raises:
         ModelError: the plant is not finalised or not in the builder, the body is not in the plant, or the jet meets the
@@ -279,7 +266,8 @@ def add_tail_force(
     builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
     if wind is not None:
         builder.Connect(wind, system.GetInputPort("wind_velocity"))
-    connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
+    if applied:
+        connect_spatial_forces(builder, plant, system.GetOutputPort("spatial_forces"))
     return system
 
 

@@ -66,12 +66,26 @@ class CarPlant:
         """Car and tail arm, without the added mass of the air."""
         return [self.car] if self.tail is None else [self.car, self.tail]
 
+    @property
+    def actuated_joints(self) -> list[str]:
+        """Joints of the car alone, in the order of its actuation."""
+        indices = self.plant.GetJointActuatorIndices(self.car)
+        return [self.plant.get_joint_actuator(index).joint().name() for index in indices]
 
-def add_car_plant(builder: DiagramBuilder, scenario: Scenario, wind_acceleration: OutputPort | None = None) -> CarPlant:
+
+def add_car_plant(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    wind_acceleration: OutputPort | None = None,
+    *,
+    sampled_outputs: bool = True,
+) -> CarPlant:
     """Adds the car of a scenario, standing at the origin and heading along x, to a diagram.
 
     Args:
         wind_acceleration: of the air in W (3), m/s2; it pushes the added mass. Steady wind without it.
+        sampled_outputs: whether accelerations and contact forces on the plant's ports are those of the last step; if
+            not, they are those of the step that begins, and a step need not keep them.
 
     Raises:
         ModelError: a model file is missing or does not load with these numbers, or `tail.added_mass` is too negative.
@@ -95,6 +109,7 @@ def add_car_plant(builder: DiagramBuilder, scenario: Scenario, wind_acceleration
         added = _added_mass(plant, scenario)
     plant.set_contact_model(ContactModel.kPoint)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
+    plant.SetUseSampledOutputPorts(sampled_outputs)
     plant.Finalize()
     result = CarPlant(plant, scene_graph, car, tail)
     _let_parts_pass_each_other(plant, scene_graph, result.instances)

@@ -8,7 +8,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
@@ -56,18 +56,30 @@ class GpsSpeed(SampledSensor):
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, settings: Any, *, plant: MultibodyPlant, body: RigidBody, seed: int
+        cls,
+        builder: DiagramBuilder,
+        settings: Any,
+        *,
+        plant: MultibodyPlant,
+        body: RigidBody,
+        seed: int,
+        motion: System | None = None,
     ) -> "GpsSpeed":
-        """Adds the receiver on a body of a plant and connects it."""
+        """Adds the receiver on a body of a plant and connects it.
+
+        `motion` gives the body's motion in the plant's place, see `ChassisMotion`.
+        """
         gps = cls(
             settings,
-            body_index=body.index(),
+            body_index=body.index() if motion is None else 0,
             seed=seed,
             step=plant.time_step() or None,
             discrete=plant.time_step() > 0.0,
         )
         builder.AddSystem(gps)
-        builder.Connect(plant.GetOutputPort("body_spatial_velocities"), gps.GetInputPort("body_spatial_velocities"))
+        builder.Connect(
+            (motion or plant).GetOutputPort("body_spatial_velocities"), gps.GetInputPort("body_spatial_velocities")
+        )
         return gps
 
     def measure(self, context: Context, index: int) -> np.ndarray:

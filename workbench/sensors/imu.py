@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.sensors.sampled import SampledSensor
@@ -157,11 +157,15 @@ class Imu(SampledSensor):
         body: RigidBody,
         p_BoImu_B: np.ndarray,
         seed: int,
+        motion: System | None = None,
     ) -> "Imu":
-        """Adds the IMU on a body of a plant and connects it; step and gravity are the plant's."""
+        """Adds the IMU on a body of a plant and connects it; step and gravity are the plant's.
+
+        `motion` gives the body's motion in the plant's place, see `ChassisMotion`.
+        """
         imu = cls(
             settings,
-            body_index=body.index(),
+            body_index=body.index() if motion is None else 0,
             p_BoImu_B=p_BoImu_B,
             seed=seed,
             step=plant.time_step() or None,
@@ -170,7 +174,7 @@ class Imu(SampledSensor):
         )
         builder.AddSystem(imu)
         for port in ("body_poses", "body_spatial_velocities", "body_spatial_accelerations"):
-            builder.Connect(plant.GetOutputPort(port), imu.GetInputPort(port))
+            builder.Connect((motion or plant).GetOutputPort(port), imu.GetInputPort(port))
         return imu
 
     def measure(self, context: Context, index: int) -> np.ndarray:

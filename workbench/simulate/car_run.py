@@ -21,7 +21,7 @@ from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metada
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.live_view import LiveView
-from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
+from aerodima.workbench.stations.car_station import InterfaceFactory, Systems, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.event_order import Stage
 
@@ -43,13 +43,14 @@ def assemble(
     interface: InterfaceFactory | None = None,
     meshcat: Meshcat | None = None,
     tail_law: TailLaw | None = None,
+    systems: Systems = "separate",
 ) -> CarDiagram:
     """Connects station, driver, controller and estimator; the controllers stand outside the station.
 
-    The tail follows `tail_law`, or by default the law that the scenario names.
+    The tail follows `tail_law`, or by default the law that the scenario names. For `systems` see `make_car_station`.
     """
     builder = DiagramBuilder()
-    station = make_car_station(scenario, interface, meshcat)
+    station = make_car_station(scenario, interface, meshcat, systems)
     builder.AddSystem(station)
     driver = TurnDriver.add_to_builder(builder, make_schedule(scenario), scenario.controller.rate, station=station)
     controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=tail_law)

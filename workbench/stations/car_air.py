@@ -106,6 +106,15 @@ def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
     )
 
 
+def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
+    """Lines of sections of the sail with the law of each, all in the frame of the body `tail_sail`."""
+    law, _ = sail_law(tail)
+    if tail.sail != "free":
+        return [(sail_layout(tail), law)]
+    sail = free_sail(tail, law)
+    return [(sail.shell_layout, sail.shell_law), (sail.board_layout, NormalForceLaw(sail.side_coefficient))]
+
+
 @dataclass(frozen=True)
 class SailForce:
     """The air on the car's sail, wired to the plant.
@@ -120,18 +129,23 @@ class SailForce:
 
 
 def add_sail_force(
-    builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: System | None
+    builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: System | None, *, applied: bool = True
 ) -> SailForce:
-    """Adds the force of the air on the car's sail and wires it to the plant, and to the wind where there is one."""
+    """Adds the force of the air on the car's sail and wires it to the plant, and to the wind where there is one.
+
+    With `applied` False it only reports: another system pushes the plant.
+    """
     law, limit = sail_law(scenario.tail)
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
     port = None if wind is None else wind.GetOutputPort("wind_velocity")
     if scenario.tail.sail != "free":
         layout = sail_layout(scenario.tail)
-        system = add_tail_force(builder, plant, "tail_sail", layout, law, air=air, wind=port, quasi_steady_limit=limit)
+        system = add_tail_force(
+            builder, plant, "tail_sail", layout, law, air=air, wind=port, quasi_steady_limit=limit, applied=applied
+        )
         return SailForce(system, system.GetOutputPort("wrench"))
     shell, board = free_sail(scenario.tail, law).add_to_builder(
-        builder, plant, "tail_sail", air=air, wind=port, quasi_steady_limit=limit
+        builder, plant, "tail_sail", air=air, wind=port, quasi_steady_limit=limit, applied=applied
     )
     both = stacked(builder, "sail_wrenches", [part.GetOutputPort("wrench") for part in (shell, board)])
     # Forces and moments add; the origin of the body, about which both moments are, does not.

@@ -6,12 +6,11 @@ is. The simulated station adds ground-truth ports, whose names end in `_truth`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import MatrixGain
 
@@ -26,6 +25,7 @@ from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEnc
 from aerodima.workbench.sensors.gps import GpsSpeed
 from aerodima.workbench.sensors.imu import Imu
 from aerodima.workbench.stations.car_air import SailForce, add_sail_force, add_wind_source
+from aerodima.workbench.stations.fused_step import MOTION_SIZE, MOTOR_TORQUES, add_chassis_motion, add_fused_step
 from aerodima.workbench.stations.ground_truth import CarTruth
 from aerodima.workbench.systems.connections import (
     add_status,
@@ -42,12 +42,17 @@ NOT_FITTED = 1.0
 
 _TAIL_COMMANDS = ("tail_pitch_command", "tail_roll_command")
 
+Systems = Literal["separate", "fused"]
+
 InterfaceFactory = Callable[[Scenario], System]
 """Makes the system that talks to the real car, with exactly the ports of `STATION_INPUTS` and `STATION_OUTPUTS`."""
 
 
 def make_car_station(
-    scenario: Scenario, interface: InterfaceFactory | None = None, meshcat: Meshcat | None = None
+    scenario: Scenario,
+    interface: InterfaceFactory | None = None,
+    meshcat: Meshcat | None = None,
+    systems: Systems = "separate",
 ) -> Diagram:
     """The station of a scenario as a diagram.
 
@@ -55,6 +60,8 @@ def make_car_station(
         scenario: what to simulate, or what to drive.
         interface: None simulates; a factory (from `hardware`) talks to the car.
         meshcat: shows the simulated car live.
+        systems: `separate` has one system per actuator and for the air, and every ground truth; `fused` drives the
+            plant by a `FusedStep`, for half the time per step, and has the truth of motion and tail torque only.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
@@ -62,7 +69,7 @@ def make_car_station(
     """
     builder = DiagramBuilder()
     if interface is None:
-        _simulate(builder, scenario, meshcat)
+        _simulate(builder, scenario, meshcat, systems)
     else:
         export_interface(builder, interface(scenario), STATION_INPUTS, STATION_OUTPUTS)
     station = builder.Build()
@@ -79,26 +86,36 @@ class _TailPorts:
     motor_age: OutputPort
     sail_age: OutputPort
     fault: float = 0.0
-    force: SailForce | None = None
 
 
-def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None) -> None:
+def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None, systems: Systems) -> None:
     wind = add_wind_source(builder, scenario)
     gusts = wind is not None and scenario.wind.gust_amplitude > 0.0
-    car = add_car_plant(builder, scenario, wind.GetOutputPort("wind_acceleration") if wind and gusts else None)
-    plant, chassis = car.plant, car.plant.GetBodyByName("chassis")
-    drive = _add_drive(builder, scenario, car)
-    _add_steering(builder, scenario, car)
-    tail = _stand_in_for_tail(builder) if car.tail is None else _add_tail(builder, scenario, plant, car.tail, wind)
+    car = add_car_plant(
+        builder,
+        scenario,
+        wind.GetOutputPort("wind_acceleration") if wind and gusts else None,
+        sampled_outputs=systems == "separate",
+    )
+    servo = builder.AddNamedSystem("steering_servo", SteeringServo(scenario.servo, scenario.car))
+    builder.ExportInput(servo.GetInputPort("steering_angle"), "steering_angle")
+    drive_plant = _drive_separately if systems == "separate" else _drive_at_once
+    driven = drive_plant(builder, scenario, car, servo, wind)
+    tail = _stand_in_for_tail(builder) if car.tail is None else _add_tail(builder, scenario, car.plant, driven)
+    chassis = car.plant.GetBodyByName("chassis")
+    p_BoImu_B, seed = np.array([scenario.imu.x, 0.0, scenario.imu.z]), scenario.seed
     imu = Imu.add_to_builder(
         builder,
         scenario.imu,
-        plant=plant,
+        plant=car.plant,
         body=chassis,
-        p_BoImu_B=np.array([scenario.imu.x, 0.0, scenario.imu.z]),
-        seed=scenario.seed,
+        p_BoImu_B=p_BoImu_B,
+        seed=seed,
+        motion=driven.chassis_motion,
     )
-    gps = GpsSpeed.add_to_builder(builder, scenario.gps, plant=plant, body=chassis, seed=scenario.seed)
+    gps = GpsSpeed.add_to_builder(
+        builder, scenario.gps, plant=car.plant, body=chassis, seed=seed, motion=driven.chassis_motion
+    )
     tail_fault = constant(builder, "tail_fault", [tail.fault])
     ages = {"tail_pitch_age": tail.motor_age, "tail_roll_age": tail.motor_age, "sail_age": tail.sail_age}
     ages |= {"imu_age": imu.GetOutputPort("age"), "speed_age": gps.GetOutputPort("age")}
@@ -111,13 +128,70 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
             "imu": imu.GetOutputPort("imu"),
             "speed": gps.GetOutputPort("speed"),
             "status": add_status(builder, STATUS, ages | faults),
-            **_add_truth(builder, scenario, car, drive, tail),
+            "plant_state_truth": car.plant.get_state_output_port(),
+            **driven.truth,
+            **({} if driven.drive is None else _add_truth(builder, scenario, car, driven)),
         },
     )
     if wind is not None:
         builder.ExportOutput(wind.GetOutputPort("wind_velocity"), "wind_truth")
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, car.scene_graph, meshcat)
+
+
+@dataclass
+class _Driven:
+    """How the plant is driven.
+
+    Attributes:
+        truth: ports to export.
+        drive: the separate drive; None where a `FusedStep` drives the plant.
+        torque: of the tail motors (2), N m; None without a tail.
+        force: of the air on the tail; None without a tail.
+        chassis_motion: what the sensors read instead of the plant; None where they read the plant.
+    """
+
+    truth: dict[str, OutputPort]
+    drive: System | None = None
+    torque: OutputPort | None = None
+    force: SailForce | None = None
+    chassis_motion: System | None = None
+
+
+def _drive_separately(
+    builder: DiagramBuilder, scenario: Scenario, car: CarPlant, servo: System, wind: System | None
+) -> _Driven:
+    """One system for the drive, one for the linkage, one for the tail motors, one or two for the air."""
+    _connect_steering(builder, car, servo)
+    driven = _Driven({}, _add_drive(builder, scenario, car))
+    if car.tail is not None:
+        motors = add_tail_drive(builder, car.plant, car.tail, scenario)
+        for name in _TAIL_COMMANDS:
+            builder.ExportInput(motors.GetInputPort(name), name)
+        driven.torque, driven.force = motors.GetOutputPort("torque"), add_sail_force(builder, car.plant, scenario, wind)
+        driven.truth["tail_actuation_truth"] = motors.GetOutputPort("actuation")
+    return driven
+
+
+def _drive_at_once(
+    builder: DiagramBuilder, scenario: Scenario, car: CarPlant, servo: System, wind: System | None
+) -> _Driven:
+    """One system for all; what only reports of the air (where the sail faces, its sections) costs nothing unread."""
+    port = None if wind is None else wind.GetOutputPort("wind_velocity")
+    fused = add_fused_step(builder, scenario, car, servo.GetOutputPort("frame"), port)
+    builder.ExportInput(fused.step.GetInputPort("throttle"), "throttle")
+    motion = add_chassis_motion(builder, fused, scenario.simulation.step)
+    driven = _Driven({}, chassis_motion=motion)
+    if car.tail is not None:
+        for name in _TAIL_COMMANDS:
+            builder.ExportInput(fused.step.GetInputPort(name), name)
+        motors = [MOTOR_TORQUES, MOTOR_TORQUES + 1]
+        driven.torque = select(builder, "tail_torque", fused.step.get_output_port(), motors)
+        driven.truth["last_tail_torque_truth"] = select(
+            builder, "last_tail_torque", fused.last, [1 + MOTION_SIZE + index for index in motors]
+        )
+        driven.force = add_sail_force(builder, car.plant, scenario, wind, applied=False)
+    return driven
 
 
 def _add_drive(builder: DiagramBuilder, scenario: Scenario, car: CarPlant) -> System:
@@ -128,40 +202,28 @@ def _add_drive(builder: DiagramBuilder, scenario: Scenario, car: CarPlant) -> Sy
     rate = plant.num_positions() + shaft.velocity_start()
     speed = select(builder, "shaft_speed", plant.get_state_output_port(), [rate])
     builder.Connect(speed, drive.GetInputPort("shaft_speed"))
-    actuators = _actuated_joints(car)
-    place = np.zeros((len(actuators), 1))
-    place[actuators.index(shaft.name()), 0] = 1.0
+    place = np.zeros((len(car.actuated_joints), 1))
+    place[car.actuated_joints.index(shaft.name()), 0] = 1.0
     torques = transformed(builder, "car_actuation", drive.get_output_port(), place)
     builder.Connect(torques, plant.get_actuation_input_port(car.car))
     builder.ExportInput(drive.GetInputPort("throttle"), "throttle")
     return drive
 
 
-def _add_steering(builder: DiagramBuilder, scenario: Scenario, car: CarPlant) -> None:
-    servo = builder.AddNamedSystem("steering_servo", SteeringServo(scenario.servo, scenario.car))
-    actuators = _actuated_joints(car)
+def _connect_steering(builder: DiagramBuilder, car: CarPlant, servo: System) -> None:
+    actuators = car.actuated_joints
     count = len(actuators)
     place = np.zeros((2 * count, 4))
     for side, name in enumerate(("front_left_steering", "front_right_steering")):
         place[actuators.index(name), side] = 1.0
         place[count + actuators.index(name), 2 + side] = 1.0
-    desired = transformed(builder, "desired_steering", servo.get_output_port(), place)
+    desired = transformed(builder, "desired_steering", servo.GetOutputPort("knuckle_state"), place)
     builder.Connect(desired, car.plant.get_desired_state_input_port(car.car))
-    builder.ExportInput(servo.GetInputPort("steering_angle"), "steering_angle")
 
 
-def _actuated_joints(car: CarPlant) -> list[str]:
-    indices = car.plant.GetJointActuatorIndices(car.car)
-    return [car.plant.get_joint_actuator(index).joint().name() for index in indices]
-
-
-def _add_tail(
-    builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, arm: ModelInstanceIndex, wind: System | None
-) -> _TailPorts:
-    motors = add_tail_drive(builder, plant, arm, scenario)
-    for name in _TAIL_COMMANDS:
-        builder.ExportInput(motors.GetInputPort(name), name)
-    force = add_sail_force(builder, plant, scenario, wind)
+def _add_tail(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, driven: _Driven) -> _TailPorts:
+    assert driven.torque is not None
+    assert driven.force is not None
     encoders = MotorEncoder.add_to_builder(
         builder,
         scenario.controller.rate,
@@ -175,11 +237,10 @@ def _add_tail(
         angle = rate = constant(builder, "sail_locked", [0.0])
         sail_age = age
     else:
-        encoder = _add_sail_encoder(builder, scenario, plant, force)
+        encoder = _add_sail_encoder(builder, scenario, plant, driven.force)
         angle, rate, sail_age = (encoder.GetOutputPort(name) for name in ("angle", "rate", "age"))
     parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
-    state = stacked(builder, "tail_state", parts)
-    return _TailPorts(state, motors.GetOutputPort("torque"), age, sail_age, force=force)
+    return _TailPorts(stacked(builder, "tail_state", parts), driven.torque, age, sail_age)
 
 
 def _add_sail_encoder(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, force: SailForce) -> System:
@@ -202,28 +263,24 @@ def _stand_in_for_tail(builder: DiagramBuilder) -> _TailPorts:
     return _TailPorts(state, constant(builder, "no_tail_torque", np.zeros(2)), age, age, NOT_FITTED)
 
 
-def _add_truth(
-    builder: DiagramBuilder, scenario: Scenario, car: CarPlant, drive: System, tail: _TailPorts
-) -> dict[str, OutputPort]:
-    """Adds the ground truth; the ports to export."""
+def _add_truth(builder: DiagramBuilder, scenario: Scenario, car: CarPlant, driven: _Driven) -> dict[str, OutputPort]:
+    """Adds the ground truth of a plant that is driven separately; the ports to export."""
+    assert driven.drive is not None
     plant = car.plant
     truth = builder.AddNamedSystem("truth", CarTruth(car, scenario))
     builder.Connect(plant.get_state_output_port(), truth.GetInputPort("plant_state"))
     for name in ("body_spatial_accelerations", "contact_results"):
         builder.Connect(plant.GetOutputPort(name), truth.GetInputPort(name))
-    builder.Connect(drive.get_output_port(), truth.GetInputPort("drive_torque"))
+    builder.Connect(driven.drive.get_output_port(), truth.GetInputPort("drive_torque"))
     ports = {
-        "plant_state_truth": plant.get_state_output_port(),
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
         "contact_results_truth": plant.get_contact_results_output_port(),
     }
     names = ["body_truth", "contact_truth"]
-    if tail.force is not None:
-        builder.Connect(tail.torque, truth.GetInputPort("tail_torque"))
-        builder.Connect(tail.force.wrench, truth.GetInputPort("tail_wrench"))
-        ports |= {f"tail_{name}_truth": tail.force.system.GetOutputPort(name) for name in ("sections", "validity")}
-        actuation = builder.GetSubsystemByName("tail_torques").GetOutputPort("actuation")
-        ports["tail_actuation_truth"] = actuation
+    if driven.force is not None and driven.torque is not None:
+        builder.Connect(driven.torque, truth.GetInputPort("tail_torque"))
+        builder.Connect(driven.force.wrench, truth.GetInputPort("tail_wrench"))
+        ports |= {f"tail_{name}_truth": driven.force.system.GetOutputPort(name) for name in ("sections", "validity")}
         names.append("tail_truth")
     return ports | {name: truth.GetOutputPort(name) for name in names}
 

@@ -31,21 +31,25 @@ def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], 
     return decorator
 
 
-def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float) -> None:
-    """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
+def declare_abstract_output(
+    system: Any, name: str, make: Callable[[], Any], calc: Callable[[Any, Any], None], inputs: set[Any]
+) -> None:
+    """Declares an abstract output port.
 
     Drake 1.58 keeps the function of an abstract port for ever, unlike that of a vector port: a bound method would make
     its system, and with it the whole diagram, immortal. So the port holds it weakly; it lives as long as its system.
 
     Args:
         system: whose method `calc` is.
-        inputs: tickets of the ports that the forces depend on.
-        T: scalar type of the system.
+        name: of the port.
+        make: gives a new value of its type.
+        calc: called with a context and the value to be set.
+        inputs: tickets of what the value depends on.
     """
     method: Any = weakref.WeakMethod(calc)
-    system.DeclareAbstractOutputPort(
-        "spatial_forces",
-        lambda: Value[list[ExternallyAppliedSpatialForce_[T]]](),
-        lambda context, output: method()(context, output),
-        inputs,
-    )
+    system.DeclareAbstractOutputPort(name, make, lambda context, output: method()(context, output), inputs)
+
+
+def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float) -> None:
+    """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce], of scalar type T."""
+    declare_abstract_output(system, "spatial_forces", Value[list[ExternallyAppliedSpatialForce_[T]]], calc, inputs)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.ak70 import StepAhead, TailMotors, mit_torque, torque_speed_limits
+from aerodima.workbench.actuators.ak70 import StepAhead, TailJoints, TailMotors, mit_torque, torque_speed_limits
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.tail import ArmInertia
@@ -89,7 +89,7 @@ def no_friction(rate):
 
 
 def motors_output(commands, state, past=(0.0, 0.0), torques=(0.0, 0.0), friction=no_friction, step=0.0, port="torque"):
-    system = TailMotors(MOTOR, ArmInertia(0.08, 0.08, 0.0003), friction, step)
+    system = TailMotors(TailJoints(MOTOR, ArmInertia(0.08, 0.08, 0.0003), friction, step))
     context = system.CreateDefaultContext()
     values = {
         "joint_state": state,

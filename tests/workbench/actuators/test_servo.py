@@ -30,7 +30,7 @@ class ServoRun:
     def command(self, angle, until):
         self.servo.get_input_port().FixValue(self.context, [angle])
         self.simulator.AdvanceTo(until)
-        return self.servo.get_output_port().Eval(self.context)
+        return self.servo.GetOutputPort("knuckle_state").Eval(self.context)
 
 
 def test_thirty_degrees_take_0_14_seconds():
@@ -58,9 +58,11 @@ def test_command_is_read_once_per_frame():
     run.command(0.0, 0.003)
     run.servo.get_input_port().FixValue(run.context, [LIMIT])
     run.simulator.AdvanceTo(0.0099)
-    assert bicycle_angle(run.servo.get_output_port().Eval(run.context)) == 0.0
+    assert bicycle_angle(run.servo.GetOutputPort("knuckle_state").Eval(run.context)) == 0.0
     run.simulator.AdvanceTo(0.01 + 5 * STEP)
-    assert bicycle_angle(run.servo.get_output_port().Eval(run.context)) == pytest.approx(5 * STEP * SERVO.rate)
+    assert bicycle_angle(run.servo.GetOutputPort("knuckle_state").Eval(run.context)) == pytest.approx(
+        5 * STEP * SERVO.rate
+    )
 
 
 def test_nan_holds_the_last_angle():

@@ -1,0 +1,231 @@
+"""What drives the plant in one step, that is drive, servo, tail motors and air, in one calculation.
+
+Between two steps of the plant the separate systems of a station (`Drive`, `SteeringServo`, `TailMotors`, `TailForce`)
+are four calls from C++ into Python, each with its own ports to read. Here one system calls the same laws, with the
+motion of the sail in closed form. The separate systems are the readable reference: a test holds both together.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.primitives import ZeroOrderHold
+
+from aerodima.workbench.actuators.ak70 import TailJoints
+from aerodima.workbench.actuators.drive import shaft_gain, shaft_torque
+from aerodima.workbench.actuators.servo import knuckle_motion, steering_motion
+from aerodima.workbench.aero.laws import cross, dot
+from aerodima.workbench.aero.sail_motion import SailMotion, generalised_force, sail_motion
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import TAIL_COMMAND
+from aerodima.workbench.plants.car import CarPlant
+from aerodima.workbench.plants.car_model import axle_statics
+from aerodima.workbench.sensors.chassis_motion import ChassisMotion
+from aerodima.workbench.stations.car_air import sail_strips
+from aerodima.workbench.systems.connections import constant, select, stacked, transformed
+
+TAIL_JOINTS = ("tail_pitch", "tail_roll", "tail_sail_turn")
+
+CHASSIS = slice(0, 13)
+QUATERNION, VELOCITY, ANGLES, RATES, SHAFT = slice(0, 4), slice(7, 13), slice(13, 16), slice(16, 19), 19
+MOTION_SIZE = 20
+"""What the laws take of the plant's state: quaternion, position, angular velocity and velocity of the chassis in W,
+angles and rates of the tail's joints (0 where there are none), rate of the drive's shaft."""
+
+SHAFT_TORQUE, KNUCKLES, JOINT_TORQUES, AIR_ON_CHASSIS, AIR_ON_JOINTS = 0, slice(1, 5), slice(5, 7), slice(7, 13), 13
+MOTOR_TORQUES, DRIVES_SIZE = 16, 18
+"""What drives the plant: torque on the shaft, N m; angles, rad, then rates, rad/s, of left and right knuckle; torques
+on pitch and roll joint, N m; of the air, its moment on the chassis about its origin, N m, its force, N, in W, and its
+torques on pitch, roll and sail joint, N m; torques of the tail motors alone, N m, which those on the joints include.
+Without a tail all behind the knuckles is 0."""
+
+
+class FusedStep(LeafSystem):
+    """What drives the plant, from the commands and its state.
+
+    Input ports:
+        throttle (1): -1..1.
+        frame (3): of the `SteeringServo`.
+        motion (20): see `MOTION_SIZE`.
+        tail_pitch_command (5), tail_roll_command (5): with a tail, as for `TailMotors`.
+        wind_velocity (3): with a tail, v_WA in W, m/s; still air when not connected.
+        last (39): with a tail, 1 once the plant has stepped and 0 before, then motion and drives at its last step.
+    Output ports:
+        drives (18): see `DRIVES_SIZE`.
+
+    Args:
+        scenario: of the car.
+        p_BoSo_B: where the tail's joint axes cross, in the chassis frame (3), m; None without a tail.
+    """
+
+    def __init__(self, scenario: Scenario, p_BoSo_B: np.ndarray | None) -> None:
+        super().__init__()
+        self.set_name("fused_step")
+        self._scenario = scenario
+        self._gain = shaft_gain(scenario.drive, scenario.car)
+        self._radius = axle_statics(scenario.car, scenario.environment.gravity, "rear").wheel_height
+        self._throttle = self.DeclareVectorInputPort("throttle", 1)
+        self._frame = self.DeclareVectorInputPort("frame", 3)
+        self._motion = self.DeclareVectorInputPort("motion", MOTION_SIZE)
+        self._has_tail = p_BoSo_B is not None
+        if p_BoSo_B is not None:
+            self._p_BoSo_B, self._step = p_BoSo_B.tolist(), scenario.simulation.step
+            self._joints = TailJoints.of_scenario(scenario)
+            self._strips, self._density = sail_strips(scenario.tail), scenario.environment.air_density
+            self._commands = [
+                self.DeclareVectorInputPort(f"tail_{joint}_command", TAIL_COMMAND.size) for joint in ("pitch", "roll")
+            ]
+            self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
+            self._last = self.DeclareVectorInputPort("last", 1 + MOTION_SIZE + DRIVES_SIZE)
+        tickets = {self.time_ticket(), self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("drives", DRIVES_SIZE, self._calc, prerequisites_of_calc=tickets)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        motion: Any = self._motion.Eval(context)
+        motion = motion.tolist()
+        drives = self._car_drives(context, motion[SHAFT])
+        drives += self._tail_drives(context, motion) if self._has_tail else [0.0] * (DRIVES_SIZE - len(drives))
+        output.SetFromVector(np.array(drives))
+
+    def _car_drives(self, context: Context, shaft_speed: float) -> list[float]:
+        """Torque on the shaft, N m; angles, rad, and rates, rad/s, of the knuckles."""
+        scenario = self._scenario
+        throttle: Any = self._throttle.Eval(context)
+        frame: Any = self._frame.Eval(context)
+        torque = shaft_torque(float(throttle[0]), shaft_speed, scenario.drive, self._gain, self._radius)
+        angle, rate = steering_motion(frame.tolist(), context.get_time(), scenario.servo.rate)
+        return [torque, *knuckle_motion(angle, rate, scenario.servo, scenario.car)]
+
+    def _tail_drives(self, context: Context, motion: list[float]) -> list[float]:
+        """Torques on the joints, N m; the air's force on the coordinates of chassis and joints, N m and N."""
+        last: Any = self._last.Eval(context)
+        commands: list[Any] = [port.Eval(context) for port in self._commands]
+        wind: Any = self._wind.Eval(context) if self._wind.HasValue(context) else None
+        angles, rates = motion[ANGLES], motion[RATES]
+        stepped, *before = last.tolist()
+        accelerations = [stepped * (now - then) / self._step for now, then in zip(rates, before[RATES], strict=True)]
+        last_torques = before[MOTION_SIZE:][JOINT_TORQUES]
+        torques = self._joints.torques(
+            angles, rates, accelerations, last_torques, [command.tolist() for command in commands]
+        )
+        sail = sail_motion(motion[QUATERNION], motion[VELOCITY], angles, rates, self._p_BoSo_B)
+        force = self._air_force(sail, None if wind is None else wind.tolist())
+        return [motor + friction for motor, friction in torques] + force + [motor for motor, _ in torques]
+
+    def _air_force(self, sail: SailMotion, wind: list[float] | None) -> list[float]:
+        """Of all strips of the sail together, see `generalised_force`."""
+        force, moment = [0.0] * 3, [0.0] * 3
+        for layout, law in self._strips:
+            a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
+            wrench = law.line_force(u, k, a, n, layout.distances, layout.areas, self._density)
+            about_origin = list(wrench[3:])
+            if any(layout.p_BoRo_B):
+                arm = [dot(row, layout.p_BoRo_B) for row in sail.R_WS]
+                about_origin = [m + shift for m, shift in zip(about_origin, cross(arm, wrench), strict=True)]
+            force = [one + other for one, other in zip(force, wrench[:3], strict=True)]
+            moment = [one + other for one, other in zip(moment, about_origin, strict=True)]
+        return generalised_force(sail, force, moment)
+
+
+class FusedPorts(NamedTuple):
+    """A `FusedStep` as it is wired.
+
+    Attributes:
+        step: the system; its inputs `throttle`, `tail_pitch_command` and `tail_roll_command` are left to the caller.
+        motion, last: ports that feed its inputs of that name.
+    """
+
+    step: FusedStep
+    motion: OutputPort
+    last: OutputPort
+
+
+def add_fused_step(
+    builder: DiagramBuilder, scenario: Scenario, car: CarPlant, frame: OutputPort, wind: OutputPort | None
+) -> FusedPorts:
+    """Adds a `FusedStep` and wires it to the plant.
+
+    Args:
+        builder: that owns the plant.
+        frame: port of the `SteeringServo`.
+        wind: v_WA in W (3), m/s; still air without it.
+    """
+    plant, p_BoSo_B = car.plant, None
+    if car.tail is not None:
+        chassis, sail = (plant.GetFrameByName(name) for name in ("chassis", "tail_sail"))
+        p_BoSo_B = plant.CalcRelativeTransform(plant.CreateDefaultContext(), chassis, sail).translation()
+    step = FusedStep(scenario, p_BoSo_B)
+    builder.AddSystem(step)
+    drives = step.get_output_port()
+    motion = transformed(builder, "motion", plant.get_state_output_port(), _motion_of_state(plant))
+    this_step = stacked(builder, "this_step", [constant(builder, "has_stepped", [1.0]), motion, drives])
+    last = builder.AddNamedSystem("last_step", ZeroOrderHold(scenario.simulation.step, this_step.size()))
+    builder.Connect(this_step, last.get_input_port())
+    sources = {"frame": frame, "motion": motion}
+    if car.tail is not None:
+        sources |= {"last": last.get_output_port()} | ({} if wind is None else {"wind_velocity": wind})
+    for name, port in sources.items():
+        builder.Connect(port, step.GetInputPort(name))
+    for name, driven, place in _driven_ports(car):
+        builder.Connect(transformed(builder, name, drives, place), driven)
+    return FusedPorts(step, motion, last.get_output_port())
+
+
+def add_chassis_motion(builder: DiagramBuilder, ports: FusedPorts, step: float) -> ChassisMotion:
+    """Adds the motion of the chassis, for its sensors."""
+    system = ChassisMotion(step)
+    builder.AddSystem(system)
+    for name, port, numbers in (
+        ("chassis", ports.motion, range(*CHASSIS.indices(MOTION_SIZE))),
+        ("before", ports.last, [1 + index for index in range(*VELOCITY.indices(MOTION_SIZE))]),
+        ("stepped", ports.last, [0]),
+    ):
+        builder.Connect(select(builder, f"{name}_of_chassis", port, numbers), system.GetInputPort(name))
+    return system
+
+
+def _motion_of_state(plant: MultibodyPlant) -> np.ndarray:
+    """Matrix (20, n) from the plant's state to `motion`."""
+    chassis, nq = plant.GetBodyByName("chassis"), plant.num_positions()
+    q, v = chassis.floating_positions_start(), nq + chassis.floating_velocities_start_in_v()
+    place = np.zeros((MOTION_SIZE, plant.num_multibody_states()))
+    place[range(13), [*range(q, q + 7), *range(v, v + 6)]] = 1.0
+    for index, joint in enumerate(_tail_joints(plant)):
+        place[ANGLES.start + index, joint.position_start()] = 1.0
+        place[RATES.start + index, nq + joint.velocity_start()] = 1.0
+    place[SHAFT, nq + plant.GetJointByName("drive_shaft_spin").velocity_start()] = 1.0
+    return place
+
+
+def _tail_joints(plant: MultibodyPlant) -> list[Joint]:
+    """Pitch, roll and, of a free sail, its own joint; none without a tail."""
+    joints = [plant.GetJointByName(name) for name in TAIL_JOINTS if plant.HasJointNamed(name)]
+    return [joint for joint in joints if joint.num_velocities() > 0]
+
+
+def _driven_ports(car: CarPlant) -> list[tuple[str, InputPort, np.ndarray]]:
+    """Input ports of the plant, each with a name and the matrix from the drives to it."""
+    plant, names = car.plant, car.actuated_joints
+    count, steered = len(names), [names.index(f"front_{side}_steering") for side in ("left", "right")]
+    torque, knuckles = np.zeros((count, DRIVES_SIZE)), np.zeros((2 * count, DRIVES_SIZE))
+    torque[names.index("drive_shaft_spin"), SHAFT_TORQUE] = 1.0
+    knuckles[[*steered, *(count + index for index in steered)], range(KNUCKLES.start, KNUCKLES.stop)] = 1.0
+    ports = [
+        ("car_actuation", plant.get_actuation_input_port(car.car), torque),
+        ("desired_steering", plant.get_desired_state_input_port(car.car), knuckles),
+    ]
+    if car.tail is None:
+        return ports
+    joints, air = np.zeros((2, DRIVES_SIZE)), np.zeros((plant.num_velocities(), DRIVES_SIZE))
+    joints[range(2), range(JOINT_TORQUES.start, JOINT_TORQUES.stop)] = 1.0
+    v = plant.GetBodyByName("chassis").floating_velocities_start_in_v()
+    air[range(v, v + 6), range(AIR_ON_CHASSIS.start, AIR_ON_CHASSIS.stop)] = 1.0
+    for index, joint in enumerate(_tail_joints(plant)):
+        air[joint.velocity_start(), AIR_ON_JOINTS + index] = 1.0
+    return [
+        *ports,
+        ("tail_actuation", plant.get_actuation_input_port(car.tail), joints),
+        ("air_force", plant.get_applied_generalized_force_input_port(), air),
+    ]
