@@ -17,15 +17,18 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import TypeAdapter
 
-from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
+from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.workbench.batch import WORKER_RECORD, run_batch
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import ProgressBar, RowStore, read_lines, saying_how_to_go_on
 from aerodima.workbench.errors import FitError, UserError
 from aerodima.workbench.logs.schema import decode_metadata, software_versions
 
+POOLED = "all"
 JOURNAL = "fits.jsonl"
+_RESULT = TypeAdapter(FitResult)
 WORKER_KILLED = "its worker process was killed, beside other fits and alone (out of memory?)"
 
 
@@ -89,10 +92,10 @@ def fit_logs(
             progress.one_more(Path(line["log"]).name)
 
         with saying_how_to_go_on(say, lambda: f"{progress.done} of {len(names)} fits"):
-            run_batch(partial(_one, work), missing, workers, keep, _lost, progress=say, record=out / WORKER_RECORD)
+            run_batch(partial(_one, work), missing, workers, keep, _failed, progress=say, record=out / WORKER_RECORD)
     lines = [done[name] for name in names]
     return BatchResult(
-        [_result(line["result"]) for line in lines if line["result"] is not None],
+        [_RESULT.validate_python(line["result"]) for line in lines if line["result"] is not None],
         {line["log"]: line["error"] for line in lines if line["error"]},
         reused,
     )
@@ -101,7 +104,9 @@ def fit_logs(
 def fitted_logs(out: Path) -> list[tuple[str, FitResult]]:
     """Log and result of every fit that a batch finished in a folder; FitError when there is none."""
     lines = read_lines(out / JOURNAL)
-    found = [(line["log"], _result(line["result"])) for line in lines[1:] if line.get("result") is not None]
+    found = [
+        (line["log"], _RESULT.validate_python(line["result"])) for line in lines[1:] if line.get("result") is not None
+    ]
     if not found:
         raise FitError(f"{out}: holds no finished fits (no {JOURNAL})")
     return list(dict(found).items())
@@ -112,15 +117,13 @@ def _one(work: Fit, name: str) -> dict[str, Any]:
     try:
         return {"log": name, "result": asdict(work(name)), "error": ""}
     except (UserError, OSError) as error:
-        reason = str(error).removeprefix(f"{name}: ")
-        return {"log": name, "result": None, "error": reason}
+        return _failed(name, str(error).removeprefix(f"{name}: "))
     except Exception as error:  # whatever one log brings up must not cost the others
-        return {"log": name, "result": None, "error": f"{type(error).__name__} in its fit: {error}"}
+        return _failed(name, f"{type(error).__name__} in its fit: {error}")
 
 
-def _lost(name: str) -> dict[str, Any]:
-    """The outcome of a log whose worker process was killed twice."""
-    return {"log": name, "result": None, "error": WORKER_KILLED}
+def _failed(name: str, reason: str = WORKER_KILLED) -> dict[str, Any]:
+    return {"log": name, "result": None, "error": reason}
 
 
 def _key(name: str, versions: str) -> str:
@@ -130,18 +133,6 @@ def _key(name: str, versions: str) -> str:
     except OSError:
         return f"{name} is missing"
     return hashlib.sha256(f"{name} {state.st_size} {state.st_mtime_ns} {versions}".encode()).hexdigest()[:16]
-
-
-def _result(data: dict[str, Any]) -> FitResult:
-    values = dict(data)
-    values["estimates"] = tuple(Estimate(**estimate) for estimate in values["estimates"])
-    values["covariance"] = tuple(tuple(row) for row in values["covariance"])
-    for name in ("attempts", "unseen", "warnings"):
-        values[name] = tuple(values[name])
-    return FitResult(**values)
-
-
-POOLED = "all"
 
 
 def truth_in(log: Path) -> dict[str, float]:

@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AliasChoices, Field
 
 from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution, Solver, solve, solve_huber
 from aerodima.optimisation.fit.residual_noise import Noise
@@ -56,7 +57,7 @@ class FitResult:
         residual_rms: root mean square of the residual per channel, in the channel's unit.
         success, status: of the solver.
         attempts: all starts that were tried: start, cost, success, status, iterations.
-        unseen: directions that the data do not determine.
+        unidentifiable: directions that the data do not determine.
         warnings: what a reader must know: active bounds, missing axes, undetermined directions.
         effective_samples: that the data count as.
         facts: labels of the data, such as tail, axis, angle and wind speed.
@@ -74,7 +75,7 @@ class FitResult:
     success: bool
     status: str
     attempts: tuple[Mapping[str, Any], ...]
-    unseen: tuple[str, ...] = ()
+    unidentifiable: Annotated[tuple[str, ...], Field(validation_alias=AliasChoices("unidentifiable", "unseen"))] = ()
     warnings: tuple[str, ...] = ()
     effective_samples: float = math.nan
     facts: Mapping[str, Any] = field(default_factory=dict)
@@ -138,15 +139,9 @@ def parameter_names(results: Sequence[FitResult]) -> list[str]:
     return sorted(names, key=place)
 
 
-_SUFFIXES = {"/": "_per_", " ": "_", "^": "", "2": "2"}
-
-
 def unit_suffix(unit: str) -> str:
     """A unit as the end of a column name: `N m s/rad` becomes `n_m_s_per_rad`, `A` becomes `a`."""
-    text = unit.lower()
-    for sign, replacement in _SUFFIXES.items():
-        text = text.replace(sign, replacement)
-    return text
+    return unit.lower().replace("/", "_per_").replace(" ", "_").replace("^", "")
 
 
 NoiseModel = Callable[[Solution], Noise]
@@ -194,26 +189,17 @@ def result_of(
     """The result of a solution and its uncertainty."""
     parameters = solution.problem.parameters
     bounds = parameters.active(solution.x)
-    index = {name: i for i, name in enumerate(parameters.names)}
+    numbers = np.stack([solution.x, sure.standard_deviation, sure.lower, sure.upper], axis=1).tolist()
+    found = dict(zip(parameters.names, zip(numbers, sure.identifiable.tolist(), strict=True), strict=True))
     estimates = []
     for p in parameters.all:
         if p.frozen:
             estimates.append(Estimate(p.name, p.unit, p.seed, 0.0, p.seed, p.seed, frozen=True))
             continue
-        i = index[p.name]
-        estimates.append(
-            Estimate(
-                p.name,
-                p.unit,
-                float(solution.x[i]),
-                float(sure.standard_deviation[i]),
-                float(sure.lower[i]),
-                float(sure.upper[i]),
-                bool(sure.identifiable[i]),
-                # A parameter that the data do not see stays where it started, which may be a bound.
-                bounds.get(p.name, "") if sure.identifiable[i] else "",
-            )
-        )
+        of_p, identifiable = found[p.name]
+        # A parameter that is not identifiable stays where it started, which may be a bound.
+        bound = bounds.get(p.name, "") if identifiable else ""
+        estimates.append(Estimate(p.name, p.unit, *of_p, identifiable, bound))
     rms = {
         name: float(np.sqrt(np.mean(np.square(solution.residual[where])))) * weight
         for name, (where, weight) in channels.items()
@@ -221,13 +207,13 @@ def result_of(
     return FitResult(
         name=solution.problem.name,
         estimates=tuple(estimates),
-        covariance=tuple(tuple(float(v) for v in row) for row in sure.covariance),
+        covariance=tuple(map(tuple, sure.covariance.tolist())),
         cost=solution.best.cost,
         residual_rms=rms,
         success=solution.best.success,
         status=solution.best.status,
         attempts=tuple(_attempt(parameters.names, attempt) for attempt in solution.attempts),
-        unseen=sure.unseen,
+        unidentifiable=sure.unidentifiable,
         warnings=(*warnings, *_warnings(estimates, sure, solution)),
         effective_samples=sure.effective_samples,
         facts=dict(facts),
@@ -235,22 +221,15 @@ def result_of(
 
 
 def _attempt(names: Sequence[str], attempt: Any) -> dict[str, Any]:
-    start = dict(zip(names, (float(v) for v in attempt.start), strict=True))
-    found = dict(zip(names, (float(v) for v in attempt.x), strict=True))
-    return {
-        "start": start,
-        "found": found,
-        "cost": float(attempt.cost),
-        "success": attempt.success,
-        "status": attempt.status,
-        "iterations": attempt.iterations,
+    ends = {
+        word: dict(zip(names, x.tolist(), strict=True)) for word, x in (("start", attempt.start), ("found", attempt.x))
     }
+    told = {name: getattr(attempt, name) for name in ("success", "status", "iterations")}
+    return {**ends, "cost": float(attempt.cost), **told}
 
 
 def _warnings(estimates: Sequence[Estimate], sure: Uncertainty, solution: Solution) -> list[str]:
-    found = []
-    for direction in sure.unseen:
-        found.append(f"the data do not determine {direction}")
+    found = [f"the data do not determine {direction}" for direction in sure.unidentifiable]
     at_bounds = [e for e in estimates if e.bound]
     beyond = dict(zip(solution.problem.parameters.names, sure.beyond.tolist(), strict=True))
     for e in at_bounds:

@@ -113,7 +113,7 @@ def _plain(result: FitResult) -> dict[str, Any]:
         for key in ("name", "facts", "success", "status", "cost", "effective_samples", "residual_rms")
     }
     content["estimates"] = [asdict(estimate) for estimate in result.estimates]
-    content |= {"covariance": result.covariance, "not_determined": result.unseen, "warnings": result.warnings}
+    content |= {"covariance": result.covariance, "not_determined": result.unidentifiable, "warnings": result.warnings}
     content |= {"rig": dict(result.rig), "budget": result.budget, "constants": result.constants}
     return content | {"attempts": result.attempts}
 

@@ -35,14 +35,12 @@ class Problem:
         parameters: what may change.
         residual: weighted residual (m) of the unknowns (p) in their units; `FitError` where the model does not exist.
         jacobian: d residual / d unknowns (m x p); finite differences without it.
-        batch: residuals of several vectors at once, (k x p) to (k x m), for rollouts that run side by side.
         name: of the fit, for messages.
     """
 
     parameters: Parameters
     residual: Residual
     jacobian: Jacobian | None = None
-    batch: Callable[[np.ndarray], np.ndarray] | None = None
     name: str = "fit"
 
     def differences(self, x: np.ndarray, at_x: np.ndarray) -> np.ndarray:
@@ -51,7 +49,8 @@ class Problem:
             return np.asarray(self.jacobian(x), float)
         steps = _DIFFERENCE * self.parameters.scales
         steps = np.where(x + steps > self.parameters.upper, -steps, steps)
-        return ((self._rows(x + np.diag(steps)) - at_x) / steps[:, None]).T
+        rows = np.array([self.residual(vector) for vector in x + np.diag(steps)], float)
+        return ((rows - at_x) / steps[:, None]).T
 
     def central_differences(self, x: np.ndarray) -> np.ndarray:
         """The Jacobian for the covariance (m x p): differences to both sides.
@@ -63,34 +62,24 @@ class Problem:
         steps = _CENTRAL_DIFFERENCE * self.parameters.scales
         up = np.where(x + steps > self.parameters.upper, x, x + steps)
         down = np.where(x - steps < self.parameters.lower, x, x - steps)
-        rows = self._rows_or_nan(np.concatenate([x + np.diag(up - x), x + np.diag(down - x)]))
-        lost = ~np.all(np.isfinite(rows), axis=1)
+        rows = [self._residual_or_none(v) for v in np.concatenate([x + np.diag(up - x), x + np.diag(down - x)])]
+        lost = np.array([row is None for row in rows])
         if np.any(lost):
-            rows[lost] = finite_residual(self, x)
+            here = finite_residual(self, x)
+            rows = [here if row is None else row for row in rows]
             up, down = np.where(lost[: len(x)], x, up), np.where(lost[len(x) :], x, down)
         if np.any(up <= down):
             name = self.parameters.names[int(np.argmax(up <= down))]
             raise FitError(f"{self.name}: no derivative by {name}: the model ends on both sides of {self.describe(x)}")
-        return ((rows[: len(x)] - rows[len(x) :]) / (up - down)[:, None]).T
+        return ((np.array(rows[: len(x)]) - np.array(rows[len(x) :])) / (up - down)[:, None]).T
 
-    def _rows_or_nan(self, vectors: np.ndarray) -> np.ndarray:
-        """Residuals of several vectors; NaN where the model does not exist."""
+    def _residual_or_none(self, x: np.ndarray) -> np.ndarray | None:
+        """The residual; None where the model does not exist or is not finite."""
         try:
-            return self._rows(vectors)
+            row = np.asarray(self.residual(x), float)
         except FitError:
-            rows: list[np.ndarray | None] = []
-            for vector in vectors:
-                try:
-                    rows.append(np.asarray(self.residual(vector), float))
-                except FitError:
-                    rows.append(None)
-            length = max((len(row) for row in rows if row is not None), default=1)
-            return np.array([np.full(length, np.nan) if row is None else row for row in rows])
-
-    def _rows(self, vectors: np.ndarray) -> np.ndarray:
-        if self.batch is not None:
-            return np.asarray(self.batch(vectors), float)
-        return np.array([self.residual(vector) for vector in vectors], float)
+            return None
+        return row if np.all(np.isfinite(row)) else None
 
     def describe(self, x: np.ndarray) -> str:
         """The unknowns in words."""
@@ -233,7 +222,7 @@ def solve_huber(problem: Problem, method: Solver, squares: Solution) -> HuberSol
         if abs(scale - before) <= _SETTLED * before:
             break
     if found is not squares:
-        best = _named(found.best)
+        best = replace(found.best, status=f"Huber: {found.best.status}")
         attempts = (*squares.attempts, best)
         found = replace(found, jacobian=problem.central_differences(found.x), best=best, attempts=attempts)
     if scale <= least:
@@ -244,13 +233,9 @@ def solve_huber(problem: Problem, method: Solver, squares: Solution) -> HuberSol
     return HuberSolution(found, influence, scale, int(np.sum(np.abs(found.residual) > 3.0 * scale)))
 
 
-def _named(attempt: Attempt) -> Attempt:
-    return replace(attempt, status=f"Huber: {attempt.status}")
-
-
 def _huberised(problem: Problem, scale: float) -> Problem:
     """The problem whose squares are Huber's loss."""
-    inner, batch, jacobian = problem.residual, problem.batch, problem.jacobian
+    inner, jacobian = problem.residual, problem.jacobian
 
     def slope(x: np.ndarray) -> np.ndarray:
         size = np.abs(np.asarray(inner(x), float)) / scale
@@ -262,5 +247,4 @@ def _huberised(problem: Problem, scale: float) -> Problem:
         problem,
         residual=lambda x: scale * huber(np.asarray(inner(x), float) / scale),
         jacobian=None if jacobian is None else slope,
-        batch=None if batch is None else lambda xs: scale * huber(np.asarray(batch(xs), float) / scale),
     )

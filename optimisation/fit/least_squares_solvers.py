@@ -33,8 +33,8 @@ from aerodima.workbench.errors import FitError
 _DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20
 """Relative to the square of the least singular value that counts. Least: next to a Gauss-Newton step. First: after a
 refused step."""
-_UNSEEN = 1e-9
-"""Singular values below this part of the largest do not count: directions that the data do not see."""
+_UNIDENTIFIABLE = 1e-9
+"""Singular values below this part of the largest do not count: unidentifiable directions."""
 _AT_BOUND = 1e-6
 """A step that ends this near a bound, in units of its length, ends on it."""
 _PROMISE_TOLERANCE = 1e-8
@@ -114,7 +114,7 @@ def _bounded_step(R: np.ndarray, c: np.ndarray, damping: float, low: np.ndarray,
     again exactly.
     """
     sizes = np.linalg.svd(R, compute_uv=False)
-    least = float(sizes[sizes > _UNSEEN * sizes[0]][-1]) if sizes[0] > 0.0 else 1.0
+    least = float(sizes[sizes > _UNIDENTIFIABLE * sizes[0]][-1]) if sizes[0] > 0.0 else 1.0
     D = damping**0.5 * least * np.eye(len(low))
     A, b = np.vstack([R, D]), np.concatenate([c, np.zeros(len(D))])
     Q, T = np.linalg.qr(A)

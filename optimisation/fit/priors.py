@@ -89,7 +89,9 @@ def fit_with_priors(
     raw = _at(problem, x, problem.central_differences(x))
     found = (least_noise or noise)(raw)
     whiten = _Whitening.of(found.covariance)
-    effect = np.linalg.norm(whiten(raw.jacobian), axis=0) * [_known(p) for p in problem.parameters.free]
+    effect = np.linalg.norm(whiten(raw.jacobian), axis=0) * [
+        p.deviation if _has_prior(p) else 1.0 for p in problem.parameters.free
+    ]
     kept = [
         replace(c, frozen=effect[problem.parameters.names.index(c.name)] < _NEGLIGIBLE) if _has_prior(c) else c
         for c in constants
@@ -117,10 +119,6 @@ def _has_prior(p: Parameter) -> bool:
     return math.isfinite(p.deviation)
 
 
-def _known(p: Parameter) -> float:
-    return p.deviation if _has_prior(p) else 1.0
-
-
 def _size(noise: Noise) -> float:
     S = noise.covariance
     return float(np.mean(S) if S.ndim == 1 else np.mean(np.diag(S)))
@@ -141,7 +139,7 @@ def _weighed(problem: Problem, whiten: _Whitening, loss: Loss) -> Problem:
         data = whiten(np.asarray(problem.residual(x), float))
         return np.concatenate([huber(data) if loss == "huber" else data, np.asarray(x, float)[places] / deviations])
 
-    return replace(problem, residual=residual, jacobian=None, batch=None)
+    return replace(problem, residual=residual, jacobian=None)
 
 
 def _without_constants(
@@ -171,15 +169,15 @@ def _without_constants(
         for e in [result[p.name]]
     }
     names = {p.name for p in free} - known | {e.name for e in first.estimates if e.frozen}
-    unseen = tuple(text for text in result.unseen if text.split(" ")[0] not in known)
-    hidden = {f"the data do not determine {text}" for text in set(result.unseen) - set(unseen)}
+    unidentifiable = tuple(text for text in result.unidentifiable if text.split(" ")[0] not in known)
+    hidden = {f"the data do not determine {text}" for text in set(result.unidentifiable) - set(unidentifiable)}
     warnings = [text for text in result.warnings if text not in hidden and text.split(" ")[0] not in known]
     return replace(
         result,
         estimates=tuple(e for e in result.estimates if e.name in names),
         covariance=tuple(tuple(result.covariance[i][j] for j in kept) for i in kept),
         attempts=first.attempts,
-        unseen=unseen,
+        unidentifiable=unidentifiable,
         warnings=(*warnings, *_strange(told), *_misfit(solution, len(kept))),
         curves=first.curves,
         rig=first.rig,

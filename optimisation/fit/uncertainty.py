@@ -31,7 +31,7 @@ _WIDE, _CURVED = 0.25, 1.5
 _EVEN_MATTERS, _EVEN_ALONE = 0.6, 0.995
 """Share of a standard deviation that evenly spread errors have: below the first the sum is as good as normal."""
 _SHARE = 0.05
-"""A parameter whose squared share in an unseen direction exceeds the square of this is not determined."""
+"""A parameter whose squared share in an unidentifiable direction exceeds the square of this is not determined."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Uncertainty:
         beyond: (p) by how many standard deviations the data ask for more than the bound allows at which an unknown
             stopped; NaN for one that is not at a bound.
         identifiable: (p) flags.
-        unseen: the directions that the data do not determine, in words; empty when there are none.
+        unidentifiable: the directions that the data do not determine, in words; empty when there are none.
         condition: of the scaled Jacobian.
         effective_samples: see `Noise`.
     """
@@ -58,7 +58,7 @@ class Uncertainty:
     upper: np.ndarray
     beyond: np.ndarray
     identifiable: np.ndarray
-    unseen: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     condition: float
     effective_samples: float
 
@@ -67,10 +67,9 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     """Covariance and intervals at the solution.
 
     Every interval holds its estimate and is cut at the bounds. One of a parameter that stopped at a bound is one-sided,
-    and those of the others take that into account. Not determined by the
-    data is a parameter in an unseen direction, one whose interval is wider than its bounds, and one whose interval
-    would be another half as wide, or narrower, elsewhere within the intervals of the parameters: there the linear
-    theory does not hold.
+    and those of the others take that into account. Not identifiable is a parameter with a part in an unidentifiable
+    direction, one whose interval is wider than its bounds, and one whose interval would be another half as wide, or
+    narrower, elsewhere within the intervals of the parameters: there the linear theory does not hold.
     """
     parameters = solution.problem.parameters
     scales, names, x = parameters.scales, parameters.names, solution.x
@@ -100,9 +99,9 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
     determined = seen & ~loose & ~curved
     deviation[~determined] = np.inf
     covariance[np.diag_indices_from(covariance)] = np.where(determined, np.square(deviation), np.inf)
-    unseen = [_in_words(direction, names) for direction in hidden]
-    unseen += [f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag]
-    unseen += [
+    unidentifiable = [_in_words(direction, names) for direction in hidden]
+    unidentifiable += [f"{name} within its bounds" for name, flag in zip(names, loose, strict=True) if flag]
+    unidentifiable += [
         f"{name} (its interval depends on where it is)" for name, flag in zip(names, curved, strict=True) if flag
     ]
     return Uncertainty(
@@ -112,7 +111,7 @@ def uncertainty(solution: Solution, noise: Noise) -> Uncertainty:
         upper=np.where(determined, np.minimum(x + up, parameters.upper), np.inf),
         beyond=np.where(determined, given.beyond, np.nan),
         identifiable=determined,
-        unseen=tuple(unseen),
+        unidentifiable=tuple(unidentifiable),
         condition=condition,
         effective_samples=noise.effective_samples,
     )
@@ -148,7 +147,7 @@ def _rounded_factor(share: float) -> float:
 
 
 def _pseudo_inverse(jacobian: np.ndarray, scales: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """J^+ in scaled unknowns (p x m), the unseen directions (k x p), the condition number."""
+    """J^+ in scaled unknowns (p x m), the unidentifiable directions (k x p), the condition number."""
     U, s, Vt = np.linalg.svd(jacobian * scales, full_matrices=False)
     seen = s > _RANK_TOLERANCE * max(float(s[0]), 1e-300)
     inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T

@@ -7,7 +7,8 @@ its mapping names, or of the one that the user names for the fit. The log's own 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -19,7 +20,7 @@ from aerodima.optimisation.fit.least_squares import Loss
 from aerodima.optimisation.identify.hold_mean import Drift, HoldLoss
 from aerodima.workbench.config.checked_files import find_file, read_yaml
 from aerodima.workbench.config.scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.errors import FitError
+from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 
 
@@ -68,6 +69,15 @@ LARGEST_SPEED = 60.0
 _TRUTH = ("aero", "seed", "name", "schema", "simulation")
 _OF_THE_LOG = tuple(f"experiment.{key}" for key in ("kind", "tail", "axis", "wind_speed"))
 _FACTS = (("tail", ("1", "2", "3")), ("axis", ("major", "minor")))
+
+
+@contextmanager
+def named(name: str) -> Iterator[None]:
+    """Names a log in the errors that are raised within."""
+    try:
+        yield
+    except (LogError, FitError) as error:
+        raise type(error)(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
 
 
 def is_ours(log: RunLog) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from aerodima.optimisation.fit.least_squares import Problem, Solution
 from aerodima.optimisation.fit.least_squares_solvers import solve_formula
 from aerodima.optimisation.fit.priors import fit_with_priors
 from aerodima.optimisation.fit.residual_noise import Noise
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
+from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, shifted
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
@@ -44,39 +45,31 @@ def static_parameters(data: StaticData, bounds: Bounds = "wide", frozen: Sequenc
     Args:
         frozen: names of parameters that keep their seed.
     """
-    rows = published_seeds(data)
     unknown = sorted(set(frozen) - set(UNITS))
     if unknown:
         raise FitError(f"parameter {unknown[0]!r} cannot be frozen; there are {', '.join(UNITS)}")
     found = []
-    for name, unit in UNITS.items():
-        seed, low, high = rows[name]
-        if bounds == "wide":
-            low, high = BOUNDS[name]
-        found.append(Parameter(name, unit, min(max(seed, low), high), low, high, name in frozen, _SCALES[name]))
+    for name, (seed, *printed) in published_seeds(data).items():
+        low, high = BOUNDS[name] if bounds == "wide" else printed
+        found.append(Parameter(name, UNITS[name], min(max(seed, low), high), low, high, name in frozen, _SCALES[name]))
     return Parameters.of(found)
 
 
 def published_seeds(data: StaticData) -> dict[str, tuple[float, float, float]]:
     """Seed and printed bounds of the four unknowns."""
-    key = (str(data.facts["tail"]), math.degrees(data.angle), data.wind_speed)
-    table = _seed_table()
-    tail, angle, speed = key
-    nodes = [node for node in table if node[0] == tail]
-    nearest = min(nodes, key=lambda node: (abs(node[1] - abs(angle)) / 15.0, abs(node[2] - speed)))
-    return table[nearest]
+    table, angle = _seed_table(), abs(math.degrees(data.angle))
+    nodes = [node for node in table if str(node[0]) == data.facts["tail"]]
+    return table[min(nodes, key=lambda node: (abs(node[1] - angle) / 15.0, abs(node[2] - data.wind_speed)))]
 
 
-_SEEDS: dict[tuple[str, float, float], dict[str, tuple[float, float, float]]] = {}
-
-
-def _seed_table() -> dict[tuple[str, float, float], dict[str, tuple[float, float, float]]]:
-    if not _SEEDS:
-        row: Any
-        for row in published("static_seeds").itertuples():
-            key = (str(row.tail), float(row.angle_of_attack_deg), float(row.wind_speed_m_per_s))
-            _SEEDS.setdefault(key, {})[str(row.variable)] = (float(row.x0), float(row.lb), float(row.ub))
-    return _SEEDS
+@cache
+def _seed_table() -> dict[Any, dict[str, tuple[float, float, float]]]:
+    """Tail, angle (degrees) and wind speed -> name -> seed and bounds."""
+    cells = published("static_seeds").groupby(["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False)
+    return {
+        node: {name: tuple(numbers) for name, *numbers in group[["variable", "x0", "lb", "ub"]].to_numpy(object)}
+        for node, group in cells
+    }
 
 
 class StaticResidual:
@@ -208,10 +201,10 @@ def fit_static(
         facts=facts,
         warnings=data.warnings,
     )
-    result = replace(result, rig=data.rig)
     if data.constants:
         result = _with_constants(result, data, parameters)
-    return replace(result, rig=data.rig, warnings=(*result.warnings, *_against_logged_current(result, data)))
+    warnings = (*result.warnings, *_against_logged_current(result, data))
+    return replace(result, rig=differences(data.scenario), warnings=warnings)
 
 
 def _with_constants(first: FitResult, data: StaticData, parameters: Parameters) -> FitResult:

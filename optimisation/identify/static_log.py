@@ -18,23 +18,18 @@ import numpy as np
 from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.residual_noise import correlation_time
 from aerodima.optimisation.identify.hold_mean import HoldMean, HoldOffset, hold_mean, residual_warnings, stated_offset
-from aerodima.optimisation.identify.log_rig import FREE, LARGEST_SPEED, FitOptions, differences, rig_of, wind_speed
+from aerodima.optimisation.identify.log_rig import FREE, LARGEST_SPEED, FitOptions, named, rig_of, wind_speed
 from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
 from aerodima.workbench.config.scenario import RigScenario
-from aerodima.workbench.errors import FitError, LogError
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
+from aerodima.workbench.sensors.rig_encoder import count_angle
 
-COLUMNS = dict(
-    zip(
-        REACTIONS,
-        ("force_x_n", "force_y_n", "force_z_n", "torque_x_n_m", "torque_y_n_m", "torque_z_n_m"),
-        strict=True,
-    )
-)
+COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
 ANGLE, RATE, CURRENT = "angle_rad", "angular_velocity_rad_per_s", "current_a"
 LEAST_SAMPLES = 100
 _LARGEST_ANGLE = math.radians(110.0)
@@ -67,7 +62,6 @@ class StaticData:
         facts: tail, axis, angle_deg, wind_speed_m_per_s for reports.
         offset_deviation: standard deviation of what is left of the offsets (6), in `covariance` too.
         constants: of the rig that are not exact, see `constant_parameters`.
-        rig: what of the rig differs from `models/`.
         warnings: of the log.
     """
 
@@ -90,7 +84,6 @@ class StaticData:
     facts: Mapping[str, Any]
     offset_deviation: np.ndarray
     constants: tuple[Parameter, ...]
-    rig: Mapping[str, Any]
     warnings: tuple[str, ...]
 
 
@@ -126,10 +119,8 @@ def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: F
         ScenarioError: the rig is wrong.
     """
     name = log.source or "static log"
-    try:
+    with named(name):
         return _static_data(log, rest if rest is not None else stated_rest(log), name, options)
-    except (LogError, FitError) as error:
-        raise type(error)(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
 
 
 def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, options: FitOptions) -> StaticData:
@@ -141,9 +132,9 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, optio
     if len(time) < LEAST_SAMPLES:
         raise FitError(f"{len(time)} samples; a static fit needs at least {LEAST_SAMPLES}")
     check_signals(time, {ANGLE: angle})
-    _check_held(angle, name)
-    hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest, name)
-    columns, warnings = _readings(log, time, name)
+    _check_held(angle)
+    hold = np.ones(len(time), bool) if rest is None else _hold_mask(time, rest)
+    columns, warnings = _readings(log, time)
     used = hold if rest is None else hold | ((time >= rest[0]) & (time <= rest[1]))
     mean = hold_mean(
         time[used],
@@ -165,7 +156,7 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, optio
             f"the readings change after the rest phase {rest[0]:g} to {rest[1]:g} s by no more than noise and drift "
             f"can do, although the wind of {speed:g} m/s meets the tail: is the wind off in it?"
         )
-    count = 2.0 * math.pi / (scenario.encoder.pulses * scenario.encoder.quadrature * scenario.maxon.gear_ratio)
+    count = count_angle(scenario)
     rate, rate_deviation = _mean_rate(log, time, hold, count)
     current, current_deviation = _mean_current(log, hold, scenario, warnings)
     return StaticData(
@@ -193,7 +184,6 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, optio
         },
         offset_deviation=offset.deviation,
         constants=_constants(log, scenario, options, offset),
-        rig=differences(scenario),
         warnings=tuple(warnings),
     )
 
@@ -214,32 +204,32 @@ def _is_still(mean: HoldMean, scenario: RigScenario, channels: list[int], time: 
     return bool(np.all(np.abs(mean.value) < _NO_CHANGE * np.sqrt(mean.variance + drift**2) + 2.0 * seen))
 
 
-def _check_held(angle: np.ndarray, name: str) -> None:
+def _check_held(angle: np.ndarray) -> None:
     if np.max(np.abs(angle)) > _LARGEST_ANGLE:
         raise FitError(
-            f"{name}: column {ANGLE!r} reaches {angle[np.argmax(np.abs(angle))]:g}, beyond +-{_LARGEST_ANGLE:.2f} rad; "
+            f"column {ANGLE!r} reaches {angle[np.argmax(np.abs(angle))]:g}, beyond +-{_LARGEST_ANGLE:.2f} rad; "
             "is it in degrees?"
         )
     if np.ptp(angle) > _LARGEST_WANDER:
         raise FitError(
-            f"{name}: the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log holds it "
+            f"the angle moves by {math.degrees(float(np.ptp(angle))):.2f} degrees; a static log holds it "
             f"within {math.degrees(_LARGEST_WANDER):g} degree"
         )
 
 
-def _hold_mask(time: np.ndarray, rest: tuple[float, float], name: str) -> np.ndarray:
+def _hold_mask(time: np.ndarray, rest: tuple[float, float]) -> np.ndarray:
     """What comes after the rest phase."""
     resting = (time >= rest[0]) & (time <= rest[1])
     hold = time > rest[1]
     if np.count_nonzero(resting) < LEAST_SAMPLES or np.count_nonzero(hold) < LEAST_SAMPLES:
         raise FitError(
-            f"{name}: {np.count_nonzero(resting)} samples in the rest phase {rest[0]:g} to {rest[1]:g} s and "
+            f"{np.count_nonzero(resting)} samples in the rest phase {rest[0]:g} to {rest[1]:g} s and "
             f"{np.count_nonzero(hold)} after it; at least {LEAST_SAMPLES} of each are needed"
         )
     return hold
 
 
-def _readings(log: RunLog, time: np.ndarray, name: str) -> tuple[dict[str, np.ndarray], list[str]]:
+def _readings(log: RunLog, time: np.ndarray) -> tuple[dict[str, np.ndarray], list[str]]:
     """The axes that are there and alive; what is left out is told."""
     columns: dict[str, np.ndarray] = {}
     warnings = []
@@ -251,15 +241,13 @@ def _readings(log: RunLog, time: np.ndarray, name: str) -> tuple[dict[str, np.nd
         check_signals(time, {column: values}, largest_step=np.inf)
         limit = largest_reading(channel)
         if np.max(np.abs(values)) > limit:
-            raise FitError(
-                f"{name}: column {column!r} reaches {np.max(np.abs(values)):g}, beyond {limit:g}; wrong unit?"
-            )
+            raise FitError(f"column {column!r} reaches {np.max(np.abs(values)):g}, beyond {limit:g}; wrong unit?")
         if np.ptp(values) == 0.0:
             warnings.append(f"{column} is constant ({values[0]:g}), a dead channel: fitted without it")
             continue
         columns[channel] = values
     if not columns:
-        raise FitError(f"{name}: no axis of the force sensor is left; there is nothing to fit")
+        raise FitError("no axis of the force sensor is left; there is nothing to fit")
     return columns, warnings
 
 

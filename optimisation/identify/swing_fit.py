@@ -18,7 +18,7 @@ from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution
 from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
 from aerodima.optimisation.fit.priors import fit_with_priors
 from aerodima.optimisation.fit.residual_noise import Noise, serial_noise
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions
+from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
 from aerodima.optimisation.identify.rig_uncertainty import shifted
 from aerodima.optimisation.identify.static_log import speed_accuracy
@@ -128,7 +128,9 @@ class SwingModel:
         if constants and not exact:
             result = self._with_constants(result, problem.parameters, constants, options.loss)
         values = {e.name: e.value for e in result.estimates} | {n: c["shift"] for n, c in result.constants.items()}
-        return replace(result, curves={"angle": self.shifted(values).curve(values)}, rig=self.data.rig)
+        return replace(
+            result, curves={"angle": self.shifted(values).curve(values)}, rig=differences(self.data.scenario)
+        )
 
     def _with_constants(
         self, first: FitResult, parameters: Parameters, constants: Sequence[Parameter], loss: Loss

@@ -15,14 +15,14 @@ from aerodima.optimisation.identify.log_rig import (
     CurrentSampling,
     FitOptions,
     current_sampling,
-    differences,
     mean_currents,
+    named,
     rig_of,
 )
 from aerodima.optimisation.identify.rig_uncertainty import constant_parameters
 from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
 from aerodima.workbench.config.scenario import RigScenario
-from aerodima.workbench.errors import FitError, LogError
+from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import earlier_shift
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
@@ -95,7 +95,6 @@ class SwingData:
         facts: tail, axis, wind_speed_m_per_s.
         current: of a driven swing.
         constants: of the rig that are not exact, see `constant_parameters`.
-        rig: what of the rig differs from `models/`.
         warnings: of the log.
     """
 
@@ -112,7 +111,6 @@ class SwingData:
     facts: Mapping[str, Any]
     current: LoggedCurrent | None
     constants: tuple[Parameter, ...]
-    rig: Mapping[str, Any]
     warnings: tuple[str, ...]
 
     @property
@@ -134,12 +132,8 @@ def swing_data(log: RunLog, kind: str, longest: float = 20.0, options: FitOption
         FitError: another kind of log, no motion, too short, angles that must be degrees.
     """
     name = log.source or kind
-    try:
+    with named(name):
         return _swing_data(log, kind, longest, name, options)
-    except FitError as error:
-        raise FitError(f"{name}: {error}") from error
-    except LogError as error:
-        raise LogError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from error
 
 
 def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitOptions) -> SwingData:
@@ -192,7 +186,6 @@ def _swing_data(log: RunLog, kind: str, longest: float, name: str, options: FitO
         facts,
         current,
         constant_parameters(log, scenario, kind, options),
-        differences(scenario),
         tuple(warnings),
     )
 

@@ -129,19 +129,6 @@ def test_jacobian_at_the_solution_is_that_of_the_formula() -> None:
     assert np.allclose(solution.jacobian, exact, atol=1e-6)
 
 
-def test_batch_residuals_are_used_for_the_differences() -> None:
-    problem = decay()
-    rows: list[int] = []
-
-    def batch(vectors: np.ndarray) -> np.ndarray:
-        rows.append(len(vectors))
-        return np.array([problem.residual(x) for x in vectors])
-
-    solution = solve(Problem(problem.parameters, problem.residual, batch=batch), solve_rollout)
-    assert solution.x == pytest.approx(solve(problem, solve_rollout).x, rel=1e-9)
-    assert rows[-1] == 6  # both sides of three unknowns
-
-
 def test_a_bent_valley_that_stops_gauss_newton_is_followed_by_snopt() -> None:
     # Rosenbrock's valley with a weight of 1e5: Gauss-Newton from here needs many short steps.
     parameters = Parameters.of([Parameter("x", "1", -1.5, -5.0, 5.0), Parameter("y", "1", 2.0, -5.0, 5.0)])

@@ -46,7 +46,7 @@ def test_a_parameter_without_effect_has_an_infinite_interval_and_is_named() -> N
     assert not result["cd"].identifiable
     assert (result["cd"].lower, result["cd"].upper) == (-np.inf, np.inf)
     assert result["slope"].identifiable
-    assert result.unseen == ("cd",)
+    assert result.unidentifiable == ("cd",)
     assert "the data do not determine cd" in result.warnings
 
 
@@ -56,7 +56,7 @@ def test_a_direction_that_is_not_determined_is_named_with_both_its_parameters() 
     problem = Problem(parameters, lambda x: (x[0] + x[1]) * t + x[2] - 4.0 * t)
     result = fit(problem, solve_rollout, lambda s: independent_noise(s.residual, 3))
     assert [e.identifiable for e in result.estimates] == [False, False, True]
-    (direction,) = result.unseen
+    (direction,) = result.unidentifiable
     assert direction in ("0.71 a - 0.71 b", "0.71 b - 0.71 a")
 
 

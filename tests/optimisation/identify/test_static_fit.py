@@ -110,7 +110,7 @@ def test_intervals_hold_the_truth_in_95_percent() -> None:
 def test_without_exposure_only_the_current_is_determined() -> None:
     scenario = truth.static_scenario(1, "major", 75.0, 20.0, 0.0).varied(experiment={"duration": 2.0})
     result = fit_static(static_data(simulate_static_log(scenario)))
-    assert set(result.unseen) == {"cd", "cl", "psi3"}
+    assert set(result.unidentifiable) == {"cd", "cl", "psi3"}
     assert result["cd"].upper == math.inf
     assert result["current"].identifiable
     assert result.facts["exposed_length_m"] == 0.0
