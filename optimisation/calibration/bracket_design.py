@@ -1,7 +1,7 @@
-"""What calibration runs tell about cars: the group at which each flips, and whether it meets a bracket of speeds."""
+"""What calibration runs tell about cars: mu/SSF at which each flips, and whether it meets a bracket of speeds."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     Wanted,
     car_values,
     flips_in_the_turn,
+    joined,
     log_likelihood,
     survives,
 )
@@ -29,9 +30,9 @@ Say = Callable[[str], None]
 TAIL_MODE = "none"
 """Of the runs of a target."""
 SHARP = 0.003
-"""Standard deviation of a critical group that is known well enough."""
+"""Standard deviation of a critical mu/SSF that is known well enough."""
 BELOW, BELOW_DEVIATION = 0.012, 0.006
-"""Critical group of the fast speed below that of the slow one, where no surrogate knows better."""
+"""Critical mu/SSF of the fast speed below that of the slow one, where no surrogate knows better."""
 LEVELS = (np.arange(16) + 0.5) / 16
 """Places within a window at which it is asked whether a car is plausible."""
 ENDS = (0.01, 0.99)
@@ -76,13 +77,13 @@ class Runner:
 
 @dataclass(frozen=True)
 class Design:
-    """Critical groups of some cars.
+    """Critical mu/SSF of some cars.
 
     Attributes:
-        coordinates: of the cars (m, n); the one of the group says nothing.
-        edges: critical coordinate of the group at the two speeds (m, 2).
+        coordinates: of the cars (m, n); the one of mu/SSF says nothing.
+        edges: critical coordinate of mu/SSF at the two speeds (m, 2).
         deviations: of these (m, 2).
-        windows: ends of the group's coordinate outside which the bracket is missed (m, 2); they lie a little outside
+        windows: ends of the coordinate outside which the bracket is missed (m, 2); they lie a little outside
             of the edges, so that the bracket may be missed within as well.
         upright: coordinates of the runs that survived the slow speed (k, n).
         rows: of these runs.
@@ -99,30 +100,16 @@ class Design:
 
     def merged(self, other: "Design") -> "Design":
         """Both."""
-        pairs = zip(self._arrays, other._arrays, strict=True)
-        coordinates, edges, deviations, windows, upright = (np.vstack(pair) for pair in pairs)
-        return Design(
-            coordinates,
-            edges,
-            deviations,
-            windows,
-            upright,
-            pd.concat([self.rows, other.rows], ignore_index=True),
-            np.concatenate([self.cars, other.cars + len(self.coordinates)]),
-        )
+        return joined(self, replace(other, cars=other.cars + len(self.coordinates)))
 
     def kept(self, cars: NDArray[np.bool_]) -> "Design":
         """Only some of the cars."""
         places = np.flatnonzero(cars)
         runs = np.isin(self.cars, places)
-        coordinates, edges, deviations, windows = (array[places] for array in self._arrays[:4])
+        by_car = (self.coordinates, self.edges, self.deviations, self.windows)
         rows = self.rows[runs].reset_index(drop=True)
         numbers = np.searchsorted(places, self.cars[runs])
-        return Design(coordinates, edges, deviations, windows, self.upright[runs], rows, numbers)
-
-    @property
-    def _arrays(self) -> tuple[FloatArray, ...]:
-        return self.coordinates, self.edges, self.deviations, self.windows, self.upright
+        return Design(*(array[places] for array in by_car), self.upright[runs], rows, numbers)
 
 
 @dataclass(frozen=True)
@@ -163,16 +150,8 @@ class Evaluated:
         slow, fast = (rows[cars].reset_index(drop=True) for rows in (self.slow, self.fast))
         return Evaluated(self.coordinates[cars], slow, fast)
 
-    def merged(self, other: "Evaluated") -> "Evaluated":
-        """Both."""
-        return Evaluated(
-            np.vstack([self.coordinates, other.coordinates]),
-            pd.concat([self.slow, other.slow], ignore_index=True),
-            pd.concat([self.fast, other.fast], ignore_index=True),
-        )
 
-
-def critical_groups(
+def critical_ratios(
     target: Target,
     prior: Prior,
     cars: FloatArray,
@@ -181,7 +160,7 @@ def critical_groups(
     step: float | None,
     runner: Runner,
 ) -> Design:
-    """Searches the coordinate of the group at which each car flips at the two speeds of a target.
+    """Searches the coordinate of mu/SSF at which each car flips at the two speeds of a target.
 
     Args:
         target: its speeds.
@@ -194,7 +173,7 @@ def critical_groups(
         runner: that runs them.
     """
     slow, below = guess
-    scale = prior.group_scale
+    scale = prior.ratio_scale
     known: list[Edge] = []
     upright: list[FloatArray] = [np.empty((0, cars.shape[1]))]
     rows: list[pd.DataFrame] = []

@@ -108,12 +108,12 @@ def calibrate(
     cars = Prior(plan.car, plan.plausible, base)
     draw = draw_cars(target, cars, sampling, plan.size, plan.seed, runner)
     say(
-        f"{np.count_nonzero(draw.weights)} of {draw.drawn} cars meet the tailless bracket, worth "
-        f"{draw.effective_size:.0f} equally likely ones"
+        f"{np.count_nonzero(draw.weights)} of {draw.drawn} cars meet the tailless bracket, effective sample size "
+        f"{draw.effective_size:.0f}"
     )
     if draw.effective_size < plan.size.enough:
         raise UserError(
-            f"the cars that meet the target are worth {draw.effective_size:.0f} equally likely ones; needed are "
+            f"the cars that meet the target have an effective sample size of {draw.effective_size:.0f}; needed is "
             f"{plan.size.enough:g}: more cars in the rounds of the plan, or another seed"
         )
     check = _fine_check(plan, draw, runner)

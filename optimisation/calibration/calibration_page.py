@@ -52,8 +52,8 @@ def calibration_page(
         _directions(combinations),
     )
     lead = (
-        f"{len(ensemble.members)} cars with tails, worth {ensemble.effective_size:.0f} equally likely ones, that the "
-        f"fitted figures leave possible; {result.runs} runs, seed {result.plan.seed}."
+        f"{len(ensemble.members)} cars with tails that the fitted figures leave possible, effective sample size "
+        f"{ensemble.effective_size:.0f}; {result.runs} runs, seed {result.plan.seed}."
     )
     return Page("Calibration of the car", lead, sections)
 
@@ -143,7 +143,7 @@ def _parameters(result: Calibration, parameters: pd.DataFrame, shipped: Shipped)
             "Histograms of all parameters",
         ),
         Plot(
-            plot_group(members, half_track),
+            plot_ratio(members, half_track),
             "What decides the flip: each dot a member, its size its weight.",
             "Friction",
         ),
@@ -213,7 +213,7 @@ def plot_posterior(parameters: pd.DataFrame, members: pd.DataFrame) -> Figure:
     return figure
 
 
-def plot_group(members: pd.DataFrame, half_track: NDArray[np.float64]) -> Figure:
+def plot_ratio(members: pd.DataFrame, half_track: NDArray[np.float64]) -> Figure:
     """The two combinations that decide: friction against height of the centre of mass over half the track (m)."""
     with styled():
         figure, axes = new_figure(5.2, 3.6)
@@ -222,8 +222,8 @@ def plot_group(members: pd.DataFrame, half_track: NDArray[np.float64]) -> Figure
         size = 25 + 900 * members["weight"]
         axis.scatter(members["car.tyre_friction"], ratio, s=size, color=BLUE, alpha=0.55, linewidth=0)
         friction = np.linspace(members["car.tyre_friction"].min(), members["car.tyre_friction"].max(), 50)
-        group = float(np.average(members["car.tyre_friction"] * ratio, weights=members["weight"]))
-        axis.plot(friction, group / friction, color=VERMILION, label=f"friction × height / half track = {group:.3f}")
+        mean = float(np.average(members["car.tyre_friction"] * ratio, weights=members["weight"]))
+        axis.plot(friction, mean / friction, color=VERMILION, label=f"friction × height / half track = {mean:.3f}")
         axis.set_xlabel("tyre friction")
         axis.set_ylabel("height of centre of mass / half track")
         axis.legend()

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import AliasChoices, Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.config.quantity import nearest
@@ -18,8 +18,6 @@ from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
 from aerodima.workbench.config.scenario_file import ParameterEntry
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.metrics.published_figures import TurnMetrics
-
-PLAN_SCHEMA = "aerodima/calibration-plan/2"
 
 OWN_METRICS = tuple(
     name for name in TurnMetrics.__dataclass_fields__ if name != "speed_m_per_s" and "kohut" not in name
@@ -72,13 +70,14 @@ class Plausible(StrictModel):
 
     Attributes:
         lowest_chassis_com, highest_chassis_com: of the chassis without wheels and gearbox above the ground, m.
-        lowest_group, highest_group: friction x height of the centre of mass / half track.
+        lowest_mu_over_ssf, highest_mu_over_ssf: friction over the static stability factor, friction x height of the
+            centre of mass / half track.
     """
 
     lowest_chassis_com: Limit
     highest_chassis_com: Limit
-    lowest_group: Limit
-    highest_group: Limit
+    lowest_mu_over_ssf: Limit = Field(validation_alias=AliasChoices("lowest_mu_over_ssf", "lowest_group"))
+    highest_mu_over_ssf: Limit = Field(validation_alias=AliasChoices("highest_mu_over_ssf", "highest_group"))
 
 
 Pilots = tuple[Annotated[int, Field(ge=1, le=12)], Annotated[int, Field(ge=1, le=12)]]

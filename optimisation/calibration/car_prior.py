@@ -22,7 +22,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.plants.car_model import chassis_centre
 
 Window = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Coordinates (m, n) -> ends (m), (m) of the coordinate of the group; it may not look at that coordinate."""
+"""Coordinates (m, n) -> ends (m), (m) of the coordinate of mu/SSF; it may not look at that coordinate."""
 
 HEIGHT, FRICTION, TRACK, WIDTH = "car.com_height", "car.tyre_friction", "car.track", "car.tyre_width"
 
@@ -48,7 +48,7 @@ class Prior:
 
     @property
     def leading(self) -> int:
-        """Column of the coordinate that decides the flip first, the group."""
+        """Column of the coordinate that decides the flip first, mu/SSF."""
         return self.keys.index(HEIGHT)
 
     @property
@@ -57,13 +57,13 @@ class Prior:
         return (self.keys.index(FRICTION), self.leading)
 
     @property
-    def group_scale(self) -> float:
-        """Change of the group over that of its coordinate."""
-        return self.plausible.highest_group.value - self.plausible.lowest_group.value
+    def ratio_scale(self) -> float:
+        """Change of mu/SSF over that of its coordinate."""
+        return self.plausible.highest_mu_over_ssf.value - self.plausible.lowest_mu_over_ssf.value
 
-    def group(self, coordinate: FloatArray) -> FloatArray:
+    def mu_over_ssf(self, coordinate: FloatArray) -> FloatArray:
         """Friction x height of the centre of mass / half track of its coordinate (m)."""
-        return self.plausible.lowest_group.value + np.asarray(coordinate) * self.group_scale
+        return self.plausible.lowest_mu_over_ssf.value + np.asarray(coordinate) * self.ratio_scale
 
     def half_track(self, values: FloatArray) -> FloatArray:
         """`CarParameters.outer_half_track` (m) of cars (m, n), m."""
@@ -95,7 +95,7 @@ class Prior:
         return np.where(inside & self.are_plausible(values), density, -np.inf)
 
     def log_density_at(self, coordinates: FloatArray, leading: FloatArray) -> FloatArray:
-        """`log_density` of cars (m, n) with another coordinate of the group (m)."""
+        """`log_density` of cars (m, n) with another coordinate of mu/SSF (m)."""
         moved = coordinates.copy()
         moved[:, self.leading] = leading
         return self.log_density(self.values(moved))
@@ -130,7 +130,7 @@ class Prior:
         Args:
             number: how many points of the sequence.
             seed: of the scrambling.
-            window: draws the coordinate of the group between these ends only; the log density makes up for it.
+            window: draws the coordinate of mu/SSF between these ends only; the log density makes up for it.
 
         Returns:
             Coordinates (m, n) of the plausible ones among them, and the log density of the prior there, relative to
@@ -151,7 +151,7 @@ class Prior:
         low, high = self.ranges[:, 0].copy(), self.ranges[:, 1].copy()
         height = self.keys.index(HEIGHT)
         limits = self.plausible
-        low[height], high[height] = limits.lowest_group.value, limits.highest_group.value
+        low[height], high[height] = limits.lowest_mu_over_ssf.value, limits.highest_mu_over_ssf.value
         return low, high
 
     def _half_track_over_friction(self, values: FloatArray) -> FloatArray:

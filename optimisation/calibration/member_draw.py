@@ -1,12 +1,12 @@
 """The draw of the cars: surrogates from a design, members drawn in their own windows, weights by their own runs.
 
 A car is held to a bracket without tail (survives one speed, flips in the turn at another) and to published figures of
-runs without and with a tail. What decides the bracket is the group friction x height / half track, and the window of
-the group that meets it is narrow: some hundredths of what the group may be. So a member is drawn in three steps.
+runs without and with a tail. What decides the bracket is mu/SSF = friction x height / half track, and the window of
+mu/SSF that meets it is narrow: some hundredths of what mu/SSF may be. So a member is drawn in three steps.
 
-1. All but its group and its tail, from candidates of the prior, with probability q ~ prior x surrogate likelihood of
+1. All but its mu/SSF and its tail, from candidates of the prior, with probability q ~ prior x surrogate likelihood of
    the figures, that of the tailed runs averaged over tails.
-2. A few pilot runs say where its window lies (`aerodima.optimisation.calibration.surrogates`), and its group is
+2. A few pilot runs say where its window lies (`aerodima.optimisation.calibration.surrogates`), and its mu/SSF is
    drawn uniformly from an interval that holds the window. It is a member when its own runs there meet the bracket.
 3. It is run with a few tails (`aerodima.optimisation.calibration.tail_draw`), one of which becomes its own.
 
@@ -17,10 +17,9 @@ Members come in rounds; the surrogates of a round learn from the runs of those b
 effective size.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
 from aerodima.optimisation.calibration.bracket_design import (
     BELOW,
@@ -29,11 +28,11 @@ from aerodima.optimisation.calibration.bracket_design import (
     Evaluated,
     Runner,
     Target,
-    critical_groups,
+    critical_ratios,
     run_through,
 )
 from aerodima.optimisation.calibration.calibration_plan import Round, Size
-from aerodima.optimisation.calibration.calibration_runs import Datum
+from aerodima.optimisation.calibration.calibration_runs import Datum, joined
 from aerodima.optimisation.calibration.car_prior import Prior, effective_size, normalised, systematic_sample
 from aerodima.optimisation.calibration.surrogates import Edge, FlipSurrogate, Surrogate, fit, surrogate_log_likelihood
 from aerodima.optimisation.calibration.tail_draw import (
@@ -43,7 +42,6 @@ from aerodima.optimisation.calibration.tail_draw import (
     draw_tails,
     expected_log_likelihood,
     figure_surrogate,
-    no_tails,
     tail_surrogates,
 )
 from aerodima.workbench.config.array_types import FloatArray
@@ -55,12 +53,12 @@ FLOOR = 0.02
 """Share that is added to surrogate probabilities: what a surrogate calls unlikely is still drawn now and then."""
 FOCUS = 2.0
 """Factor on the discrepancy with which the first cars are chosen."""
-FIRST_GROUP, FIRST_DEVIATION = 1.03, 0.09
+FIRST_RATIO, FIRST_DEVIATION = 1.03, 0.09
 """Where the first cars are searched: what sliding tyres allow is about 1 (design section 7)."""
 KNOWN = 0.01
-"""Standard deviation of a critical group that a surrogate learns from."""
+"""Standard deviation of a critical mu/SSF that a surrogate learns from."""
 NARROWEST = 0.003
-"""Least distance of the critical groups of the two speeds."""
+"""Least distance of the critical mu/SSF of the two speeds."""
 NEGLIGIBLE = 14.0
 """Logarithm below the largest proposal at which a candidate is not looked at with tails."""
 
@@ -134,34 +132,34 @@ class _Round:
 
 
 def draw_cars(target: Target, cars: Prior, sampling: TailSampling, size: Size, seed: int, runner: Runner) -> Draw:
-    """Designs, runs, draws and weighs the cars; rounds go on until the cars are worth enough equally likely ones.
+    """Designs, runs, draws and weighs the cars; rounds go on until the effective sample size is enough.
 
     Raises:
         UserError: no member meets the target.
     """
-    design = _first_design(target, cars, size, seed, runner)
-    members, tails = _nobody(cars), no_tails(sampling)
+    design, found, drawn = _first_design(target, cars, size, seed, runner), None, 0
     parts: list[FloatArray] = []
-    weights: FloatArray = np.zeros(0)
-    drawn = 0
     for place, wanted in enumerate(size.rounds):
-        surrogates = _surrogates(design, tails, target, cars, sampling)
-        found = _draw_round(target, cars, sampling, wanted, seed + 1 + place, surrogates, runner)
-        design, members, tails = design.merged(found.design), members.merged(found.members), tails.merged(found.tails)
-        parts.append(found.log_weights)
+        surrogates = _surrogates(design, found and found.tails, target, cars, sampling)
+        new = _draw_round(target, cars, sampling, wanted, seed + 1 + place, surrogates, runner)
+        design = design.merged(new.design)
+        found = (
+            new
+            if found is None
+            else replace(new, members=joined(found.members, new.members), tails=joined(found.tails, new.tails))
+        )
+        parts.append(new.log_weights)
         weights = _combined(parts)
         drawn += wanted.cars
-        runner.say(f"round {place + 1}: {drawn} cars drawn, worth {effective_size(weights):.0f} equally likely ones")
-        if effective_size(weights) >= size.enough:
+        size_so_far = effective_size(weights)
+        runner.say(f"round {place + 1}: {drawn} cars drawn, effective sample size {size_so_far:.0f}")
+        if size_so_far >= size.enough:
             break
-    if not np.any(weights):
+    if found is None or not np.any(weights):
         raise UserError(f"none of {drawn} cars meets its bracket without tail")
-    surrogates = _surrogates(design, tails, target, cars, sampling)
-    return Draw(target, cars, sampling, surrogates, members, tails, tails.own(seed), weights, drawn)
-
-
-def _nobody(cars: Prior) -> Evaluated:
-    return Evaluated(np.empty((0, len(cars.keys))), pd.DataFrame(), pd.DataFrame())
+    surrogates = _surrogates(design, found.tails, target, cars, sampling)
+    own = found.tails.own(seed)
+    return Draw(target, cars, sampling, surrogates, found.members, found.tails, own, weights, drawn)
 
 
 def _draw_round(
@@ -177,7 +175,7 @@ def _draw_round(
     probability = normalised(log_proposal)
     chosen, counts = np.unique(systematic_sample(probability, wanted.cars, seed), return_counts=True)
     before = Edge.around(slow[chosen], np.full(len(chosen), surrogates.flip.deviation))
-    design = critical_groups(target, cars, points[chosen], (before, below[chosen]), wanted.pilots, None, runner)
+    design = critical_ratios(target, cars, points[chosen], (before, below[chosen]), wanted.pilots, None, runner)
     coordinates, log_widths = _drawn_in_windows(cars, design, seed)
     drawn = np.flatnonzero(np.isfinite(log_widths))
     meet, members = run_through(coordinates[drawn], cars, target, runner)
@@ -215,15 +213,15 @@ def _proposal(
 
 
 def _first_design(target: Target, prior: Prior, size: Size, seed: int, runner: Runner) -> Design:
-    """Cars of the prior whose critical groups are searched without any surrogate."""
-    middle = (FIRST_GROUP - prior.plausible.lowest_group.value) / prior.group_scale
-    deviation = FIRST_DEVIATION / prior.group_scale
+    """Cars of the prior whose critical mu/SSF are searched without any surrogate."""
+    middle = (FIRST_RATIO - prior.plausible.lowest_mu_over_ssf.value) / prior.ratio_scale
+    deviation = FIRST_DEVIATION / prior.ratio_scale
     low, high = np.clip([middle - deviation, middle + deviation], 0.0, 1.0)
     drawn, _ = prior.draw(64 * size.points, seed, window=lambda p: (np.full(len(p), low), np.full(len(p), high)))
     cars = drawn[np.unique(systematic_sample(_crude_likelihood(target, prior, drawn), size.points, seed))]
     guess = Edge.around(np.full(len(cars), middle), np.full(len(cars), deviation))
-    below = np.full(len(cars), BELOW / prior.group_scale)
-    return _known(critical_groups(target, prior, cars, (guess, below), size.pilots, size.step, runner), prior)
+    below = np.full(len(cars), BELOW / prior.ratio_scale)
+    return _known(critical_ratios(target, prior, cars, (guess, below), size.pilots, size.step, runner), prior)
 
 
 def _crude_likelihood(target: Target, prior: Prior, cars: FloatArray) -> FloatArray:
@@ -238,7 +236,7 @@ def _crude_likelihood(target: Target, prior: Prior, cars: FloatArray) -> FloatAr
 
 
 def _plausible_share(prior: Prior, points: FloatArray, window: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Mean prior density (m) of cars with their group within a window; 0 where none of them is plausible."""
+    """Mean prior density (m) of cars with their mu/SSF within a window; 0 where none of them is plausible."""
     low, high = window
     found: FloatArray = np.mean(
         [np.exp(prior.log_density_at(points, low + level * (high - low))) for level in LEVELS], axis=0
@@ -247,7 +245,7 @@ def _plausible_share(prior: Prior, points: FloatArray, window: tuple[FloatArray,
 
 
 def _drawn_in_windows(prior: Prior, design: Design, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Cars with a group drawn in the plausible part of their windows; log width of that part, -inf for none."""
+    """Cars with a mu/SSF drawn in the plausible part of their windows; log width of that part, -inf for none."""
     edges = np.clip(design.windows, 0.0, 1.0)
     draws = np.random.default_rng(seed).random(len(edges))
     coordinates = design.coordinates.copy()
@@ -266,8 +264,8 @@ def _drawn_in_windows(prior: Prior, design: Design, seed: int) -> tuple[FloatArr
 
 
 def _known(design: Design, prior: Prior) -> Design:
-    """Only the cars whose critical groups are known: a surrogate learns nothing of use from the others."""
-    return design.kept(np.all(design.deviations * prior.group_scale < KNOWN, axis=1))
+    """Only the cars whose critical mu/SSF are known: a surrogate learns nothing of use from the others."""
+    return design.kept(np.all(design.deviations * prior.ratio_scale < KNOWN, axis=1))
 
 
 def _combined(log_weights: list[FloatArray]) -> FloatArray:
@@ -282,10 +280,10 @@ def _combined(log_weights: list[FloatArray]) -> FloatArray:
     return scaled / total if total > 0.0 else scaled
 
 
-def _surrogates(design: Design, tails: Tails, target: Target, cars: Prior, sampling: TailSampling) -> Surrogates:
+def _surrogates(design: Design, tails: Tails | None, target: Target, cars: Prior, sampling: TailSampling) -> Surrogates:
     others = np.delete(design.coordinates, cars.leading, axis=1)
     slow, fast = (fit(others, edge) for edge in design.edges.T)
-    flip = FlipSurrogate(cars.leading, target.speeds, slow, fast, NARROWEST / cars.group_scale)
+    flip = FlipSurrogate(cars.leading, target.speeds, slow, fast, NARROWEST / cars.ratio_scale)
     own = {}
     if len(design.rows) >= LEAST_RUNS:
         own = {

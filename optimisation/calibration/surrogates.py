@@ -127,10 +127,10 @@ def surrogate_log_likelihood(
 
 @dataclass(frozen=True)
 class FlipSurrogate:
-    """Where a car flips: its critical group at two speeds, over the other coordinates.
+    """Where a car flips: its critical mu/SSF at two speeds, over the other coordinates.
 
     Attributes:
-        column: of the coordinate that stands for the group.
+        column: of the coordinate that stands for mu/SSF.
         speeds: slow and fast, m/s.
         slow, fast: surrogates of the critical coordinate at these speeds: the car flips above it.
         narrowest: distance of the two that none is taken to fall below.
@@ -154,7 +154,7 @@ class FlipSurrogate:
         return np.maximum(ndtr((slow - own) / self.deviation) - ndtr((slow - below - own) / self.deviation), 0.0)
 
     def window(self, coordinates: FloatArray, deviations: float = 3.0) -> tuple[FloatArray, FloatArray]:
-        """Ends (m), (m) of the group's coordinate between which the bracket can be met; the rest decides them."""
+        """Ends (m), (m) of the coordinate between which the bracket can be met; the rest decides them."""
         slow, below = self.edges(coordinates)
         reach = deviations * self.deviation
         low = np.clip(slow - below - reach, 0.0, 1.0 - self.narrowest)
@@ -167,19 +167,19 @@ class FlipSurrogate:
         return slow, np.maximum(slow - fast, self.narrowest)
 
     def flip_speed(self, coordinates: FloatArray) -> FloatArray:
-        """Speed (m) at which the car flips, m/s: linear in the group between and beyond the two speeds."""
+        """Speed (m) at which the car flips, m/s: linear in mu/SSF between and beyond the two speeds."""
         slow, below = self.edges(coordinates)
         share = (slow - coordinates[:, self.column]) / below
         return self.speeds[0] + (self.speeds[1] - self.speeds[0]) * share
 
 
 GRID = np.linspace(-0.3, 1.3, 1601)
-"""Critical coordinates that densities are kept at; a car may flip outside of what its group may be."""
+"""Critical coordinates that densities are kept at; a car may flip outside of what its mu/SSF may be."""
 
 TIPPING = 0.655
 STIFFNESS = 0.04
 """Group = -STIFFNESS (TIPPING - peak roll)^2 below the critical one; fitted to 350 survivors of 89 cars whose critical
-groups had been found by bisection, as are the constants below."""
+mu/SSF had been found by bisection, as are the constants below."""
 GROWTH = 3.1
 FIRST = -3.4
 """Logarithm of the distance above it = FIRST - GROWTH (time of the flip - end of the steering command)."""
@@ -195,11 +195,11 @@ NEVER = -60.0
 
 @dataclass(frozen=True)
 class Closeness:
-    """How far runs were from the critical group.
+    """How far runs were from the critical mu/SSF.
 
     Attributes:
-        side: 1 where the critical group lies above that of the run, -1 below, 0 where the run says nothing (m).
-        distance: of the group (m); a lower bound where `is_far`.
+        side: 1 where the critical mu/SSF lies above that of the run, -1 below, 0 where the run says nothing (m).
+        distance: of mu/SSF (m); a lower bound where `is_far`.
         is_far: (m).
     """
 
@@ -246,9 +246,9 @@ class Edge:
         """What is known after one more run of each car at the coordinate `trial` (m).
 
         Args:
-            trial: coordinate of the group of the run.
+            trial: coordinate of mu/SSF of the run.
             found: in it.
-            scale: of the group over its coordinate.
+            scale: of mu/SSF over its coordinate.
         """
         gap = scale * found.side[:, None] * (GRID - trial[:, None])
         z = np.log(np.maximum(gap, 1e-5) / found.distance[:, None]) / FACTOR

@@ -80,15 +80,6 @@ class Tails:
             places.append(min(int(np.searchsorted(shares, draw)), len(logs) - 1) if shares[-1] > 0.0 else 0)
         return self.coordinates[np.arange(len(places)), places]
 
-    def merged(self, other: "Tails") -> "Tails":
-        """Both."""
-        values = {name: np.vstack([found, other.values[name]]) for name, found in self.values.items()}
-        return Tails(
-            np.vstack([self.coordinates, other.coordinates]),
-            np.vstack([self.log_weights, other.log_weights]),
-            values,
-        )
-
 
 def draw_tails(
     sampling: TailSampling, cars: FloatArray, surrogates: dict[Datum, Surrogate], seed: int, runner: Runner
@@ -159,14 +150,6 @@ def expected_log_likelihood(
     logs = surrogate_log_likelihood(joint.reshape(-1, joint.shape[2]), surrogates, widened=True)
     found: FloatArray = logsumexp(logs.reshape(len(cars), AVERAGED), axis=1) - np.log(AVERAGED)
     return found
-
-
-def no_tails(sampling: TailSampling) -> Tails:
-    """Of no car."""
-    shape = (0, sampling.tails)
-    return Tails(
-        np.empty((*shape, len(sampling.prior.keys))), np.empty(shape), {d.name: np.empty(shape) for d in sampling.data}
-    )
 
 
 def _with_tails(prior: Prior, cars: FloatArray, number: int, seed: int) -> FloatArray:

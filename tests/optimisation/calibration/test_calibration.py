@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from aerodima.optimisation.calibration import calibration_runs as runs
-from aerodima.optimisation.calibration.bracket_design import Design, Runner, critical_groups, run_through
+from aerodima.optimisation.calibration.bracket_design import Design, Runner, critical_ratios, run_through
 from aerodima.optimisation.calibration.calibration import SHIPPED_DIGITS, Calibration, calibrate
 from aerodima.optimisation.calibration.calibration_output import ensemble_text, write_calibration
 from aerodima.optimisation.calibration.calibration_plan import CalibrationPlan, fitted_names, load_plan, prior_ranges
@@ -95,8 +95,8 @@ def exact_likelihood(draw: Draw, data: Sequence[Datum], cars: Sequence[dict]) ->
 def test_the_weights_are_those_of_the_posterior_that_a_million_runs_would_find(result: Calibration) -> None:
     draw = result.draw
     limits = draw.prior.plausible
-    scale = limits.highest_group.value - limits.lowest_group.value
-    ends = [(group - limits.lowest_group.value) / scale for group in (LOW, HIGH)]
+    scale = limits.highest_mu_over_ssf.value - limits.lowest_mu_over_ssf.value
+    ends = [(group - limits.lowest_mu_over_ssf.value) / scale for group in (LOW, HIGH)]
     points, density = draw.prior.draw(2**13, 9, window=lambda p: (np.full(len(p), ends[0]), np.full(len(p), ends[1])))
     values = draw.prior.values(points)
     data = fitted(plan_data(result.plan))
@@ -143,20 +143,20 @@ def test_each_fitted_figure_enters_the_weights(result: Calibration) -> None:
 
 def searched(result: Calibration, folder: Path, engine: MadeUpEngine, pilots: tuple[int, int]) -> Design:
     prior = result.draw.cars
-    edge = (HIGH + 0.03 - prior.plausible.lowest_group.value) / prior.group_scale
+    edge = (HIGH + 0.03 - prior.plausible.lowest_mu_over_ssf.value) / prior.ratio_scale
     beyond = np.full(len(result.draw.members.coordinates), edge)
     plausible = np.isfinite(prior.log_density_at(result.draw.members.coordinates, beyond))
     cars = result.draw.members.coordinates[plausible][:4]
     assert len(cars) == 4
     guess = Edge.around(prior.coordinates(prior.values(cars))[:, prior.leading] + 0.05, np.full(4, 0.1))
     runner = Runner(store_in(folder), engine, quiet)
-    return critical_groups(result.draw.target, prior, cars, (guess, np.full(4, 0.02)), pilots, None, runner)
+    return critical_ratios(result.draw.target, prior, cars, (guess, np.full(4, 0.02)), pilots, None, runner)
 
 
 def test_windows_hold_the_bracket_of_the_made_up_car_and_little_more(result: Calibration, tmp_path: Path) -> None:
     engine = MadeUpEngine()
     design = searched(result, tmp_path, engine, (5, 3))
-    low, high = result.draw.cars.group(design.windows).T
+    low, high = result.draw.cars.mu_over_ssf(design.windows).T
     assert np.all((low < LOW) & (low > LOW - 0.015))
     assert np.all((high > HIGH) & (high < HIGH + 0.015))
     assert engine.runs <= 4 * 8
@@ -167,7 +167,7 @@ def test_what_pilots_say_of_the_critical_group_is_right_within_what_they_claim(
 ) -> None:
     rough = searched(result, tmp_path / "rough", MadeUpEngine(), (1, 1))
     sharp = searched(result, tmp_path / "sharp", MadeUpEngine(), (5, 3))
-    truth = (np.array([HIGH, LOW]) - result.draw.cars.group(np.zeros(1))) / result.draw.cars.group_scale
+    truth = (np.array([HIGH, LOW]) - result.draw.cars.mu_over_ssf(np.zeros(1))) / result.draw.cars.ratio_scale
     for design in (rough, sharp):
         assert np.all(np.abs(design.edges - truth) < 3.5 * design.deviations)
     assert np.all(sharp.deviations < rough.deviations)
@@ -180,7 +180,7 @@ def test_a_car_that_cannot_be_plausible_where_it_flips_takes_no_run(result: Cali
     engine = MadeUpEngine()
     guess = (nowhere, np.full(3, 0.02))
     runner = Runner(store_in(tmp_path), engine, quiet)
-    design = critical_groups(result.draw.target, prior, cars, guess, (3, 2), None, runner)
+    design = critical_ratios(result.draw.target, prior, cars, guess, (3, 2), None, runner)
     assert engine.runs == 0
     assert len(design.rows) == 0
 
