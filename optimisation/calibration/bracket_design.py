@@ -1,6 +1,6 @@
 """What calibration runs tell about cars: mu/SSF at which each flips, and whether it meets a bracket of speeds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,11 +21,10 @@ from aerodima.optimisation.calibration.calibration_runs import (
 from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.calibration.surrogates import Edge, closeness
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.metrics.published_figures import FlipBracket
-
-Say = Callable[[str], None]
 
 TAIL_MODE = "none"
 """Of the runs of a target."""
@@ -64,15 +63,15 @@ class Target:
 
 @dataclass(frozen=True)
 class Runner:
-    """Store, engine and voice of a calibration."""
+    """Store and engine of a calibration, and where its progress is told."""
 
     store: RunStore
     engine: Engine
-    say: Say
+    progress: ProgressLine
 
     def run(self, wanted: list[Wanted], what: str) -> pd.DataFrame:
         """Rows of runs, in their order."""
-        return self.store.run(wanted, self.engine, self.say, what)
+        return self.store.run(wanted, self.engine, self.progress, what)
 
 
 @dataclass(frozen=True)
@@ -106,10 +105,11 @@ class Design:
         """Only some of the cars."""
         places = np.flatnonzero(cars)
         runs = np.isin(self.cars, places)
-        by_car = (self.coordinates, self.edges, self.deviations, self.windows)
+        by_car = [array[places] for array in (self.coordinates, self.edges, self.deviations, self.windows)]
         rows = self.rows[runs].reset_index(drop=True)
         numbers = np.searchsorted(places, self.cars[runs])
-        return Design(*(array[places] for array in by_car), self.upright[runs], rows, numbers)
+        coordinates, edges, deviations, windows = by_car
+        return Design(coordinates, edges, deviations, windows, self.upright[runs], rows, numbers)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Figures and outcomes that the plan holds out take no part: they are the test
 (`aerodima.optimisation.calibration.validation`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from aerodima.optimisation.calibration.car_prior import Prior, normalised, syste
 from aerodima.optimisation.calibration.member_draw import Draw, draw_cars
 from aerodima.optimisation.calibration.tail_draw import TailSampling, run_tails
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import load_scenario
@@ -84,7 +85,7 @@ def calibrate(
     plan: CalibrationPlan,
     store: RunStore,
     engine: Engine,
-    say: Callable[[str], None],
+    progress: ProgressLine,
     data: Sequence[Datum] | None = None,
 ) -> Calibration:
     """Carries out a plan; what the store holds already is not run again.
@@ -93,13 +94,13 @@ def calibrate(
         plan: to be carried out.
         store: of its runs.
         engine: that runs them.
-        say: told how it goes.
+        progress: told how it goes.
         data: figures instead of the published ones.
 
     Raises:
         UserError: no plausible car meets the tailless bracket, or too few do for an ensemble.
     """
-    base, runner = load_scenario(BASE_SCENARIO), Runner(store, engine, say)
+    base, runner = load_scenario(BASE_SCENARIO), Runner(store, engine, progress)
     used = fitted(plan_data(plan) if data is None else data)
     slow = Target(flip_bracket("tailless"), ()).turns[0]
     target = Target(flip_bracket("tailless"), tuple(datum for datum in used if datum.turn == slow))
@@ -107,7 +108,7 @@ def calibrate(
     sampling = TailSampling(both, tuple(datum for datum in used if datum.turn != slow), plan.size.tails)
     cars = Prior(plan.car, plan.plausible, base)
     draw = draw_cars(target, cars, sampling, plan.size, plan.seed, runner)
-    say(
+    progress(
         f"{np.count_nonzero(draw.weights)} of {draw.drawn} cars meet the tailless bracket, effective sample size "
         f"{draw.effective_size:.0f}"
     )
@@ -127,7 +128,7 @@ def _fine_check(plan: CalibrationPlan, draw: Draw, runner: Runner) -> FineCheck:
     places, counts = np.unique(drawn, return_counts=True)
     found = run_cars(draw.coordinates[places], draw.prior, draw.target, runner, plan.check.step)
     check = FineCheck(plan.check.step, places, counts, found.meet)
-    runner.say(f"at {check.step:g} s the tailless bracket holds in {check.share:.0%} of the weight")
+    runner.progress(f"at {check.step:g} s the tailless bracket holds in {check.share:.0%} of the weight")
     return check
 
 

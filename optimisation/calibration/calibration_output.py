@@ -1,7 +1,6 @@
 """What a calibration leaves behind: the ensemble file, its tables, plots and one page that says what they mean."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from aerodima.optimisation.calibration.car_prior import systematic_sample
 from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
 from aerodima.optimisation.calibration.validation import LEVELS, Shipped, as_table, shipped_car, validate
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.report.report_page import write_files
@@ -27,14 +27,12 @@ PRIOR_SAMPLE = 4096
 """Draws from the prior that its quantiles rest on."""
 
 
-def write_calibration(
-    result: Calibration, out: Path, store: RunStore, engine: Engine, say: Callable[[str], None]
-) -> Path:
+def write_calibration(result: Calibration, out: Path, store: RunStore, engine: Engine, progress: ProgressLine) -> Path:
     """Writes `<plan>.yaml` (the ensemble), `members.parquet`, five tables as CSV and `index.html`; the page's path."""
-    shipped = shipped_car(result, Runner(store, engine, say))
+    shipped = shipped_car(result, Runner(store, engine, progress))
     (path,) = write_files(out, {f"{result.plan.name}.yaml": ensemble_text(result)})
     ensemble = load_ensemble(path)
-    say("validation: Tables 7.1 to 7.4 ...")
+    progress("validation: Tables 7.1 to 7.4 ...")
     validated, outcomes = validate(ensemble.members, result.plan, store, engine)
     sensitivity = sensitivity_table(result)
     parameters = parameter_table(result, shipped)

@@ -238,9 +238,11 @@ class RunStore(RowStore):
         identity = {"schema": RUNS_SCHEMA, "versions": software_versions(), "scenarios": bases}
         super().__init__(folder / RUNS, identity, force=force)
 
-    def run(self, wanted: Sequence[Wanted], engine: Engine, say: ProgressLine = silent, what: str = "") -> pd.DataFrame:
+    def run(
+        self, wanted: Sequence[Wanted], engine: Engine, progress: ProgressLine = silent, what: str = ""
+    ) -> pd.DataFrame:
         """Rows of runs, in their order; those that are not in the store are run and stored first."""
-        remembering = RememberingEngine(engine, self, say, what)
+        remembering = RememberingEngine(engine, self, progress, what)
         return pd.DataFrame(remembering.rows([run.task() for run in wanted]))
 
     def __len__(self) -> int:

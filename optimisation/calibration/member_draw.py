@@ -137,10 +137,11 @@ def draw_cars(target: Target, cars: Prior, sampling: TailSampling, size: Size, s
     Raises:
         UserError: no member meets the target.
     """
-    design, found, drawn = _first_design(target, cars, size, seed, runner), None, 0
+    design, drawn = _first_design(target, cars, size, seed, runner), 0
+    found: _Round | None = None
     parts: list[FloatArray] = []
     for place, wanted in enumerate(size.rounds):
-        surrogates = _surrogates(design, found and found.tails, target, cars, sampling)
+        surrogates = _surrogates(design, found.tails if found else None, target, cars, sampling)
         new = _draw_round(target, cars, sampling, wanted, seed + 1 + place, surrogates, runner)
         design = design.merged(new.design)
         found = (
@@ -152,7 +153,7 @@ def draw_cars(target: Target, cars: Prior, sampling: TailSampling, size: Size, s
         weights = _combined(parts)
         drawn += wanted.cars
         size_so_far = effective_size(weights)
-        runner.say(f"round {place + 1}: {drawn} cars drawn, effective sample size {size_so_far:.0f}")
+        runner.progress(f"round {place + 1}: {drawn} cars drawn, effective sample size {size_so_far:.0f}")
         if size_so_far >= size.enough:
             break
     if found is None or not np.any(weights):

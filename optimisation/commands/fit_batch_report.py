@@ -54,7 +54,7 @@ def fit_batch(
     from aerodima.workbench.batch.row_store import terminal
 
     logs, out = batch.logs, batch.out
-    fitted = fit_logs(work, logs, out, settings=settings, workers=batch.workers, force=batch.force, say=terminal())
+    fitted = fit_logs(work, logs, out, settings=settings, workers=batch.workers, force=batch.force, progress=terminal())
     if fitted.reused:
         typer.echo(f"{fitted.reused} of {len(logs)} were fitted before")
     extra, left_out = _further_tables(tables, fitted.results, out)

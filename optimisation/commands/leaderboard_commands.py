@@ -56,8 +56,8 @@ def leaderboard(
     plan = replace(QUICK if quick else Plan(perturbed=robustness), step=step)
     if speed:
         plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
-    with engine_for(out, workers, scheduler) as (engine, say):
-        board, files = make_leaderboard(out, plan, swings, chosen, engine, replays=replays, force=force, say=say)
+    with engine_for(out, workers, scheduler) as (engine, progress):
+        board, files = make_leaderboard(out, plan, swings, chosen, engine, replays=replays, force=force, say=progress)
     for row in board.claims.to_dict("records"):
         typer.echo(
             f"{row['controller']:42} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f} "
@@ -84,11 +84,13 @@ def passivity(
     from aerodima.workbench.batch.row_store import saying_how_to_go_on
 
     with (
-        engine_for(out, workers) as (engine, say),
+        engine_for(out, workers) as (engine, progress),
         open_runs(out) as store,
-        saying_how_to_go_on(say, lambda: f"{len(store.rows)} runs"),
+        saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"),
     ):
-        table = measure_passivity(RememberingEngine(engine, store, say, "passive and active tails"), speed or SPEEDS)
+        table = measure_passivity(
+            RememberingEngine(engine, store, progress, "passive and active tails"), speed or SPEEDS
+        )
     for row in table.to_dict("records"):
         typer.echo(f"{row['tail']:24} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f}")
     for path in write_passivity(table, out):

@@ -79,9 +79,11 @@ def engine_for(
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.row_store import terminal
 
-    say = terminal()
-    with open_engine(workers, scheduler, progress=say, record=None if out is None else out / WORKER_RECORD) as engine:
-        yield engine, say
+    progress = terminal()
+    with open_engine(
+        workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
+    ) as engine:
+        yield engine, progress
 
 
 def _studies() -> None:
@@ -103,8 +105,8 @@ def run(
 
     loaded = load_study(study)
     plan_runs(loaded)
-    with engine_for(out, work.workers, work.scheduler) as (engine, say):
-        run_study(loaded, out, engine, force=work.force, say=say)
+    with engine_for(out, work.workers, work.scheduler) as (engine, progress):
+        run_study(loaded, out, engine, force=work.force, progress=progress)
     print(f"table: {out / TABLE}")
 
 
@@ -157,8 +159,8 @@ def _run_named(name: str, out: Path, cases: CaseOptions, work: WorkOptions, **ow
     study, read = named_study(name, cases.settings or (), cases.ensemble, cases.members, **own)
     check_factors(study, "--set")
     plan_runs(study)
-    with engine_for(out, work.workers, work.scheduler) as (engine, say):
-        page = make_report(study, read, out, engine, force=work.force, say=say)
+    with engine_for(out, work.workers, work.scheduler) as (engine, progress):
+        page = make_report(study, read, out, engine, force=work.force, progress=progress)
     print(f"report: {page}")
 
 
@@ -231,8 +233,8 @@ def survival(
 
     axes = [Range(first=first, last=last, number=number) for first, last, number in (speeds, frictions)]
     study = survival_study(scenario, settings or [], *axes)
-    with engine_for(out, workers, scheduler) as (engine, say):
-        page = write_survival(study, out, engine, force, say)
+    with engine_for(out, workers, scheduler) as (engine, progress):
+        page = write_survival(study, out, engine, force, progress)
     print(f"report: {page}")
 
 
@@ -244,8 +246,8 @@ def _print_threshold(
 
     load_scenario(scenario, settings)
     cases = [Case(scenario, scenario, tuple(settings or ()))]
-    with engine_for(None, workers, scheduler) as (engine, say):
-        (found,) = find_thresholds(cases, search, engine, lambda done, known: say(f"[{done}/{known}] runs"))
+    with engine_for(None, workers, scheduler) as (engine, progress):
+        (found,) = find_thresholds(cases, search, engine, lambda done, known: progress(f"[{done}/{known}] runs"))
     print("\n".join(describe(found, unit)))
 
 

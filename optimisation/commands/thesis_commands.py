@@ -42,11 +42,11 @@ def calibrate(
         chosen = chosen.model_copy(update={"seed": seed})
     with (
         RunStore(out, (*chosen.car, *chosen.tail), force=work.force) as store,
-        engine_for(out, work.workers, work.scheduler) as (engine, say),
-        saying_how_to_go_on(say, lambda: f"{len(store)} runs"),
+        engine_for(out, work.workers, work.scheduler) as (engine, progress),
+        saying_how_to_go_on(progress, lambda: f"{len(store)} runs"),
     ):
-        result = carry_out(chosen, store, engine, say)
-        report = write_calibration(result, out, store, engine, say)
+        result = carry_out(chosen, store, engine, progress)
+        report = write_calibration(result, out, store, engine, progress)
     typer.echo(report)
 
 
@@ -67,6 +67,8 @@ def report(
     from aerodima.workbench.config.ensemble import load_ensemble
 
     chosen = load_ensemble(ensemble)
-    with engine_for(out, work.workers, work.scheduler) as (engine, say):
-        page = write_report(chosen, members, out, engine, say, replays=replays, force=work.force, survival=survival)
+    with engine_for(out, work.workers, work.scheduler) as (engine, progress):
+        page = write_report(
+            chosen, members, out, engine, progress, replays=replays, force=work.force, survival=survival
+        )
         typer.echo(page)

@@ -58,7 +58,7 @@ def fit_logs(
     settings: dict[str, Any],
     workers: int = 1,
     force: bool = False,
-    say: ProgressLine = silent,
+    progress: ProgressLine = silent,
 ) -> BatchResult:
     """Fits every log and keeps what is finished in `out`.
 
@@ -69,7 +69,7 @@ def fit_logs(
         settings: of the fit, JSON-able; results of other settings are refused unless `force`.
         workers: processes.
         force: drop earlier results.
-        say: told lines of progress.
+        progress: told lines of progress.
 
     Raises:
         FitError: a log is named twice, none is named, or the folder holds results of other settings.
@@ -83,16 +83,18 @@ def fit_logs(
     with RowStore(out / JOURNAL, {"settings": settings}, force=force, error=FitError) as store:
         done = {name: store.rows[key] for name, key in keys.items() if key in store.rows}
         missing = [name for name in names if name not in done]
-        reused, progress = len(done), ProgressBar(say, len(names), len(done))
+        reused, bar = len(done), ProgressBar(progress, len(names), len(done))
 
         def keep(_count: int, line: dict[str, Any]) -> None:
             if line["error"] != WORKER_KILLED:  # a second call tries it again
                 store.add(keys[line["log"]], line)
             done[line["log"]] = line
-            progress.one_more(Path(line["log"]).name)
+            bar.one_more(Path(line["log"]).name)
 
-        with saying_how_to_go_on(say, lambda: f"{progress.done} of {len(names)} fits"):
-            run_batch(partial(_one, work), missing, workers, keep, _failed, progress=say, record=out / WORKER_RECORD)
+        with saying_how_to_go_on(progress, lambda: f"{bar.done} of {len(names)} fits"):
+            run_batch(
+                partial(_one, work), missing, workers, keep, _failed, progress=progress, record=out / WORKER_RECORD
+            )
     lines = [done[name] for name in names]
     return BatchResult(
         [_RESULT.validate_python(line["result"]) for line in lines if line["result"] is not None],

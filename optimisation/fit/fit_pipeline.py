@@ -199,7 +199,8 @@ def result_of(
         of_p, identifiable = found[p.name]
         # A parameter that is not identifiable stays where it started, which may be a bound.
         bound = bounds.get(p.name, "") if identifiable else ""
-        estimates.append(Estimate(p.name, p.unit, *of_p, identifiable, bound))
+        value, deviation, lower, upper = of_p
+        estimates.append(Estimate(p.name, p.unit, value, deviation, lower, upper, identifiable, bound))
     rms = {
         name: float(np.sqrt(np.mean(np.square(solution.residual[where])))) * weight
         for name, (where, weight) in channels.items()

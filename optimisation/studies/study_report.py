@@ -15,9 +15,10 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from aerodima.optimisation.sweep.run_study import CSV, TABLE, Say, make_frame, run_study
+from aerodima.optimisation.sweep.run_study import CSV, TABLE, make_frame, run_study
 from aerodima.optimisation.sweep.study import Study
 from aerodima.optimisation.sweep.study_engine import Engine, tipped_before_turn
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.report.report_page import (
@@ -215,14 +216,14 @@ def make_report(
     engine: Engine,
     *,
     force: bool = False,
-    say: Say | None = None,
+    progress: ProgressLine = silent,
 ) -> Path:
     """Runs a study as far as it has not been, and writes plots and page; the path of the page.
 
     Raises:
         SweepError: as for `run_study`; or no run came to an outcome.
     """
-    frame = run_study(study, out, engine, force=force, say=say)
+    frame = run_study(study, out, engine, force=force, progress=progress)
     if frame["outcome"].isna().all():
         raise SweepError(f"{out / TABLE}: none of the {len(frame)} runs came to an outcome; {frame['error'].iloc[0]}")
     found = read(frame)

@@ -20,9 +20,9 @@ from aerodima.optimisation.studies.study_report import (
     survived_share,
 )
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
-from aerodima.optimisation.sweep.run_study import Say
 from aerodima.optimisation.sweep.study import Block, Normal, Range, Sample, Study, Uniform
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.figures.figure_style import FLIPPED_MARKER, GREY, MODE_STYLES, new_figure, styled
 from aerodima.workbench.metrics.run_summary import KM_PER_H
 from aerodima.workbench.report.report_page import Plot
@@ -36,9 +36,11 @@ def survival_study(scenario: str, settings: Sequence[str], speeds: Range, fricti
     return Study(name=f"Survival over speed and friction: {Path(scenario).stem}", blocks=(block,))
 
 
-def write_survival(study: Study, out: Path, engine: Engine, force: bool = False, say: Say | None = None) -> Path:
+def write_survival(
+    study: Study, out: Path, engine: Engine, force: bool = False, progress: ProgressLine = silent
+) -> Path:
     """Runs it and writes its page; the path of the page."""
-    return make_report(study, read_survival, out, engine, force=force, say=say)
+    return make_report(study, read_survival, out, engine, force=force, progress=progress)
 
 
 def read_survival(frame: pd.DataFrame) -> Findings:

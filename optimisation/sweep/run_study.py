@@ -21,16 +21,18 @@ import pyarrow.parquet as pq
 from aerodima.optimisation.sweep.study import PlannedRun, Study, check_factors, plan_runs
 from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import Row, RowStore, saying_how_to_go_on
 from aerodima.workbench.config.scenario import default_values, load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.logs.schema import software_versions
 
-Say = Callable[[str], None]
 STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
 
 
-def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, say: Say | None = None) -> pd.DataFrame:
+def run_study(
+    study: Study, out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
+) -> pd.DataFrame:
     """The table of a study; one that was stopped goes on where it was.
 
     Args:
@@ -38,7 +40,7 @@ def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, s
         out: folder of the results; see `aerodima.optimisation.sweep.run_study`.
         engine: where to run it.
         force: drop results that are there.
-        say: told lines of progress.
+        progress: told lines of progress.
 
     Returns:
         One row per run in the order of the plan: place in the study, outcome, metrics, provenance, error.
@@ -46,19 +48,18 @@ def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, s
     Raises:
         SweepError: unknown factor; the folder is in use, holds another study, or its disk is full.
     """
-    say = say or (lambda line: None)
     check_factors(study, study.name)
     runs = plan_runs(study)
     tasks, identity = [run.task for run in runs], _identity(study, runs)
     with open_store(out, identity, force=force) as store:
         there = len(store.rows)
         if there and (out / TABLE).is_file():
-            say(f"{out}: complete already, {len(runs)} runs")
+            progress(f"{out}: complete already, {len(runs)} runs")
             return read_table(out)
-        say(f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}")
+        progress(f"{len(runs)} runs, {there} there already; {engine.workers} at a time, results in {out}")
         start = time.monotonic()
-        with saying_how_to_go_on(say, lambda: f"{len(store.rows)} of {len(runs)} runs"):
-            rows = RememberingEngine(engine, store, say).rows(tasks)
+        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} of {len(runs)} runs"):
+            rows = RememberingEngine(engine, store, progress).rows(tasks)
         seconds, new = time.monotonic() - start, len(store.rows) - there
         frame = make_frame([run.place | row for run, row in zip(runs, rows, strict=True)])
         timing = {
@@ -68,7 +69,7 @@ def run_study(study: Study, out: Path, engine: Engine, *, force: bool = False, s
             "workers": engine.workers,
         }
         write_table(out, frame, identity, timing)
-    say(_how_it_went(frame, new, seconds, engine))
+    progress(_how_it_went(frame, new, seconds, engine))
     return frame
 
 

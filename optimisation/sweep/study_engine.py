@@ -216,12 +216,12 @@ class RememberingEngine:
     Args:
         engine: where new tasks are run.
         store: open.
-        say: told lines of progress.
+        progress: told lines of progress.
         stage: what is being run, for these lines; may be changed on the way.
     """
 
-    def __init__(self, engine: Engine, store: RowStore, say: ProgressLine = silent, stage: str = "") -> None:
-        self._engine, self.store, self._say = engine, store, say
+    def __init__(self, engine: Engine, store: RowStore, progress: ProgressLine = silent, stage: str = "") -> None:
+        self._engine, self.store, self._progress = engine, store, progress
         self.stage = stage
         self.ran = 0
 
@@ -241,12 +241,12 @@ class RememberingEngine:
         known = self.store.rows
         missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
         places = list(missing)
-        progress = ProgressBar(self._say, len(set(keys)), len(set(keys)) - len(missing))
+        bar = ProgressBar(self._progress, len(set(keys)), len(set(keys)) - len(missing))
 
         def keep(place: int, row: dict[str, Any]) -> None:
             self.store.add(places[place], row)
             self.ran += 1
-            progress.one_more(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
+            bar.one_more(f"{self.stage} {row['outcome'] or 'failed':8}".lstrip())
             if done is not None:
                 done(place, row)
 

@@ -153,7 +153,7 @@ def study(kind: str, count: int, out: Path, bounds: int) -> list[FitResult]:
 
     settings = {"study": kind, "bounds": bounds}
     names = [str(number) for number in range(count)]
-    found = fit_logs(partial(fit_drawn, kind, bounds), names, out, settings=settings, say=say)
+    found = fit_logs(partial(fit_drawn, kind, bounds), names, out, settings=settings, progress=say)
     for name, reason in found.failed.items():
         print(f"{kind} {name}: {reason}", file=sys.stderr)
     return found.results

@@ -267,7 +267,7 @@ def test_no_more_rounds_are_run_than_are_needed(result: Calibration, tmp_path: P
 def test_too_few_cars_are_refused_with_what_to_do(tmp_path: Path) -> None:
     few = small_plan().model_dump(by_alias=True)
     few["size"]["rounds"] = [{"cars": 8, "pilots": [4, 2]}]
-    with pytest.raises(UserError, match=r"needed are 32: more cars in the rounds of the plan"):
+    with pytest.raises(UserError, match=r"needed is 32: more cars in the rounds of the plan"):
         carried_out(tmp_path, MadeUpEngine(), CalibrationPlan.model_validate(few))
 
 

@@ -56,10 +56,10 @@ def test_stopped_study_goes_on_without_losing_or_doubling_a_run(tmp_path, undist
     said = []
     first, second = Stopping(3), Stopping(-1)
     with pytest.raises(KeyboardInterrupt):
-        run_study(study, out, first, say=said.append)
+        run_study(study, out, first, progress=said.append)
     assert "stopped: 3 of 4 runs are kept" in said[-1]
     assert not (out / TABLE).exists()
-    run_study(study, out, second, say=said.append)
+    run_study(study, out, second, progress=said.append)
     assert (len(first.names), len(second.names)) == (3, 1)
     assert not set(first.names) & set(second.names)
     assert (out / TABLE).read_bytes() == (undisturbed / TABLE).read_bytes()
@@ -97,7 +97,7 @@ def test_table_is_tidy_and_carries_the_study(undisturbed):
 def test_member_that_makes_no_plant_is_a_row_with_its_reason(tmp_path):
     study = load_study(write_study(tmp_path / "s.yaml", "grid:\n  car.mass: [6.0, 1.3]\n"))
     said = []
-    table = run_study(study, tmp_path / "out", SerialEngine(), say=said.append)
+    table = run_study(study, tmp_path / "out", SerialEngine(), progress=said.append)
     assert table["outcome"].tolist()[0] == "survived"
     assert pd.isna(table["outcome"].iloc[1])
     assert table["error"].iloc[1]
