@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -62,7 +61,7 @@ def register(app: typer.Typer) -> None:
     group.command()(published)
     group.command("tail-size")(tail_size)
     app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
-    app.command(rich_help_panel=COEFFICIENTS)(coverage)
+    app.command(rich_help_panel=COEFFICIENTS)(report.coverage)
 
 
 def _group() -> None:
@@ -299,24 +298,3 @@ def tail_size(
     write_report(out, "Size of the robot's sail from the tunnel", [result], tables=tables, figures=figures)
     report.show([result])
     report.finish(out, {}, 1)
-
-
-def coverage(
-    fits: Annotated[Path, typer.Argument(help="Folder that `aerodima fit ... --out` wrote, of simulated logs.")],
-) -> None:
-    """How often the 95 % intervals of fits hold the truth that simulated logs carry.
-
-    Example: aerodima rig campaign static --out holds, aerodima fit static holds/*.parquet --out fits,
-    aerodima coverage fits
-    """
-    from aerodima.optimisation.fit.fit_batch import coverage as measure
-
-    table = measure(fits)
-    path = fits / "coverage.csv"
-    table.to_csv(path, index=False)
-    for row in table.to_dict("records"):
-        typer.echo(
-            f"{row['parameter']:12s} held in {row['held']:4d} of {row['identifiable']:4d} intervals, "
-            f"{100.0 * row['coverage']:5.1f} % (not determined in {row['fits'] - row['identifiable']})"
-        )
-    typer.echo(f"wrote {path}")

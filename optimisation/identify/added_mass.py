@@ -69,14 +69,10 @@ def _row(wind_speed: float) -> Any:
     return table.iloc[int(np.argmin(np.abs(table.wind_speed_m_per_s - wind_speed)))]
 
 
-def _table_seed(data: SwingData) -> float:
-    return float(_row(data.scenario.experiment.wind_speed).x0_kg)
-
-
 SEEDS: dict[str, Callable[[SwingData], float]] = {
     "zero": lambda data: 0.0,
     "potential-flow": potential_flow_mass,
-    "table-4.12": _table_seed,
+    "table-4.12": lambda data: float(_row(data.scenario.experiment.wind_speed).x0_kg),
     "table-4.12-10": lambda data: float(_row(10.0).x0_kg),
     "table-4.12-20": lambda data: float(_row(20.0).x0_kg),
 }

@@ -50,9 +50,8 @@ class Aggregate:
 
     def columns(self) -> dict[str, float | int]:
         """All of them by name, the percentiles as `p10` and `p90`."""
-        found = asdict(self)
-        low, high = (f"p{p:g}" for p in PERCENTILES)
-        return {low if key == "low" else high if key == "high" else key: value for key, value in found.items()}
+        ends = dict(zip(("low", "high"), (f"p{p:g}" for p in PERCENTILES), strict=True))
+        return {ends.get(key, key): value for key, value in asdict(self).items()}
 
 
 def weights(resnorms: np.ndarray) -> np.ndarray:
@@ -204,11 +203,7 @@ def robot_tail_set(results: Sequence[FitResult]) -> dict[str, Any] | None:
     if len(bins) < 2:
         return None
     nodes = [
-        {
-            "speed_m_per_s": speed,
-            **_average("cn", pairs),
-            "samples": len(pairs),
-        }
+        {"speed_m_per_s": speed, **_average("cn", pairs), "samples": len(pairs)}
         for speed, pairs in sorted(bins.items())
     ]
     return {

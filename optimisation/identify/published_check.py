@@ -175,7 +175,8 @@ def balances() -> dict[int, StaticBalance]:
 
 def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) -> StaticBalance:
     """A held rig with a trial of the constants."""
-    return balance.changed(
+    return replace(
+        balance,
         torque_constant=values["torque_constant"],
         jet_edge_depth=values["jet_edge_depth"],
         tail_com=values[f"tail_{tail}_com_distance"],

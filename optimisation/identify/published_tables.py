@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -54,69 +55,52 @@ def repeated_speed(rows: pd.DataFrame) -> pd.Series:
 def flag_static() -> list[Flag]:
     """Copied, identical, out-of-bounds and saturated rows of Tables 4.11 and 10.6-10.18."""
     rows = published("static_fits")
-    return [*_copied(rows), *_identical(rows), *_two_groups(rows), *_large(rows), *_bounds(rows)]
+    return [*_copied(rows), *_identical(rows), *_scattered(rows), *_large(rows), *_bounds(rows)]
 
 
-def _copied(rows: pd.DataFrame) -> list[Flag]:
-    copies = rows[repeated_speed(rows)]
-    return [
-        Flag(
-            str(table),
-            f"{speed:g} m/s, {len(group)} rows",
-            "equal the rows of a lower wind speed in every number",
-            "E1",
-        )
-        for (table, speed), group in copies.groupby(["source_table", "wind_speed_m_per_s"])
-    ]
+def _copied(rows: pd.DataFrame) -> Iterator[Flag]:
+    for (table, speed), group in rows[repeated_speed(rows)].groupby(["source_table", "wind_speed_m_per_s"]):
+        where = f"{speed:g} m/s, {len(group)} rows"
+        yield Flag(str(table), where, "equal the rows of a lower wind speed in every number", "E1")
 
 
-def _identical(rows: pd.DataFrame) -> list[Flag]:
-    found = []
-    cells = rows.groupby(["source_table", "wind_speed_m_per_s"])
-    for (table, speed), group in cells:
+def _identical(rows: pd.DataFrame) -> Iterator[Flag]:
+    for (table, speed), group in rows.groupby(["source_table", "wind_speed_m_per_s"]):
         same = all(group[name].nunique() == 1 for name in ("cd", "cl", "current_a"))
         if same and len(group) > 1 and group.resnorm.nunique() > 1:
             values = f"C_D {group.cd.iloc[0]:g}, C_L {group.cl.iloc[0]:g}, current {group.current_a.iloc[0]:g} A"
-            found.append(Flag(str(table), f"{speed:g} m/s", f"all {len(group)} tests give {values}", "E7"))
-    return found
+            yield Flag(str(table), f"{speed:g} m/s", f"all {len(group)} tests give {values}", "E7")
 
 
-def _two_groups(rows: pd.DataFrame) -> list[Flag]:
+def _scattered(rows: pd.DataFrame) -> Iterator[Flag]:
     """Cells whose lowest C_D is below 85 % of the highest without being marked as outliers."""
-    found = []
     kept = rows[(rows.cd > 0.1) & (rows.current_a > 0.1) & ~repeated_speed(rows)]
     for (table, speed), group in kept.groupby(["source_table", "wind_speed_m_per_s"]):
         ratio = group.cd.min() / group.cd.max()
         if ratio < 0.85:
             values = ", ".join(f"{value:g}" for value in group.cd)
-            found.append(
-                Flag(str(table), f"{speed:g} m/s", f"C_D of the tests {values} (lowest / highest {ratio:.2f})", "E3")
-            )
-    return found
+            finding = f"C_D of the tests {values} (lowest / highest {ratio:.2f})"
+            yield Flag(str(table), f"{speed:g} m/s", finding, "E3")
 
 
-def _large(rows: pd.DataFrame) -> list[Flag]:
-    large = rows[(rows.resnorm > 1000.0) & ~rows.published_bold_outlier.eq(True)]
-    found = []
+def _large(rows: pd.DataFrame) -> Iterator[Flag]:
     row: Any
-    for row in large.itertuples():
-        where = f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}"
-        found.append(Flag(row.source_table, where, f"resnorm {row.resnorm:g} is not marked", "E4"))
-    return found
+    for row in rows[(rows.resnorm > 1000.0) & ~rows.published_bold_outlier.eq(True)].itertuples():
+        yield Flag(row.source_table, _test(row), f"resnorm {row.resnorm:g} is not marked", "E4")
 
 
-def _bounds(rows: pd.DataFrame) -> list[Flag]:
-    found = []
+def _bounds(rows: pd.DataFrame) -> Iterator[Flag]:
     row: Any
     for row in rows[~repeated_speed(rows)].itertuples():
-        where = f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}"
-        for name, label in (("cl", "C_L"), ("cd", "C_D")):
-            value = getattr(row, name)
+        for label, value in (("C_L", row.cl), ("C_D", row.cd)):
             if value < 0.0:
-                found.append(Flag(row.source_table, where, f"{label} {value:g} lies below its printed bound 0", "E5"))
+                yield Flag(row.source_table, _test(row), f"{label} {value:g} lies below its printed bound 0", "E5")
         if abs(row.psi3_rad) in (0.12, 0.15):
-            found.append(Flag(row.source_table, where, f"psi3 stopped at {row.psi3_rad:g} rad", "E6"))
-    return found
+            yield Flag(row.source_table, _test(row), f"psi3 stopped at {row.psi3_rad:g} rad", "E6")
+
+
+def _test(row: Any) -> str:
+    return f"{row.wind_speed_m_per_s:g} m/s, test {row.test_no}"
 
 
 def flag_added_mass() -> list[Flag]:
@@ -156,23 +140,18 @@ def _robot_values(rows: pd.DataFrame, table: str) -> np.ndarray:
 
 def published_twin(rows: pd.DataFrame, table: str) -> str:
     """Another table with the same numbers, or an empty string."""
-    mine = _robot_values(rows, table)
-    for other in rows.source_table.unique():
-        if other != table and np.array_equal(mine, _robot_values(rows, other)):
-            return str(other)
-    return ""
+    mine, others = _robot_values(rows, table), (str(name) for name in rows.source_table.unique() if name != table)
+    return next((other for other in others if np.array_equal(mine, _robot_values(rows, other))), "")
 
 
 def duplicated_robot_tables() -> list[str]:
     """Of each pair of equal tables the one whose lowest relative velocity lies above the wind speed."""
     rows = published("robot_tail_drag")
-    found = []
-    for table, group in rows.groupby("source_table", sort=False):
-        if not published_twin(rows, str(table)):
-            continue
-        if group.relative_velocity_m_per_s.min() > group.wind_speed_m_per_s.iloc[0]:
-            found.append(str(table))
-    return found
+    return [
+        str(table)
+        for table, group in rows.groupby("source_table", sort=False)
+        if published_twin(rows, str(table)) and group.relative_velocity_m_per_s.min() > group.wind_speed_m_per_s.iloc[0]
+    ]
 
 
 def robot_tail_rows() -> pd.DataFrame:

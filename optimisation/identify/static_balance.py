@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -100,10 +100,6 @@ class StaticBalance:
             density=scenario.environment.air_density,
             gravity=scenario.environment.gravity,
         )
-
-    def changed(self, **values: Any) -> StaticBalance:
-        """With other numbers, such as a trial of a fit."""
-        return replace(self, **values)
 
     def hanging(self, angle: float) -> tuple[np.ndarray, float]:
         """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of the weight alone."""

@@ -101,7 +101,6 @@ class Search:
         return round((self.high - self.low) / self.tolerance)
 
 
-SPEED_SEARCH = Search(SPEED, 2.5, 6.5, 0.25, 0.05)
 FRICTION_SEARCH = Search(FRICTION, 0.4, 1.1, 0.05, 0.01)
 
 
@@ -187,13 +186,6 @@ def critical_friction(
     """
     case = Case("", scenario, tuple(settings))
     return find_thresholds([case], replace(FRICTION_SEARCH, **changes), engine)[0]
-
-
-def highest_speed(
-    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: Any
-) -> Threshold:
-    """Highest speed (m/s) survived with the scenario's friction, and the first at which it flips; as the above."""
-    return find_thresholds([Case("", scenario, tuple(settings))], replace(SPEED_SEARCH, **changes), engine)[0]
 
 
 def is_clean(row: Mapping[str, Any]) -> bool:
