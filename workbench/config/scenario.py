@@ -114,6 +114,7 @@ class RigScenario(ScenarioFile):
     }
 
     renamed: ClassVar = {"tunnel": {"kilter": "misalignment"}}
+    retired: ClassVar = {"robot_tail": Scenario.retired["tail"]}
 
     schema_: Literal["aerodima/rig-scenario/1"] = Field("aerodima/rig-scenario/1", alias="schema")
     name: str = Field("rig", description="what the experiment is called in reports", min_length=1, max_length=80)

@@ -1,0 +1,163 @@
+"""Files that earlier versions wrote are read as they were meant; the README in their folder says how they were made."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from aerodima.optimisation import fit_added_mass_log, fit_friction_log, fit_robot_tail_log, fit_static_log, load_study
+from aerodima.workbench import (
+    load_coefficients,
+    load_ensemble,
+    load_rig_scenario,
+    load_scenario,
+    read_run_log,
+    read_swing,
+    swing_at,
+)
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.metrics.turn_metrics import outcome_of
+
+FOLDER = Path(__file__).resolve().parent / "data" / "old_files"
+VERSIONS = sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
+LOGS = ("turn", "hold", "flick", "bar", "robot")
+FITS = {
+    "static": (fit_static_log, "hold"),
+    "friction": (fit_friction_log, "bar"),
+    "added_mass": (fit_added_mass_log, "flick"),
+    "robot": (partial(fit_robot_tail_log, shape="bins"), "robot"),
+}
+
+
+@pytest.fixture(params=VERSIONS)
+def old(request: pytest.FixtureRequest) -> Path:
+    """Folder of a version."""
+    folder: Path = FOLDER / request.param
+    return folder
+
+
+def values(old: Path, name: str) -> dict[str, Any]:
+    """What the version that wrote a file read from it."""
+    found: dict[str, Any] = json.loads((old / "values.json").read_text(encoding="utf-8"))[name]
+    return found
+
+
+def test_two_versions_are_here() -> None:
+    assert VERSIONS == ["d80c6d9", "dd7ec6c"]
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_log_has_its_rows_columns_and_last_values(old: Path, name: str) -> None:
+    table, was = read_run_log(old / f"{name}.parquet").table, values(old, f"{name}.parquet")
+    assert table.shape == (was["rows"], was["columns"])
+    assert {column: table[column].iloc[-1] for column in was["last"]} == was["last"]
+
+
+def test_outcome_of_an_old_run_is_that_of_its_day(old: Path) -> None:
+    outcome, was = outcome_of(read_run_log(old / "turn.parquet")), values(old, "turn.parquet")["outcome"]
+    assert (outcome.result, outcome.clean, list(outcome.touched)) == (was["result"], was["clean"], was["touched"])
+    assert outcome.max_tilt_rad == pytest.approx(was["max_tilt_rad"], rel=1e-12)
+
+
+def test_old_run_can_be_made_again(old: Path) -> None:
+    """Its scenario is one of today, with the numbers that it had."""
+    from aerodima.workbench.config.scenario import scenario_from_dict
+
+    was = read_run_log(old / "turn.parquet").scenario
+    scenario = scenario_from_dict(was).resolved()
+    both = {(section, key) for section, keys in was.items() if isinstance(keys, dict) for key in keys}
+    both &= {(section, key) for section, keys in scenario.items() if isinstance(keys, dict) for key in keys}
+    assert len(both) > 120
+    assert {place: scenario[place[0]][place[1]] for place in both} == {place: was[place[0]][place[1]] for place in both}
+
+
+def test_scenario_files_give_the_numbers_that_they_name(old: Path) -> None:
+    turn, hold = load_scenario(old / "turn.yaml"), load_rig_scenario(old / "hold.yaml")
+    assert (turn.car.com_height, turn.tail.sail, turn.wind.mean_y, turn.seed) == (0.21, "free", 2.0, 7)
+    assert (hold.experiment.tail, hold.experiment.wind_speed, hold.maxon.torque_constant) == (2, 12.0, 0.40)
+
+
+def test_exported_bundle_drives(old: Path) -> None:
+    from aerodima.workbench.controllers.law_of_scenario import load_drive
+
+    scenario, law = load_drive(str(old / "bundle.json"))
+    assert (scenario.name, scenario.manoeuvre.direction) == ("a turn of our own", "right")
+    assert law.rate == scenario.controller.rate
+
+
+def test_swing_plays_what_it_played(old: Path) -> None:
+    swing, was = read_swing(old / "swing.yaml"), values(old, "swing.yaml")
+    assert (swing.name, swing.trigger.threshold_rad_per_s) == (was["name"], was["threshold"])
+    assert swing_at(swing, 0.62).roll_position == pytest.approx(was["roll_at_0.62_s"], abs=1e-12)
+    assert swing.gains is not None
+
+
+def test_ensemble_has_its_members(old: Path) -> None:
+    ensemble, was = load_ensemble(old / "ensemble.yaml"), values(old, "ensemble.yaml")
+    assert (ensemble.name, len(ensemble.members), ensemble.best.name) == (was["name"], was["members"], was["best"])
+    assert ensemble.effective_size == pytest.approx(was["effective_size"])
+    assert ensemble.members[0].weight == pytest.approx(was["first"]["weight"])
+    assert ensemble.members[0].values == was["first"]["values"]
+    car = ensemble.scenario(ensemble.members[0], "turn_none").car
+    assert car.com_height == was["first"]["values"]["car.com_height"]
+
+
+def test_coefficients_give_the_same_force(old: Path) -> None:
+    found, was = load_coefficients(old / "robot_tail_bins.yaml"), values(old, "robot_tail_bins.yaml")
+    assert (found.name, found.kind) == (was["name"], was["kind"])
+    force = found.law().section_force(v=(0.0, 6.0, 0.0), a=(0.0, 0.0, 1.0), n=(0.0, 1.0, 0.0), area=0.1, density=1.2)
+    assert force[1] == pytest.approx(was["force_y_n"], rel=1e-12)
+
+
+def test_study_file_plans_the_runs_that_its_table_has(old: Path) -> None:
+    from aerodima.optimisation.sweep.run_study import read_table
+    from aerodima.optimisation.sweep.study import plan_runs
+
+    runs, table = plan_runs(load_study(old / "study.yaml")), read_table(old / "study")
+    assert [run.place["run"] for run in runs] == list(table["run"])
+    for factor in ("manoeuvre.speed", "car.tyre_friction", "car.mass"):
+        planned = [float(run.place.get(factor, np.nan)) for run in runs]
+        assert np.allclose(planned, table[factor], equal_nan=True, rtol=1e-9)
+
+
+def test_table_of_a_study_is_that_of_its_csv(old: Path) -> None:
+    from aerodima.optimisation.studies.study_report import survived_share
+    from aerodima.optimisation.sweep.run_study import read_table
+
+    table, text = read_table(old / "study"), pd.read_csv(old / "study" / "table.csv")
+    assert list(table.columns) == list(text.columns)
+    assert np.allclose(table["peak_roll_rad"].to_numpy(float), text["peak_roll_rad"].to_numpy(float))
+    assert survived_share(table) == np.mean(text["outcome"] == "survived")
+
+
+def test_a_study_goes_on_in_no_folder_of_an_earlier_version(old: Path) -> None:
+    """Its rows were made by other versions: the folder is refused by name, and nothing in it is touched."""
+    before = {path: path.read_bytes() for path in (old / "study").iterdir()}
+    result = CliRunner().invoke(
+        build_app(), ["sweep", "run", str(old / "study.yaml"), "--out", str(old / "study"), "--workers", "1"]
+    )
+    assert result.exit_code == 2
+    assert "choose another folder, or --force" in result.output
+    assert {path: path.read_bytes() for path in (old / "study").iterdir()} == before
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_fit_of_an_old_log_is_the_one_of_its_day(old: Path, name: str) -> None:
+    fit, log = FITS[name]
+    report = yaml.safe_load((old / f"fit_{name}.yaml").read_text(encoding="utf-8"))
+    (was,) = report["fits"]
+    found = fit(str(old / f"{log}.parquet"))
+    assert report["schema"] == "aerodima/fit-report/1"
+    for estimate in was["estimates"]:
+        # A solver of another build ends elsewhere within its tolerance, far inside the interval.
+        width = estimate["upper"] - estimate["lower"]
+        assert found[estimate["name"]].value == pytest.approx(estimate["value"], abs=max(1e-3 * width, 1e-9))
+        assert found[estimate["name"]].unit == estimate["unit"]
