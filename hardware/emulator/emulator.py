@@ -332,7 +332,7 @@ def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = 
 
 
 def _open_view() -> Any:
-    from aerodima.workbench.replay import open_meshcat
+    from aerodima.workbench.replay.viewer import open_meshcat
 
     return open_meshcat()
 

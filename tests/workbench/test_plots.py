@@ -12,16 +12,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.figures import (
-    plot_comparison,
-    plot_impulses,
-    plot_metrics,
-    plot_moments,
-    plot_outcomes,
-    plot_triggers,
-    plot_turn,
-)
+from aerodima.workbench.figures.comparison_figures import plot_comparison, plot_metrics, plot_outcomes, plot_triggers
 from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, TURN_SHADE, png
+from aerodima.workbench.figures.run_figures import plot_turn
+from aerodima.workbench.figures.tail_figures import plot_impulses, plot_moments
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import Impulses
 from tests.workbench.made_up_runs import made_up_run

@@ -132,7 +132,7 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     members = tuple(Member(m.name, m.weight / total, _checked(path, m)) for m in content.members)
     named = {member.name: member for member in members}
     if content.best not in named:
-        raise EnsembleError(f"{path}: best: {content.best!r} is no member; {nearest(content.best, list(named))}")
+        raise EnsembleError(f"{path}: best: {content.best!r} is no member; {nearest(content.best, named)}")
     return Ensemble(content.name, members, named[content.best], content.provenance, path)
 
 
@@ -196,9 +196,9 @@ def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
         section, _, name = key.partition(".")
         where = f"{path}: member {member.name!r}: {key}"
         if section not in SECTIONS:
-            raise EnsembleError(f"{where}: {section!r} is no section; {nearest(section, list(SECTIONS))}")
+            raise EnsembleError(f"{where}: {section!r} is no section; {nearest(section, SECTIONS)}")
         if name not in SECTIONS[section].model_fields:
-            raise EnsembleError(f"{where}: unknown key; {nearest(name, list(SECTIONS[section].model_fields))}")
+            raise EnsembleError(f"{where}: unknown key; {nearest(name, SECTIONS[section].model_fields)}")
     return dict(member.values)
 
 

@@ -6,6 +6,7 @@ in any case.
 
 import difflib
 import math
+from collections.abc import Collection
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -66,7 +67,7 @@ def unit_of(model: type[BaseModel], key: str) -> str:
     return str(extra.get("unit", NO_UNIT)) if isinstance(extra, dict) else NO_UNIT
 
 
-def nearest(name: str, known: list[str]) -> str:
+def nearest(name: str, known: Collection[str]) -> str:
     """Tail of an error about an unknown name: the closest known one, or all of them."""
     close = difflib.get_close_matches(name, known, n=1)
     return f"did you mean {close[0]!r}?" if close else "allowed: " + ", ".join(sorted(known))
@@ -140,7 +141,7 @@ def unit_factor(name: str, si: str, where: str) -> float:
     others = [other for other, table in _FACTORS.items() if name in table]
     if others:
         raise LogError(f"{where}: unit {name!r} does not measure what is in {wanted}; allowed: {allowed}")
-    raise LogError(f"{where}: unknown unit {name!r}; {nearest(name, list(units))}")
+    raise LogError(f"{where}: unknown unit {name!r}; {nearest(name, units)}")
 
 
 def unit_in_name(name: str) -> str:

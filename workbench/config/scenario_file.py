@@ -61,7 +61,7 @@ def load_parameter_file(path: Path, model: type[BaseModel]) -> dict[str, Paramet
     entries = {}
     for key, raw in _raw_entries(path).items():
         if key not in model.model_fields:
-            raise ScenarioError(f"{path}: {key}: unknown key; {nearest(str(key), list(model.model_fields))}")
+            raise ScenarioError(f"{path}: {key}: unknown key; {nearest(str(key), model.model_fields)}")
         entries[key] = _entry(path, key, raw)
         if entries[key].unit != unit_of(model, key):
             raise ScenarioError(f"{path}: {key}: unit {entries[key].unit!r}; allowed is {unit_of(model, key)!r}")
@@ -248,9 +248,7 @@ class ScenarioFile(StrictModel):
             return
         section = data.setdefault(parts[0], {})
         if not isinstance(section, dict) or parts[0] not in cls.sections():
-            raise ScenarioError(
-                f"--set {setting}: {parts[0]!r} is no section; {nearest(parts[0], list(cls.sections()))}"
-            )
+            raise ScenarioError(f"--set {setting}: {parts[0]!r} is no section; {nearest(parts[0], cls.sections())}")
         section[parts[1]] = value
 
     @classmethod

@@ -80,7 +80,7 @@ class ForeignLog:
         if name in self.unreadable:
             raise LogError(f"{self.path}: {name!r} cannot be read: {self.unreadable[name]}")
         if name not in self.columns:
-            raise LogError(f"{self.path}: no column {name!r}; {nearest(name, list(self.columns))}")
+            raise LogError(f"{self.path}: no column {name!r}; {nearest(name, self.columns)}")
         return self.columns[name]
 
 

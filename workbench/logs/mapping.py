@@ -146,7 +146,7 @@ def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
         if name == TIME:
             raise LogError(f"{place}: times are mapped under `time`")
         if name not in known:
-            raise LogError(f"{place}: no such column; {nearest(name, sorted(known))}")
+            raise LogError(f"{place}: no such column; {nearest(name, known)}")
         if (source.from_ is None) == (source.constant is None):
             raise LogError(f"{place}: needs either `from` or `constant`")
         if source.unit is not None:

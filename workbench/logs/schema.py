@@ -20,8 +20,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, field_validator
 
 from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.checked_files import checked
 from aerodima.workbench.config.signal_table import TIME, missing_columns
 from aerodima.workbench.errors import LogError
 
@@ -29,16 +31,26 @@ SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of its class."""
-_METADATA_FIELDS = ("scenario", "seed", "versions", "created", "kind", "extra")
-_METADATA_TYPES: dict[str, type] = {
-    "scenario": dict,
-    "seed": int,
-    "versions": dict,
-    "created": str,
-    "kind": str,
-    "extra": dict,
-}
-_TYPE_WORDS: dict[type, str] = {dict: "keys with values", int: "a whole number", str: "a text"}
+
+
+class _Metadata(BaseModel):
+    """What every log says of its run, beside the schema."""
+
+    model_config = ConfigDict(strict=True)
+
+    scenario: dict[str, Any]
+    seed: int
+    versions: dict[str, Any]
+    created: str
+    kind: str
+    extra: dict[str, Any]
+
+    @field_validator("scenario")
+    @classmethod
+    def _tail_has_keys(cls, scenario: dict[str, Any]) -> dict[str, Any]:
+        if not isinstance(scenario.get("tail", {}), dict | None):
+            raise ValueError(f"tail: {scenario['tail']!r} is not allowed; it takes keys with values")
+        return scenario
 
 
 @dataclass(frozen=True)
@@ -128,7 +140,7 @@ class RunLog:
 
     def metadata(self) -> dict[str, Any]:
         """What goes into the file's metadata."""
-        named = {name: getattr(self, name) for name in _METADATA_FIELDS}
+        named = {name: getattr(self, name) for name in _Metadata.model_fields}
         return {"schema": SCHEMA, **named}
 
 
@@ -165,10 +177,7 @@ def software_versions() -> dict[str, str]:
 
 def run_log_from_metadata(table: pd.DataFrame, metadata: Mapping[str, Any], source: str = "") -> RunLog:
     """A run log from its table and its metadata object (`run_metadata`)."""
-    absent = [name for name in _METADATA_FIELDS if name not in metadata]
-    if absent:
-        raise LogError(f"{source or 'run log'}: metadata without {', '.join(absent)}")
-    return RunLog(table=table, source=source, **{name: metadata[name] for name in _METADATA_FIELDS})
+    return RunLog(table=table, source=source, **{name: metadata[name] for name in _Metadata.model_fields})
 
 
 def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Path:
@@ -241,19 +250,8 @@ def decode_metadata(schema_metadata: Mapping[bytes, bytes] | None, source: str) 
     found = metadata.get("schema") if isinstance(metadata, dict) else None
     if found != SCHEMA:
         raise LogError(f"{source}: schema {found!r} cannot be read; this version reads {SCHEMA!r}")
-    _refuse_odd_types(metadata, source)
+    checked(_Metadata, metadata, f"{source}: metadata", LogError)
     return dict(metadata)
-
-
-def _refuse_odd_types(metadata: Mapping[str, Any], source: str) -> None:
-    """Raises LogError for a field that is there and of another type than `run_metadata` writes."""
-    for name, kind in _METADATA_TYPES.items():
-        value = metadata.get(name, kind())
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise LogError(f"{source}: metadata: {name} is {value!r}, but it must be {_TYPE_WORDS[kind]}")
-    tail = metadata.get("scenario", {}).get("tail")
-    if tail is not None and not isinstance(tail, dict):
-        raise LogError(f"{source}: metadata: scenario.tail is {tail!r}, but it must be {_TYPE_WORDS[dict]}")
 
 
 def signals_equal(a: RunLog, b: RunLog) -> bool:

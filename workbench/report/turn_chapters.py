@@ -4,15 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 
-from aerodima.workbench.figures import (
-    plot_comparison,
-    plot_impulses,
-    plot_metrics,
-    plot_moments,
-    plot_outcomes,
-    plot_triggers,
-)
+from aerodima.workbench.figures.comparison_figures import plot_comparison, plot_metrics, plot_outcomes, plot_triggers
 from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
+from aerodima.workbench.figures.tail_figures import plot_impulses, plot_moments
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.published_figures import (
     SIGNALS,

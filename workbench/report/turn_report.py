@@ -9,8 +9,8 @@ from pydantic import BaseModel
 
 from aerodima.workbench.config.car_parameters import CarParameters
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
-from aerodima.workbench.figures import plot_turn
 from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
+from aerodima.workbench.figures.run_figures import plot_turn
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.published_figures import tyre_damping
 from aerodima.workbench.metrics.run_summary import RunSummary, tail_mode_of

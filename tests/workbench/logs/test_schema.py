@@ -162,14 +162,14 @@ def test_other_schema_version_says_which_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("scenario", [1], r"scenario is \[1\].*keys with values"),
-        ("scenario", None, "scenario is None.*keys with values"),
-        ("scenario", {"tail": 3}, r"scenario\.tail is 3.*keys with values"),
-        ("extra", None, "extra is None.*keys with values"),
-        ("versions", "1.0", "versions is '1.0'.*keys with values"),
-        ("seed", "seven", "seed is 'seven'.*a whole number"),
-        ("seed", True, "seed is True.*a whole number"),
-        ("kind", 3, "kind is 3.*a text"),
+        ("scenario", [1], r"scenario: \[1\] is not allowed; .*dictionary"),
+        ("scenario", None, "scenario: None is not allowed; .*dictionary"),
+        ("scenario", {"tail": 3}, r"scenario\.tail: 3 is not allowed; .*keys with values"),
+        ("extra", None, "extra: None is not allowed; .*dictionary"),
+        ("versions", "1.0", "versions: '1.0' is not allowed; .*dictionary"),
+        ("seed", "seven", "seed: 'seven' is not allowed; .*integer"),
+        ("seed", True, "seed: True is not allowed; .*integer"),
+        ("kind", 3, "kind: 3 is not allowed; .*string"),
     ],
 )
 def test_metadata_of_another_type_are_named(tmp_path: Path, name: str, value: object, message: str) -> None:
