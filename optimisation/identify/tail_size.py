@@ -20,7 +20,7 @@ from aerodima.optimisation.identify.published_tables import robot_tail_rows
 from aerodima.optimisation.identify.tail_swings import SwingExtremes, Tails, cover, lever, swing_extremes
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
-from aerodima.workbench.config.scenario_file import ParameterEntry, load_entries_without_model
+from aerodima.workbench.config.scenario_file import ParameterEntry, load_parameter_file
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.resources import model_path
 
@@ -74,7 +74,7 @@ def published_ranges() -> list[SwingRange]:
 @cache
 def prior() -> dict[str, ParameterEntry]:
     """The prior of a tail in the tunnel, and the settings of the likelihood."""
-    return load_entries_without_model(model_path(PRIOR_FILE))
+    return load_parameter_file(model_path(PRIOR_FILE))
 
 
 def drawn_names() -> list[str]:

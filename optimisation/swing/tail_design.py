@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.scenario_file import load_entries_without_model
+from aerodima.workbench.config.scenario_file import load_parameter_file
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.resources import model_path
 
@@ -78,7 +78,7 @@ def design_tail(scenario: Scenario | None = None, **changes: float) -> TailDesig
         FitError: the tail does not clear the ground, is too heavy, or asks too much of the motor; with the numbers.
     """
     scenario = scenario or load_scenario("turn_designed")
-    entries = load_entries_without_model(model_path("design/tail.yaml"))
+    entries = load_parameter_file(model_path("design/tail.yaml"))
     unknown = sorted(set(changes) - set(entries))
     if unknown:
         raise FitError(f"tail design: {unknown[0]}: unknown; allowed: {', '.join(entries)}")

@@ -169,10 +169,8 @@ def condition(
     if plot is not None:
         from aerodima.workbench.figures.conditioning_figure import plot_conditioning
         from aerodima.workbench.figures.figure_style import png
-        from aerodima.workbench.report.report_page import write_files
 
-        picture = png(plot_conditioning(before, result.run_log, result.rest))
-        write_files(plot.parent, {plot.name: picture}, force=force, error=LogError)
+        write_atomically(plot, png(plot_conditioning(before, result.run_log, result.rest)), force, LogError)
     typer.echo(f"{out}: {len(result.run_log.table)} rows, {len(result.run_log.table.columns)} columns")
     for note in result.notes:
         typer.echo(note)

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from aerodima.workbench.config.scenario import RigScenario, Scenario, rig_scenario_from_dict, scenario_from_dict
-from aerodima.workbench.config.scenario_file import load_entries_without_model
+from aerodima.workbench.config.scenario_file import load_parameter_file
 from aerodima.workbench.config.swing_file import read_swing
 from aerodima.workbench.errors import ModelError, UserError
 from aerodima.workbench.plants.car import MODELS_PACKAGE
@@ -58,7 +58,7 @@ def check_shipped_models() -> Iterator[CheckResult]:
     for path in sorted((root / "parameters" / "hardware").glob("*.yaml")):
         yield _attempt(
             f"parameters/hardware/{path.name}: unit and source of every number",
-            partial(load_entries_without_model, path),
+            partial(load_parameter_file, path),
         )
     for name in embedded_sets():
         yield _attempt(f"coefficients/{name}.yaml: reads and makes a law", partial(_make_law, name))

@@ -66,7 +66,6 @@ def range_of_motion(
     from aerodima.workbench.figures.figure_style import png
     from aerodima.workbench.figures.tail_figures import plot_range_of_motion
     from aerodima.workbench.plants.clearance import PARTS, make_range_of_motion, write_range_of_motion
-    from aerodima.workbench.report.report_page import write_files
 
     picture = out.with_suffix(".png")
     if picture == out:
@@ -75,7 +74,7 @@ def range_of_motion(
         refuse_existing(path, force, UserError)
     motion = make_range_of_motion(load_scenario(scenario, settings or []), pitch_nodes, roll_nodes)
     write_range_of_motion(motion, out, force=force)
-    write_files(picture.parent, {picture.name: png(plot_range_of_motion(motion, margin))}, force=force)
+    write_atomically(picture, png(plot_range_of_motion(motion, margin)), force, UserError)
     free = motion.clearance(motion.pitch[:, None], motion.roll[None, :]) >= margin
     low, high = motion.allowed_roll(0.0, margin)
     typer.echo(f"free by {1000 * margin:g} mm: {free.mean():.0%} of the range; upright pitch: roll "

@@ -60,7 +60,7 @@ def replay(
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:
     """Plays the run in Meshcat until Ctrl-C."""
-    from aerodima.workbench.replay.caption import caption_of
+    from aerodima.workbench.replay.logged_car import caption_of
     from aerodima.workbench.replay.recording import record_run
     from aerodima.workbench.replay.viewer import open_meshcat
 

@@ -139,23 +139,12 @@ Flags = dict[str, tuple[str, float | str | None]]
 
 def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) -> None:
     # What can be wrong is looked at before Drake is imported, which takes seconds.
-    from aerodima.workbench.config.scenario import load_scenario
-
-    log, replay, settings = options.log, options.replay, options.settings or []
+    log, replay = options.log, options.replay
     if options.port is not None and not options.live:
         raise UserError("--port: it names the port of the live view; allowed together with --live")
-    flags = {"--speed": ("manoeuvre.speed", options.speed), "--tail": ("tail.mode", options.tail), **flags}
-    given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
-    scenario = load_scenario(
-        name,
-        [*(f"{key}={value}" for key, value in given.values()), *settings],
-        said=" ".join(
-            [*(f"{flag} {value}" for flag, (_, value) in given.items()), *(f"--set {setting}" for setting in settings)]
-        ),
-    )
-    _refuse_cut_off_turn(scenario)
-    tail_law = None if options.law is None else _own_law(options.law, scenario)
-    if tail_law is None and not other_car:
+    scenario = _scenario(name, flags, options)
+    law = None if options.law is None else _own_law(options.law, scenario)
+    if law is None and not other_car:
         from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 
         refuse_other_car(scenario)
@@ -166,25 +155,8 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
             raise UserError(f"--replay {replay}: is the file of --log too; allowed: two names")
         refuse_existing(replay, options.force, UserError)
         make_folder(replay.parent, UserError)
-    from aerodima.workbench.logs.journal import journal_path
-    from aerodima.workbench.simulate.simulation import simulate
-
-    meshcat = live_view(options.port) if options.live else None
     new_folder = "" if log is None or log.parent.exists() else " (in a new folder)"
-    try:
-        run_log = simulate(
-            scenario,
-            log,
-            force=options.force,
-            meshcat=meshcat,
-            real_time_rate=float(options.live),
-            progress=show_progress(),
-            law=tail_law,
-        )
-    except KeyboardInterrupt:
-        if log is not None:
-            typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(log)}", err=True)
-        raise
+    run_log = _simulated(scenario, options, law)
     for line in summary_lines(run_log):
         typer.echo(line)
     if log is not None:
@@ -194,6 +166,43 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
 
         write_replay_html(run_log, replay, force=options.force)
         typer.echo(f"replay: {replay}")
+
+
+def _scenario(name: str, flags: Flags, options: RunOptions) -> Scenario:
+    """The scenario with what the flags set, whose run has a whole turn if it has one: another has no metrics."""
+    from aerodima.workbench.config.scenario import load_scenario
+
+    flags = {"--speed": ("manoeuvre.speed", options.speed), "--tail": ("tail.mode", options.tail), **flags}
+    given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
+    settings = options.settings or []
+    said = [*(f"{flag} {value}" for flag, (_, value) in given.items()), *(f"--set {setting}" for setting in settings)]
+    changes = [*(f"{key}={value}" for key, value in given.values()), *settings]
+    scenario = load_scenario(name, changes, said=" ".join(said))
+    manoeuvre = scenario.manoeuvre
+    end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
+    if manoeuvre.kind == "turn" and manoeuvre.duration < end:
+        raise UserError(f"manoeuvre.duration: {manoeuvre.duration:g} s; allowed: >= {end:g} s, the end of the turn")
+    return scenario
+
+
+def _simulated(scenario: Scenario, options: RunOptions, law: TailLaw | None) -> RunLog:
+    from aerodima.workbench.logs.journal import journal_path
+    from aerodima.workbench.simulate.simulation import simulate
+
+    try:
+        return simulate(
+            scenario,
+            options.log,
+            law=law,
+            force=options.force,
+            meshcat=live_view(options.port) if options.live else None,
+            real_time_rate=float(options.live),
+            progress=show_progress(),
+        )
+    except KeyboardInterrupt:
+        if options.log is not None:
+            typer.echo(f"the rows so far are kept: aerodima log recover {journal_path(options.log)}", err=True)
+        raise
 
 
 def _own_law(place: str, scenario: Scenario) -> TailLaw:
@@ -211,14 +220,6 @@ def live_view(port: int | None = None) -> Meshcat:
     meshcat = open_meshcat(port)
     typer.echo(f"watch: {meshcat.web_url()}", err=True)
     return meshcat
-
-
-def _refuse_cut_off_turn(scenario: Scenario) -> None:
-    """A run that ends before its turn does has no metrics to print."""
-    manoeuvre = scenario.manoeuvre
-    end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
-    if manoeuvre.kind == "turn" and manoeuvre.duration < end:
-        raise UserError(f"manoeuvre.duration: {manoeuvre.duration:g} s; allowed: >= {end:g} s, the end of the turn")
 
 
 def show_progress() -> Progress | None:

@@ -52,21 +52,27 @@ class ParameterEntry(Sourced):
         return self
 
 
-def load_parameter_file(path: Path, model: type[BaseModel]) -> dict[str, ParameterEntry]:
-    """Reads a parameter file, checks unit and source of every number and that none is missing.
+def load_parameter_file(path: Path, model: type[BaseModel] | None = None) -> dict[str, ParameterEntry]:
+    """Reads a parameter file: value, unit and source of every number.
+
+    Args:
+        path: the file.
+        model: of its numbers, which must then all be there, in its units; None for a file that has none.
 
     Raises:
         ScenarioError: names file, key and what is allowed.
     """
-    entries = {}
-    for key, raw in _raw_entries(path).items():
-        if key not in model.model_fields:
-            raise ScenarioError(f"{path}: {key}: unknown key; {nearest(str(key), model.model_fields)}")
-        entries[key] = _entry(path, key, raw)
-        if entries[key].unit != unit_of(model, key):
-            raise ScenarioError(f"{path}: {key}: unit {entries[key].unit!r}; allowed is {unit_of(model, key)!r}")
-    missing = set(model.model_fields) - set(entries)
-    if missing:
+    data = read_yaml(path)
+    if data.pop("schema", None) != PARAMETER_SCHEMA:
+        raise ScenarioError(f"{path}: schema: allowed is {PARAMETER_SCHEMA!r}")
+    entries = {key: checked(ParameterEntry, raw, f"{path}: {key}") for key, raw in data.items()}
+    known = model.model_fields if model else entries
+    for key, entry in entries.items():
+        if key not in known:
+            raise ScenarioError(f"{path}: {key}: unknown key; {nearest(str(key), known)}")
+        if model and entry.unit != unit_of(model, key):
+            raise ScenarioError(f"{path}: {key}: unit {entry.unit!r}; allowed is {unit_of(model, key)!r}")
+    if missing := set(known) - set(entries):
         raise ScenarioError(f"{path}: missing: {', '.join(sorted(missing))}")
     return entries
 
@@ -84,22 +90,6 @@ def load_section(path: Path, model: type[ModelT], changes: Mapping[str, Any] | N
     """
     values = {key: entry.value for key, entry in load_parameter_file(path, model).items()}
     return checked(model, {**values, **(changes or {})}, str(path))
-
-
-def load_entries_without_model(path: Path) -> dict[str, ParameterEntry]:
-    """Reads a parameter file whose section another package describes: value, unit and source of every number."""
-    return {key: _entry(path, key, raw) for key, raw in _raw_entries(path).items()}
-
-
-def _raw_entries(path: Path) -> dict[str, Any]:
-    data = read_yaml(path)
-    if data.pop("schema", None) != PARAMETER_SCHEMA:
-        raise ScenarioError(f"{path}: schema: allowed is {PARAMETER_SCHEMA!r}")
-    return data
-
-
-def _entry(path: Path, key: str, raw: Any) -> ParameterEntry:
-    return checked(ParameterEntry, raw, f"{path}: {key}")
 
 
 class ScenarioFile(StrictModel):

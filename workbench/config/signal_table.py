@@ -84,6 +84,10 @@ def _vector(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
     return [Column(f"{stem}_{axis}_{suffix}", unit, f"{meaning}, {axis}") for axis in _AXES]
 
 
+def _of_wheels(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:
+    return [c for wheel in WHEELS for c in _vector(f"{stem}_{wheel}", suffix, unit, meaning.format(wheel))]
+
+
 def _status_fields(sources: Sequence[str]) -> tuple[str, ...]:
     return (*(f"{source}_{what}" for source in sources for what in ("age", "fault")), "armed")
 
@@ -157,13 +161,6 @@ def _command(joint: str) -> list[Column]:
     ]
 
 
-def _ages_and_faults(source: str) -> list[Column]:
-    return [
-        Column(f"status_{source}_age_s", "s", f"age of the newest sample of {source}"),
-        Column(f"status_{source}_fault", "", f"fault code of {source}, 0 = none"),
-    ]
-
-
 _TAIL_PARTS = {"pitch": "tail_pitch", "roll": "tail_roll", "sail": "sail"}
 
 CAR_PORTS: Mapping[str, list[Column]] = {
@@ -189,7 +186,14 @@ CAR_PORTS: Mapping[str, list[Column]] = {
     ],
     "speed": [Column("speed_m_per_s", "m/s", "ground speed of the GPS")],
     "status": [
-        *(column for source in STATUS_SOURCES for column in _ages_and_faults(source)),
+        *(
+            Column(f"status_{source}_{what}", unit, meaning.format(source))
+            for source in STATUS_SOURCES
+            for what, unit, meaning in (
+                ("age_s", "s", "age of the newest sample of {}"),
+                ("fault", "", "fault code of {}, 0 = none"),
+            )
+        ),
         Column("status_armed", "", "1 when the tail motors are armed"),
     ],
     "roll_estimate": [Column("roll_estimate_rad", "rad", "roll angle from the on-board estimator")],
@@ -220,20 +224,8 @@ CAR_TRUTH: Mapping[str, list[Column]] = {
         Column("tail_power_truth_w", "W", "mechanical power of the tail motors"),
     ],
     "contact_truth": [
-        *(
-            column
-            for wheel in WHEELS
-            for column in _vector(
-                f"wheel_force_{wheel}", "truth_n", "N", f"force of the ground on the {wheel} wheel, W axes"
-            )
-        ),
-        *(
-            column
-            for wheel in WHEELS
-            for column in _vector(
-                f"wheel_contact_{wheel}", "truth_m", "m", f"contact point of the {wheel} wheel in W, weighted by load"
-            )
-        ),
+        *_of_wheels("wheel_force", "truth_n", "N", "force of the ground on the {} wheel, W axes"),
+        *_of_wheels("wheel_contact", "truth_m", "m", "contact point of the {} wheel in W, weighted by load"),
         *(
             Column(f"ground_contact_{part}_truth_n", "N", f"magnitude of the ground's force on the {part}")
             for part in GROUND_CONTACTS
@@ -305,23 +297,3 @@ def rig_columns() -> list[Column]:
     """The table of a wind-tunnel log."""
     time = Column(TIME, "s", "time since the start of the log")
     return [time, *(column for columns in RIG_PORTS.values() for column in columns)]
-
-
-def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str]:
-    """Names that a log of this kind must have and has not.
-
-    A `car_run` has every sensor column; if it has one truth column it has all of them, apart from those of the tail
-    when the car has none. A rig log needs time and angle: what its force sensor did not give, a fit goes without. Other
-    kinds need their time. Further columns are welcome.
-    """
-    present = set(names)
-    required = [TIME, "angle_rad"] if kind in RIG_KINDS else [TIME]
-    if kind == "car_run":
-        required = names_of(sensor_columns())
-        if any("_truth_" in name for name in present):
-            truth = [name for name in names_of(truth_columns()) if has_tail or name not in _TAIL_TRUTH]
-            required += truth
-    return [name for name in required if name not in present]
-
-
-_TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))

@@ -1,6 +1,7 @@
 """Figures of the tail: impulses by cause over the speed, moments over time, and where it touches nothing."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -27,7 +28,7 @@ from aerodima.workbench.figures.figure_style import (
 )
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import LowPass, low_pass
-from aerodima.workbench.metrics.run_summary import RunSummary, impulse_parts
+from aerodima.workbench.metrics.run_summary import RunSummary
 from aerodima.workbench.metrics.tail_impulses import TailImpulses, tail_impulses
 from aerodima.workbench.plants.clearance import PARTS, RangeOfMotion
 
@@ -60,7 +61,7 @@ def plot_impulses(summaries: Sequence[RunSummary]) -> Figure:
 def _stack(axes: Axes, summaries: list[RunSummary]) -> None:
     places = np.arange(len(summaries))
     above, below = np.zeros(len(summaries)), np.zeros(len(summaries))
-    parts = [impulse_parts(s.over_window) for s in summaries if s.over_window is not None]
+    parts = [asdict(s.over_window) for s in summaries if s.over_window is not None]
     for cause, (words, colour, hatch, _) in CAUSE_STYLES.items():
         values = np.array([part[cause] for part in parts])
         start = np.where(values >= 0.0, above, below)
@@ -129,26 +130,23 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
     """
     pitch, roll = (np.linspace(nodes[0], nodes[-1], _FINE) for nodes in (motion.pitch, motion.roll))
     p, r = np.meshgrid(pitch, roll, indexing="ij")
-    least = motion.clearance(p, r)
+    degrees, least = (np.degrees(r), np.degrees(p)), motion.clearance(p, r)
     each = np.array([motion.clearance(p, r, (part,)) for part in PARTS])
     with styled():
         figure, grid = new_figure(11.0, 5.0, 1, 2, sharey=True)
         left, right = grid[0]
-        filled = left.contourf(
-            np.degrees(r), np.degrees(p), 1000.0 * least, levels=np.arange(-40, 61, 5), cmap="PuOr", extend="both"
-        )
+        filled = left.contourf(*degrees, 1000.0 * least, levels=np.arange(-40, 61, 5), cmap="PuOr", extend="both")
         figure.colorbar(filled, ax=left, label="clearance to car and ground [mm]")
         for axes in (left, right):
             for level, line in ((0.0, "-"), (margin, (0, (3, 2)))):
-                axes.contour(np.degrees(r), np.degrees(p), least, levels=[level], colors=BLACK, linestyles=[line])
+                axes.contour(*degrees, least, levels=[level], colors=BLACK, linestyles=[line])
             axes.set_xlabel("tail roll [deg], to the right positive")
             axes.grid(False)
         left.set_ylabel("tail pitch [deg], forwards positive")
-        nearest = np.argmin(each, axis=0)
-        touched = np.where(least < margin, nearest, -1)
+        touched = np.where(least < margin, np.argmin(each, axis=0), -1)
         for number, part in enumerate(PARTS):
             mask = np.where(touched == number, 1.0, np.nan)
-            right.contourf(np.degrees(r), np.degrees(p), mask, levels=[0.5, 1.5], colors=[_PART_COLOURS[part]])
+            right.contourf(*degrees, mask, levels=[0.5, 1.5], colors=[_PART_COLOURS[part]])
         handles: list[Artist] = [
             Patch(color=_PART_COLOURS[part], label=part) for n, part in enumerate(PARTS) if np.any(touched == n)
         ]

@@ -19,7 +19,6 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from aerodima.workbench.atomic_write import make_folder, refuse_existing
-from aerodima.workbench.config.signal_table import missing_columns
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import (
     METADATA_KEY,
@@ -27,7 +26,7 @@ from aerodima.workbench.logs.schema import (
     decode_metadata,
     encode_metadata,
     read_run_log,
-    scenario_has_tail,
+    refuse_missing,
     write_table,
 )
 
@@ -176,10 +175,7 @@ class JournalWriter:
         twice = sorted({name for name in columns if list(columns).count(name) > 1})
         if twice:
             raise LogError(f"{self.path}: column(s) named twice: {', '.join(twice)}")
-        has_tail = scenario_has_tail(self._metadata.get("scenario") or {})
-        missing = missing_columns(columns, str(self._metadata.get("kind")), has_tail)
-        if missing:
-            raise LogError(f"{self.path}: {len(missing)} column(s) missing: {', '.join(missing)}")
+        refuse_missing(columns, self._metadata, str(self.path))
         refuse_existing(self.path, self._force, LogError)
         if self.journal.exists() and not self._force:
             raise LogError(

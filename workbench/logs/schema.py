@@ -8,7 +8,7 @@ have equal signals, bit for bit (`signals_equal`); `created` is all that may dif
 import json
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata as distribution_metadata
@@ -24,11 +24,12 @@ from pydantic import BaseModel, ConfigDict, field_validator
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.checked_files import checked
-from aerodima.workbench.config.signal_table import TIME, missing_columns
+from aerodima.workbench.config.signal_table import CAR_TRUTH, RIG_KINDS, TIME, names_of, sensor_columns, truth_columns
 from aerodima.workbench.errors import LogError
 
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
+_TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of its class."""
 
@@ -198,7 +199,7 @@ def write_run_log(run_log: RunLog, path: Path | str, force: bool = False) -> Pat
 
 def write_table(table: pa.Table, metadata: Mapping[str, Any], path: Path, force: bool) -> Path:
     """Write an Arrow table of float64 columns with this metadata object; see `write_run_log`."""
-    _refuse_missing(table.column_names, metadata, str(path))
+    refuse_missing(table.column_names, metadata, str(path))
     table = table.replace_schema_metadata({METADATA_KEY: encode_metadata(metadata)})
 
     def write(temporary: Path) -> None:
@@ -226,7 +227,7 @@ def read_run_log(path: Path | str) -> RunLog:
     except (pa.ArrowException, OSError) as cause:
         hint = _journal_hint(path) or "; a run that was cut off leaves a *.journal for `aerodima log recover`"
         raise LogError(f"{path}: cut off, damaged or not a Parquet file{hint}") from cause
-    _refuse_missing(table.column_names, metadata, str(path))
+    refuse_missing(table.column_names, metadata, str(path))
     return run_log_from_metadata(table.to_pandas(ignore_metadata=True), metadata, source=str(path))
 
 
@@ -266,8 +267,25 @@ def _journal_hint(path: Path) -> str:
     return f"; its journal is there: `aerodima log recover {journal}` rescues it" if journal.is_file() else ""
 
 
-def _refuse_missing(names: list[str], metadata: Mapping[str, Any], source: str) -> None:
+def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: str) -> None:
+    """Raises LogError when a log of this kind and scenario must have a column that is not there."""
     has_tail = scenario_has_tail(metadata.get("scenario") or {})
     missing = missing_columns(names, str(metadata.get("kind")), has_tail)
     if missing:
         raise LogError(f"{source}: {len(missing)} column(s) missing: {', '.join(missing)}")
+
+
+def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str]:
+    """Names that a log of this kind must have and has not.
+
+    A `car_run` has every sensor column; if it has one truth column it has all of them, apart from those of the tail
+    when the car has none. A rig log needs time and angle: what its force sensor did not give, a fit goes without. Other
+    kinds need their time. Further columns are welcome.
+    """
+    present = set(names)
+    required = [TIME, "angle_rad"] if kind in RIG_KINDS else [TIME]
+    if kind == "car_run":
+        required = names_of(sensor_columns())
+        if any("_truth_" in name for name in present):
+            required += [name for name in names_of(truth_columns()) if has_tail or name not in _TAIL_TRUTH]
+    return [name for name in required if name not in present]

@@ -3,14 +3,14 @@
 Everything comes from the run log. `RunSummary` is small and pickles, so a worker process can send it.
 """
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.ensemble import BUILT
@@ -158,23 +158,9 @@ def summary_row(summary: RunSummary) -> dict[str, Any]:
 
 def write_summary(summaries: Sequence[RunSummary], path: Path, *, force: bool = False) -> Path:
     """Writes `summary_row` of each run as CSV: empty cells where there is no number, floats in full precision."""
-    rows = [summary_row(summary) for summary in summaries]
-
-    def write(temporary: Path) -> None:
-        with open(temporary, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
-
-    return write_atomically(path, write, force, UserError)
+    rows = [{name: _cell(value) for name, value in summary_row(summary).items()} for summary in summaries]
+    return write_atomically(path, pd.DataFrame(rows).to_csv(index=False), force, UserError)
 
 
-def impulse_parts(impulses: Impulses) -> dict[str, float]:
-    """Cause -> N m s."""
-    return asdict(impulses)
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    return repr(value) if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+def _cell(value: Any) -> Any:
+    return str(value).lower() if isinstance(value, bool) else value

@@ -20,7 +20,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
@@ -107,6 +108,27 @@ def tail_yaw_impulses(run_log: RunLog) -> Impulses:
     axis = np.tile([0.0, 0.0, signals.sign], (signals.time.size, 1))
     _, growth = _moments(run_log, signals, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0], axis)
     return _between(signals, growth, *signals.window)
+
+
+def tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
+    """Largest torque (N m) and positive work (J) of the tail motors in these rows; None without their columns.
+
+    A log of the real car may come from loggers that did not record the motors; a simulated one has them always.
+    """
+    torques = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
+    if run_log.kind != "car_run" and not set(torques) <= set(run_log.table.columns):
+        return None, None
+    signals = {name: run_log.signal(name) for name in torques}
+    rates = [f"tail_{joint}_rate_rad_per_s" for joint in ("pitch", "roll")]
+    if "tail_power_truth_w" in run_log.table.columns:
+        signals["tail motor power"] = run_log.signal("tail_power_truth_w")
+    elif run_log.kind == "car_run" or set(rates) <= set(run_log.table.columns):
+        pairs = zip(signals.values(), rates, strict=True)
+        signals["tail motor power"] = np.sum([torque * run_log.signal(rate) for torque, rate in pairs], axis=0)
+    check_signals(run_log.time, signals)
+    peak = max(float(np.max(np.abs(signals[name][after]))) for name in torques)
+    power = signals.get("tail motor power")
+    return peak, None if power is None else float(trapezoid(np.maximum(power[after], 0.0), run_log.time[after]))
 
 
 def _moments(

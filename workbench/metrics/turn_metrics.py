@@ -18,14 +18,14 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_signals, check_time, low_pass
+from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
 from aerodima.workbench.metrics.published_figures import (
     FILTERED,
     SAMPLE_TIMES,
     Platform,
     TurnMetrics,
 )
-from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
+from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, tail_effort
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 
 END_TILT = math.radians(20.0)
@@ -115,6 +115,7 @@ class RunMetrics:
     def as_row(self) -> dict[str, float | str | bool | None]:
         """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
         own = ("peak_roll_rad", "two_wheel_time_s", "heading_change_rad", "tail_torque_peak_n_m", "tail_energy_j")
+        own += (*OF_THE_TURN, "min_wheel_load_n")
         return {
             "outcome": self.outcome.result,
             "clean": self.outcome.clean,
@@ -123,8 +124,6 @@ class RunMetrics:
             **asdict(self.raw),
             "max_tilt_rad": self.outcome.max_tilt_rad,
             **{name: getattr(self, name) for name in own},
-            **{name: getattr(self, name) for name in OF_THE_TURN},
-            "min_wheel_load_n": self.min_wheel_load_n,
             "touched": " ".join(self.outcome.touched),
             "board_before_turn_s": self.outcome.board_before_turn_s,
             **{FILTERED + name: value for name, value in asdict(self.filtered).items()},
@@ -141,7 +140,7 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
     reported = signals if signals.source == "sensors" else turn_signals(run_log, "sensors")
     after, time = signals.from_start, signals.time
     loads = signals.wheel_loads
-    peak_torque, energy = _tail_effort(run_log, after)
+    peak_torque, energy = tail_effort(run_log, after)
     return RunMetrics(
         source=signals.source,
         direction="left" if signals.sign > 0 else "right",
@@ -270,27 +269,6 @@ def _lift_yaw_rate(signals: TurnSignals, loads: FloatArray) -> float:
     lifted = np.flatnonzero(_wheels_loaded(loads[window][:, inner]) < len(inner))
     until = lifted[0] + 1 if lifted.size else None
     return float(np.max(signals.yaw_rate[window][:until]))
-
-
-def _tail_effort(run_log: RunLog, after: NDArray[np.bool_]) -> tuple[float | None, float | None]:
-    """Largest torque (N m) and positive work (J) of the tail motors in these rows; None without their columns.
-
-    A log of the real car may come from loggers that did not record the motors; a simulated one has them always.
-    """
-    torques = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
-    if run_log.kind != "car_run" and not set(torques) <= set(run_log.table.columns):
-        return None, None
-    signals = {name: run_log.signal(name) for name in torques}
-    rates = [f"tail_{joint}_rate_rad_per_s" for joint in ("pitch", "roll")]
-    if "tail_power_truth_w" in run_log.table.columns:
-        signals["tail motor power"] = run_log.signal("tail_power_truth_w")
-    elif run_log.kind == "car_run" or set(rates) <= set(run_log.table.columns):
-        pairs = zip(signals.values(), rates, strict=True)
-        signals["tail motor power"] = np.sum([torque * run_log.signal(rate) for torque, rate in pairs], axis=0)
-    check_signals(run_log.time, signals)
-    peak = max(float(np.max(np.abs(signals[name][after]))) for name in torques)
-    power = signals.get("tail motor power")
-    return peak, None if power is None else float(trapezoid(np.maximum(power[after], 0.0), run_log.time[after]))
 
 
 def _mean(time: FloatArray, values: FloatArray) -> float:

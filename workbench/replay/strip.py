@@ -21,8 +21,7 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-from aerodima.workbench.replay.caption import caption_of, speed_and_roll
-from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car
+from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car, caption_of, speed_and_roll
 from aerodima.workbench.replay.picture import Camera, draw_picture, posed_triangles, visible_surfaces
 from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, ForceArrow, camera_azimuth, force_arrows
 

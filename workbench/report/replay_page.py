@@ -16,8 +16,7 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.run_figures import RUN_STYLES, plot_overlay
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.caption import caption_of, speed_and_roll
-from aerodima.workbench.replay.logged_car import replayable
+from aerodima.workbench.replay.logged_car import caption_of, replayable, speed_and_roll
 from aerodima.workbench.replay.recording import (
     AIR_COLOUR,
     AIR_SCALE,

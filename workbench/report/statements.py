@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.scenario_file import ParameterEntry, load_entries_without_model
+from aerodima.workbench.config.scenario_file import ParameterEntry, load_parameter_file
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.metrics.published_figures import table_rows
 from aerodima.workbench.resources import model_path
@@ -167,7 +167,7 @@ def parameter_entry(name: str) -> ParameterEntry:
 
 @cache
 def _entries(section: str) -> dict[str, ParameterEntry]:
-    return load_entries_without_model(model_path(f"parameters/{section}.yaml"))
+    return load_parameter_file(model_path(f"parameters/{section}.yaml"))
 
 
 def published_row(address: str) -> dict[str, str]:

@@ -1,4 +1,5 @@
-from aerodima.workbench.config.signal_table import RIG_KINDS, missing_columns, rig_columns
+from aerodima.workbench.config.signal_table import RIG_KINDS, rig_columns
+from aerodima.workbench.logs.schema import missing_columns
 
 CONTRACT = [
     "time_s", "angle_rad", "angular_velocity_rad_per_s", "current_a", "force_x_n", "force_y_n", "force_z_n",

@@ -14,7 +14,7 @@ import pytest
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_metrics import Outcome
-from aerodima.workbench.replay.caption import caption_of, outcome_in_words
+from aerodima.workbench.replay.logged_car import caption_of, outcome_in_words
 from aerodima.workbench.report.replay_page import replay_page, write_replay_html
 
 
