@@ -11,7 +11,7 @@ from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.figures.figure_style import new_figure, styled
 from aerodima.workbench.logs.conditioning import is_held
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.logs.signals import GAP_FACTOR, Interval, hold_last
+from aerodima.workbench.logs.signals import Interval, gaps_in, hold_last
 
 MOST_ROWS = 12
 """Signals that one picture holds."""
@@ -77,13 +77,10 @@ def _shift(after: RunLog) -> float:
 
 
 def _gaps(time: NDArray[np.float64]) -> list[Interval]:
-    steps = np.diff(time)
-    wide = np.flatnonzero(steps > GAP_FACTOR * float(np.median(steps)))
-    return [(float(time[at]), float(time[at + 1])) for at in wide]
+    return [(float(time[at]), float(time[at + 1])) for at in gaps_in(time)]
 
 
 def _with_breaks(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
     """The line is interrupted in a gap instead of bridging it."""
-    steps = np.diff(time)
-    at = np.flatnonzero(steps > GAP_FACTOR * float(np.median(steps))) + 1
+    at = gaps_in(time) + 1
     return np.insert(time, at, np.nan), np.insert(values, at, np.nan)

@@ -26,6 +26,7 @@ from aerodima.workbench.logs.signals import (
     check_signals,
     check_time,
     even_times,
+    gaps_in,
     hold_last,
     in_parts,
     low_pass,
@@ -177,8 +178,7 @@ def keep_longest(run_log: RunLog) -> Conditioned:
     time = run_log.time
     _named(run_log, check_time, time)
     good = np.all(np.isfinite(run_log.table.to_numpy(dtype=np.float64)), axis=1)
-    breaks = np.flatnonzero(np.diff(time) > GAP_FACTOR * float(np.median(np.diff(time)))) + 1
-    pieces = stretches(good, breaks)
+    pieces = stretches(good, gaps_in(time) + 1)
     if not pieces:
         raise LogError(f"{run_log.name}: no row in which every column is a number")
     start, end = max(pieces, key=lambda piece: piece[1] - piece[0])
@@ -199,7 +199,7 @@ def fill(run_log: RunLog, longest: float) -> Conditioned:
     step = float(np.median(np.diff(time)))
     steps = np.diff(time)
     _named(run_log, check_gaps, time, max(longest * (1 + 1e-9), GAP_FACTOR * step))
-    wide = np.flatnonzero(steps > GAP_FACTOR * step)
+    wide = gaps_in(time)
     inserted = [np.linspace(time[at], time[at + 1], round(steps[at] / step) + 1)[1:-1] for at in wide]
     grid = np.sort(np.concatenate([time, *inserted]))
     notes = [

@@ -15,7 +15,7 @@ from scipy.signal import detrend
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.signals import GAP_FACTOR
+from aerodima.workbench.logs.signals import gaps_in
 
 FEW_SAMPLES = 32
 """Fewer rows than this cannot be filtered and hold no experiment."""
@@ -62,13 +62,13 @@ class Finding:
 
 def gap_findings(time: FloatArray, column: str = TIME) -> list[Finding]:
     """Steps longer than 1.5 median steps; the first few each, the rest as a number."""
-    steps = np.diff(time)
-    if steps.size < 2:
-        return []
-    step = float(np.median(steps))
-    wide = np.flatnonzero(steps > GAP_FACTOR * step)
+    steps, wide = np.diff(time), gaps_in(time)
     found = [
-        Finding(column, float(time[at]), f"gap of {steps[at]:.6g} s, about {round(steps[at] / step) - 1} samples lost")
+        Finding(
+            column,
+            float(time[at]),
+            f"gap of {steps[at]:.6g} s, about {round(steps[at] / np.median(steps)) - 1} samples lost",
+        )
         for at in wide[:_MOST_LISTED]
     ]
     if wide.size > _MOST_LISTED:

@@ -4,9 +4,9 @@ Schema `aerodima/log-mapping/1`, YAML, strict; `workbench/logs/README.md` explai
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator
+from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.quantity import nearest, unit_factor, unit_in_name
@@ -40,6 +40,14 @@ class ColumnSource(StrictModel):
     largest: Number | None = Field(
         default=None, description="largest plausible magnitude, SI unit; a default per unit otherwise", gt=0
     )
+
+    @model_validator(mode="after")
+    def _has_one_source(self) -> Self:
+        if (self.from_ is None) == (self.constant is None):
+            raise ValueError("needs either `from` or `constant`")
+        if self.time_unit is not None:
+            unit_factor(self.time_unit, "s", "time_unit")
+        return self
 
     @field_validator("scale")
     @classmethod
@@ -105,6 +113,21 @@ class Mapping(StrictModel):
     )
     scenario: ScenarioSource | None = Field(default=None, description="what was driven; for a rig log, the rig")
 
+    @model_validator(mode="after")
+    def _columns_and_units_are_known(self) -> Self:
+        known = known_columns()
+        for name in self.columns:
+            if name == TIME:
+                raise ValueError(f"columns.{name}: times are mapped under `time`")
+            if name not in known:
+                raise ValueError(f"columns.{name}: no such column; {nearest(name, known)}")
+            self.unit_factor(name)
+        unit_factor(self.time.unit, "s", "time")
+        _ = self.facts
+        if self.kind in RIG_KINDS and "angle_rad" not in self.columns:
+            raise ValueError(f"columns: a log of kind {self.kind!r} needs angle_rad")
+        return self
+
     @property
     def facts(self) -> dict[str, Any]:
         """Metadata in SI units."""
@@ -139,24 +162,4 @@ def load_mapping(path: Path | str) -> Mapping:
 
 def mapping_from(data: dict[str, Any], where: str = "mapping") -> Mapping:
     """A mapping from the content of its file; LogError as for `load_mapping`."""
-    mapping = checked(Mapping, data, where, LogError)
-    known = known_columns()
-    for name, source in mapping.columns.items():
-        place = f"{where}: columns.{name}"
-        if name == TIME:
-            raise LogError(f"{place}: times are mapped under `time`")
-        if name not in known:
-            raise LogError(f"{place}: no such column; {nearest(name, known)}")
-        if (source.from_ is None) == (source.constant is None):
-            raise LogError(f"{place}: needs either `from` or `constant`")
-        if source.unit is not None:
-            unit_factor(source.unit, known[name].unit, place)
-        if source.time_unit is not None:
-            unit_factor(source.time_unit, "s", place)
-    unit_factor(mapping.time.unit, "s", f"{where}: time")
-    for name, value in mapping.metadata.items():
-        if isinstance(value, MetadataValue):
-            unit_factor(value.unit, unit_in_name(name), f"{where}: metadata.{name}")
-    if mapping.kind in RIG_KINDS and "angle_rad" not in mapping.columns:
-        raise LogError(f"{where}: columns: a log of kind {mapping.kind!r} needs angle_rad")
-    return mapping
+    return checked(Mapping, data, where, LogError)

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, StrictBool
+from pydantic import Field, StrictBool, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.quantity import nearest
@@ -99,6 +99,12 @@ class Filter(StrictModel):
     order: int | None = Field(default=None, description="order, when no design is named", ge=1, le=10)
     cutoff_hz: float | None = Field(default=None, description="cut-off frequency, when no design is named", gt=0)
 
+    @model_validator(mode="after")
+    def _is_named_or_designed(self) -> Self:
+        if (self.design is None) == (self.order is None or self.cutoff_hz is None):
+            raise ValueError("needs `design`, or `order` and `cutoff_hz`")
+        return self
+
 
 class Drift(StrictModel):
     """Subtract the line through the resting parts."""
@@ -167,11 +173,7 @@ def load_recipe(path: Path | str) -> Recipe:
 
 def recipe_from(data: dict[str, Any], where: str = "recipe") -> Recipe:
     """A recipe from the content of its file; LogError as for `load_recipe`."""
-    recipe = checked(Recipe, data, where, LogError)
-    for number, step in enumerate(recipe.steps):
-        if isinstance(step, Filter) and (step.design is None) == (step.order is None or step.cutoff_hz is None):
-            raise LogError(f"{where}: steps.{number}.filter: needs `design`, or `order` and `cutoff_hz`")
-    return recipe
+    return checked(Recipe, data, where, LogError)
 
 
 def apply_recipe(run_log: RunLog, recipe: Recipe) -> RecipeResult:

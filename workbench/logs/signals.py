@@ -59,6 +59,12 @@ def check_time(time: FloatArray, column: str = "time_s") -> None:
         raise LogError(f"column {column!r}: not increasing in row {row}, {time[row]:g} s after {time[row - 1]:g} s")
 
 
+def gaps_in(time: FloatArray) -> NDArray[np.int64]:
+    """Rows of times (n,) that have a gap behind them: a step longer than `GAP_FACTOR` median steps."""
+    steps = np.diff(time)
+    return np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) if steps.size else np.zeros(0, dtype=np.int64)
+
+
 def check_gaps(time: FloatArray, largest_step: float | None = None, column: str = "time_s") -> None:
     """Raise LogError naming the first step longer than `largest_step` (s; default 1.5 median steps)."""
     steps = np.diff(time)
@@ -207,7 +213,7 @@ def resting_parts(run_log: RunLog, within: Mapping[str, Interval], shortest: flo
     for name, (low, high) in within.items():
         average = _moving_average(run_log.signal(name), max(1, round(REST_AVERAGE / step)))
         quiet &= (average >= low) & (average <= high)
-    breaks = np.flatnonzero(np.diff(time) > GAP_FACTOR * step) + 1
+    breaks = gaps_in(time) + 1
     parts = []
     for first, end in stretches(quiet, breaks):
         start = time[first] if first == 0 else time[first] + REST_MARGIN

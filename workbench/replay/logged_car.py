@@ -1,4 +1,4 @@
-"""The car of a run log: its plant, rebuilt from the scenario in the log, and its positions over time, and its caption.
+"""The car of a run log: its plant, rebuilt from the scenario in the log, its positions over time, and its caption.
 
 A simulated run logs the motion of every joint. That of a real car is reckoned from its sensors alone: the heading is
 that of the IMU, the path is the speed integrated along it; roll and pitch are the IMU's, and the car is lifted so that
