@@ -8,7 +8,6 @@ import typer
 
 COMMAND_MODULES: tuple[str, ...] = (
     "turn_commands",
-    "run_commands",
     "log_commands",
     "model_commands",
     "rig_commands",

@@ -140,9 +140,6 @@ class Differentiate(StrictModel):
     rate: str = Field(default="angular_velocity_rad_per_s", description="column that is made")
 
 
-STEPS: tuple[type[StrictModel], ...] = (
-    Fill, KeepLongest, Cut, CutToMotion, Filter, Drift, Offsets, Resample, Differentiate
-)  # fmt: skip
 Step = Annotated[
     Fill | KeepLongest | Cut | CutToMotion | Filter | Drift | Offsets | Resample | Differentiate,
     Field(discriminator="step"),

@@ -3,6 +3,7 @@
 import re
 import shlex
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -114,8 +115,10 @@ def test_every_yaml_of_the_readme_is_read_and_every_step_is_explained() -> None:
     assert all("schema" in yaml.safe_load(block) for block in blocks("yaml"))
     from aerodima.workbench.config.checked_files import keys_of
     from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping
-    from aerodima.workbench.logs.recipe import DESIGNS, STEPS
+    from aerodima.workbench.logs.recipe import DESIGNS, Step
 
-    words = [step.model_fields["step"].annotation.__args__[0] for step in STEPS] + list(DESIGNS)
-    words += [key for model in (*STEPS, ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]
+    steps = get_args(get_args(Step)[0])
+
+    words = [step.model_fields["step"].annotation.__args__[0] for step in steps] + list(DESIGNS)
+    words += [key for model in (*steps, ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]
     assert [word for word in words if word not in README] == []
