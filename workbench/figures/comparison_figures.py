@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -89,9 +90,9 @@ def plot_metrics(summaries: Sequence[RunSummary], platform: Platform = "simulate
     with styled():
         figure, grid = new_figure(11.0, 5.6, 2, 4)
         for axes, (metric, label) in zip(grid.flat, _METRIC_LABELS.items(), strict=False):
-            for mode in modes:
-                runs = [s for s in summaries if s.tail_mode == mode]
-                _scatter(axes, runs, mode, [getattr(s.metrics.like(platform), metric) for s in runs])
+            for run in sorted(summaries, key=lambda s: modes.index(s.tail_mode)):
+                value = getattr(run.metrics.like(platform), metric)
+                _point(axes, run, run.metrics.raw.speed_m_per_s, value, markersize=6.0)
             for row in rows:
                 _star(axes, row, metric)
             axes.set(xlabel="speed [m/s]", ylabel=label)
@@ -111,20 +112,11 @@ def plot_metrics(summaries: Sequence[RunSummary], platform: Platform = "simulate
     return figure
 
 
-def _scatter(axes: Axes, runs: list[RunSummary], mode: str, values: list[float]) -> None:
-    style = MODE_STYLES[mode]
-    for run, value in zip(runs, values, strict=True):
-        marker = style.marker if run.survived else FLIPPED_MARKER
-        face = style.colour if run.clean else "white"
-        axes.plot(
-            run.metrics.raw.speed_m_per_s,
-            value,
-            linestyle="none",
-            marker=marker,
-            markersize=6.0,
-            markeredgecolor=style.colour,
-            markerfacecolor=face,
-        )
+def _point(axes: Axes, run: RunSummary, x: float, y: float, **options: Any) -> None:
+    """A run in the colour and shape of its tail mode: full when it was clean, a cross when it flipped."""
+    style = MODE_STYLES[run.tail_mode]
+    marker, face = style.marker if run.survived else FLIPPED_MARKER, style.colour if run.clean else "white"
+    axes.plot(x, y, linestyle="none", marker=marker, color=style.colour, markerfacecolor=face, **options)
 
 
 def _star(axes: Axes, row: PublishedFigures, metric: str) -> None:
@@ -191,9 +183,7 @@ def _curve(axes: Axes, runs: list[RunSummary], mode: str, value: Callable[[RunSu
             speeds = [left.commanded_speed, right.commanded_speed]
             axes.plot(speeds, [value(left), value(right)], color=style.colour, linestyle=style.line)
     for run in ordered:
-        marker, height = (style.marker, value(run)) if run.survived else (FLIPPED_MARKER, top)
-        face = style.colour if run.clean else "white"
-        axes.plot(run.commanded_speed, height, marker=marker, color=style.colour, markerfacecolor=face)
+        _point(axes, run, run.commanded_speed, value(run) if run.survived else top)
 
 
 def plot_triggers(run_logs: Sequence[RunLog]) -> Figure:

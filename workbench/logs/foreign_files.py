@@ -101,12 +101,11 @@ def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignL
     if suffix == ".mat":
         from aerodima.workbench.logs.mat_and_mcap import read_mat
 
-        return ForeignLog(str(path), *_as_series(read_mat(path)))
+        return read_mat(path)
     if suffix == ".mcap":
         from aerodima.workbench.logs.mat_and_mcap import read_mcap
 
-        contents = read_mcap(path)
-        return ForeignLog(str(path), contents.columns, contents.time_of, contents.unreadable, contents.metadata)
+        return read_mcap(path)
     raise LogError(
         f"{path}: {suffix or 'a file without ending'} is not read; allowed: .csv .txt .tsv .parquet .mat .mcap"
     )
@@ -175,11 +174,6 @@ def _read_parquet(path: Path) -> ForeignLog:
     metadata = decode_metadata(stored, str(path)) if METADATA_KEY in stored else None
     frame = table.to_pandas(ignore_metadata=True)
     return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns}, metadata=metadata)
-
-
-def _as_series(contents: Any) -> tuple[dict[str, pd.Series], dict[str, str], dict[str, str]]:
-    columns, unreadable = contents
-    return {name: pd.Series(values) for name, values in columns.items()}, {}, unreadable
 
 
 Format = Literal["csv", "mcap"]

@@ -11,7 +11,6 @@ column `<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,28 +19,23 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aerodima.workbench.errors import LogError
-
-Contents = tuple[dict[str, NDArray[np.float64]], dict[str, str]]
-"""Column name to values; name to the reason why something is not readable."""
+from aerodima.workbench.logs.foreign_files import ForeignLog
+from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
 
 MOST_COLUMNS = 64
 """A matrix with more columns than this (and than rows) is a picture or a table of something else, not a log."""
 _OBJECT = "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
 
 
-def read_mat(path: Path) -> Contents:
+def read_mat(path: Path) -> ForeignLog:
     """Columns of a MAT file.
 
     Raises:
         LogError: damaged or not a MAT file; h5py is not installed and the file is of version 7.3.
     """
-    if is_version_7_3(path):
-        leaves = list(_leaves_7_3(path))
-    else:
-        leaves = list(_leaves_5(path))
     columns: dict[str, NDArray[np.float64]] = {}
     unreadable: dict[str, str] = {}
-    for name, value in leaves:
+    for name, value in _leaves_7_3(path) if is_version_7_3(path) else _leaves_5(path):
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
             columns |= _vectors(name, value)
         elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
@@ -52,7 +46,7 @@ def read_mat(path: Path) -> Contents:
         raise LogError(
             f"{path}: no vectors of numbers" + (f"; {', '.join(unreadable)}: {_OBJECT}" if unreadable else "")
         )
-    return columns, unreadable
+    return ForeignLog(str(path), {name: pd.Series(values) for name, values in columns.items()}, unreadable=unreadable)
 
 
 def is_version_7_3(path: Path) -> bool:
@@ -128,17 +122,7 @@ METADATA_RECORD = "aerodima"
 _NANOSECOND = 1e-9
 
 
-@dataclass(frozen=True)
-class McapContents:
-    """Columns, the times that belong to them, topics that are not JSON, and the metadata of an exported run log."""
-
-    columns: dict[str, pd.Series]
-    time_of: dict[str, str]
-    unreadable: dict[str, str]
-    metadata: dict[str, Any] | None
-
-
-def read_mcap(path: Path) -> McapContents:
+def read_mcap(path: Path) -> ForeignLog:
     """Columns of an MCAP file.
 
     Raises:
@@ -156,7 +140,8 @@ def read_mcap(path: Path) -> McapContents:
             reader = make_reader(stream)
             for record in reader.iter_metadata():
                 if record.name == METADATA_RECORD:
-                    metadata = _decode(record.metadata.get("json", ""), str(path))
+                    stored = {METADATA_KEY: record.metadata.get("json", "").encode()}
+                    metadata = decode_metadata(stored, str(path))
             for _, channel, message in reader.iter_messages():
                 topic = channel.topic
                 if channel.message_encoding != "json":
@@ -171,7 +156,10 @@ def read_mcap(path: Path) -> McapContents:
     if not rows:
         reasons = "; ".join(f"{topic}: {reason}" for topic, reason in unreadable.items())
         raise LogError(f"{path}: no messages that can be read" + (f" ({reasons})" if reasons else ""))
-    return _contents(rows, unreadable, metadata)
+    tables = {topic: pd.DataFrame(messages) for topic, messages in rows.items()}
+    columns = {str(name): table[name] for table in tables.values() for name in table.columns}
+    time_of = {str(name): f"{topic}@log_time" for topic, table in tables.items() for name in table.columns}
+    return ForeignLog(str(path), columns, time_of, unreadable, metadata)
 
 
 def write_mcap(path: Path, table: pd.DataFrame, topics: Mapping[str, list[str]], time: str, metadata: str) -> None:
@@ -201,7 +189,8 @@ def write_mcap(path: Path, table: pd.DataFrame, topics: Mapping[str, list[str]],
         channels = [_channel(writer, topic, names) for topic, names, _ in messages]
         for row, stamp in enumerate(stamps):
             for channel, (_, names, values) in zip(channels, messages, strict=True):
-                data = json.dumps(dict(zip(names, map(_finite_or_none, values[row]), strict=True))).encode()
+                numbers = (value if np.isfinite(value) else None for value in values[row])
+                data = json.dumps(dict(zip(names, numbers, strict=True))).encode()
                 writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
         writer.add_metadata(METADATA_RECORD, {"json": metadata})
         writer.finish()
@@ -221,16 +210,6 @@ def _channel(writer: Any, topic: str, names: list[str]) -> int:
     return int(writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id))
 
 
-def _finite_or_none(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
-def _decode(text: str, source: str) -> dict[str, Any]:
-    from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
-
-    return decode_metadata({METADATA_KEY: text.encode()}, source)
-
-
 def _numbers(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
     """Every number in a message with its name; null is NaN, text is left out."""
     if isinstance(value, dict):
@@ -242,16 +221,3 @@ def _numbers(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
                 yield f"{prefix}({index})", float(inner)
     elif value is None or isinstance(value, int | float):
         yield prefix, float("nan") if value is None else float(value)
-
-
-def _contents(
-    rows: dict[str, list[dict[str, float]]], unreadable: dict[str, str], metadata: dict[str, Any] | None
-) -> McapContents:
-    columns: dict[str, pd.Series] = {}
-    time_of: dict[str, str] = {}
-    for topic, messages in rows.items():
-        table = pd.DataFrame(messages)
-        for name in table.columns:
-            columns[str(name)] = table[name]
-            time_of[str(name)] = f"{topic}@log_time"
-    return McapContents(columns, time_of, unreadable, metadata)
