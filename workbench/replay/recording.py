@@ -210,14 +210,16 @@ def _smooth(time: FloatArray, path: FloatArray) -> FloatArray:
     return np.column_stack([np.convolve(padded[:, axis], kernel, mode="valid") for axis in range(3)])
 
 
+def traces(logged: LoggedCar) -> list[tuple[str, Rgba, FloatArray]]:
+    """Name, colour and points in W (n, 3), m, of the paths that are drawn: centre of mass and tail tip."""
+    drawn = [("com", COM_COLOUR)] + ([("tail_tip", TIP_COLOUR)] if logged.car.tail is not None else [])
+    return [(name, colour, logged.run_log.vector(name, "truth_m")) for name, colour in drawn]
+
+
 def _draw_traces(meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedCar, rows: NDArray[np.int64]) -> None:
-    run_log = logged.run_log
-    traces = [("com", COM_COLOUR, run_log.vector("com", "truth_m"))]
-    if logged.car.tail is not None:
-        traces.append(("tail_tip", TIP_COLOUR, run_log.vector("tail_tip", "truth_m")))
     last = len(rows) - 1
     edges = np.unique(np.linspace(0, last, min(_TRACE_PIECES, last) + 1).round().astype(int))
-    for name, colour, points in traces:
+    for name, colour, points in traces(logged):
         for index, (start, end) in enumerate(pairwise(edges)):
             path = f"{WORLD}/trace/{name}/{index}"
             fine = np.unique(np.linspace(rows[start], rows[end], 4 * (end - start) + 1).round().astype(int))

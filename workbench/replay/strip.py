@@ -23,7 +23,7 @@ from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car, caption_of, speed_and_roll
 from aerodima.workbench.replay.picture import Camera, draw_picture, posed_triangles, visible_surfaces
-from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, ForceArrow, camera_azimuth, force_arrows
+from aerodima.workbench.replay.recording import ForceArrow, camera_azimuth, force_arrows, traces
 
 _BEFORE, _AFTER = 0.25, 0.75
 """Time shown before the turn and after it, s."""
@@ -203,10 +203,8 @@ def _cameras(logged: LoggedCar, moments: list[Moment], points: list[FloatArray])
 
 
 def _draw_traces(axes: Axes, camera: Camera, logged: LoggedCar, row: int) -> None:
-    traces = [("com", COM_COLOUR)] + ([("tail_tip", TIP_COLOUR)] if logged.car.tail is not None else [])
-    for name, colour in traces:
-        points = logged.run_log.vector(name, "truth_m")[: row + 1]
-        seen = camera.project(points)
+    for _, colour, points in traces(logged):
+        seen = camera.project(points[: row + 1])
         axes.plot(seen[:, 0], seen[:, 1], color=(colour.r(), colour.g(), colour.b()), linewidth=1.4, clip_on=True)
 
 
