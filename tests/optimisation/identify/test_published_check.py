@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,7 +42,7 @@ def test_known_constants_are_found_again_from_currents_made_with_them() -> None:
     rows = static_rows()
     rows = rows[(rows.current_a > 0.2) & (rows.test_no <= 2)].copy()
     truth = balances()
-    truth = {tail: rig.changed(torque_constant=0.33, jet_edge_depth=0.26) for tail, rig in truth.items()}
+    truth = {tail: replace(rig, torque_constant=0.33, jet_edge_depth=0.26) for tail, rig in truth.items()}
     rows["current_a"] = predicted_currents(truth, rows)
     found = fit_rig_constants(rows, seeds=0).fit
     assert found["torque_constant"].value == pytest.approx(0.33, rel=1e-4)
