@@ -19,10 +19,12 @@ import yaml
 
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.fit.least_squares import LIMIT, spread
+from aerodima.optimisation.identify.published_tables import Flag, published
 from aerodima.workbench.aero.coefficient_files import coefficients_from_dict
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT, ROBOT_LIMIT, SCHEMA
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.errors import FitError
+from aerodima.workbench.resources import model_path
 
 PERCENTILES = (10.0, 90.0)
 """Shown beside every average, percent."""
@@ -226,3 +228,73 @@ def write_sets(folder: Path, sets: dict[str, dict[str, Any]]) -> list[Path]:
         coefficients_from_dict(yaml.safe_load(text), str(path))
         paths.append(write_atomically(path, text, True, FitError))
     return paths
+
+
+def recompute_averages() -> tuple[pd.DataFrame, list[Flag]]:
+    """Every weighted average of Tables 4.7, 6.2, 11.1 and 11.2 recomputed beside the printed one.
+
+    Returns:
+        A row per average (table, quantity, published, the `columns` of its `Aggregate`, agrees), and a flag
+        for each that differs by more than half a unit of its last printed digit.
+    """
+    rows = [_compare(*entry) for entry in [*_friction_entries(), *_added_mass_entries()]]
+    flags = [
+        Flag(
+            row["table"],
+            row["quantity"],
+            f"published {row['published']:g}, recomputed {row['weighted']:.4g}" + _copied_from(row, rows),
+            "E23",
+        )
+        for row in rows
+        if not row["agrees"]
+    ]
+    return pd.DataFrame(rows), flags
+
+
+def _copied_from(row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
+    """Names the cell of the same table whose right average is printed here, when the difference is not a rounding."""
+    if abs(row["published"] - row["weighted"]) < 0.05 * abs(row["weighted"]):
+        return " (last digit)"
+    for other in rows:
+        if other is not row and other["table"] == row["table"] and other["published"] == row["published"]:
+            return f"; it is the value of {other['quantity'].removeprefix('added_mass_kg ')}"
+    return ""
+
+
+def _friction_entries() -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
+    entries = []
+    for name in ("bar_friction", "robot_tail_friction"):
+        table = published(name)
+        printed = pd.read_csv(model_path(f"published/{name}.csv"), dtype=str)
+        swings = table[table.record == "swing"]
+        final = printed[printed.record.str.startswith("published_")].iloc[0]
+        for column in ("coulomb_friction_n_m", "viscous_friction_n_m_s_per_rad"):
+            source = str(swings.source_table.iloc[0])
+            entries.append((source, column, final[column], swings[column].to_numpy(), swings.resnorm.to_numpy()))
+    return entries
+
+
+def _added_mass_entries() -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
+    table = published("added_mass")
+    printed = pd.read_csv(model_path("published/added_mass.csv"), dtype=str).published_weighted_average_kg
+    entries = []
+    for (source, tail, axis, speed), group in table.groupby(
+        ["source_table", "tail", "axis", "wind_speed_m_per_s"], sort=False
+    ):
+        label = f"added_mass_kg tail {tail} {axis} {speed:g} m/s"
+        text = printed[group.index[0]]
+        entries.append((str(source), label, text, group.added_mass_kg.to_numpy(), group.resnorm.to_numpy()))
+    return entries
+
+
+def _compare(table: str, quantity: str, printed: str, values: np.ndarray, resnorms: np.ndarray) -> dict[str, Any]:
+    found = aggregate(values, resnorms)
+    digits = len(printed.partition(".")[2])
+    half = 0.5 * 10.0**-digits
+    return {
+        "table": table,
+        "quantity": quantity,
+        "published": float(printed),
+        **found.columns(),
+        "agrees": math.isclose(float(printed), found.weighted, abs_tol=half * (1.0 + 1e-9), rel_tol=0.0),
+    }

@@ -20,14 +20,13 @@ from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
 from aerodima.optimisation.fit.least_squares import Problem, huber
 from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
 from aerodima.optimisation.fit.residual_noise import Noise
-from aerodima.optimisation.identify.coefficient_averages import aggregate
+from aerodima.optimisation.identify.coefficient_averages import aggregate, recompute_averages
 from aerodima.optimisation.identify.line_fits import fit_line
 from aerodima.optimisation.identify.published_tables import (
     Flag,
     flag_added_mass,
     flag_robot_tail,
     flag_static,
-    recompute_averages,
     robot_tail_rows,
     static_rows,
 )

@@ -7,12 +7,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from aerodima.optimisation.identify.coefficient_averages import aggregate, weights
+from aerodima.optimisation.identify.coefficient_averages import aggregate, recompute_averages, weights
 from aerodima.optimisation.identify.published_tables import (
     flag_added_mass,
     flag_robot_tail,
     flag_static,
-    recompute_averages,
     robot_tail_rows,
     static_rows,
 )
