@@ -30,6 +30,7 @@ from aerodima.optimisation.identify.published_tables import (
     robot_tail_rows,
     static_rows,
 )
+from aerodima.optimisation.identify.rig_uncertainty import with_values
 from aerodima.optimisation.identify.static_balance import StaticBalance
 from aerodima.workbench.config.scenario import RigScenario, rig_scenario_from_dict
 
@@ -174,13 +175,12 @@ def balances() -> dict[int, StaticBalance]:
 
 def with_constants(balance: StaticBalance, tail: int, values: dict[str, float]) -> StaticBalance:
     """A held rig with a trial of the constants."""
-    return replace(
-        balance,
-        torque_constant=values["torque_constant"],
-        jet_edge_depth=values["jet_edge_depth"],
-        tail_com=values[f"tail_{tail}_com_distance"],
-        gap=values[f"tail_{tail}_gap"],
-    )
+    changes = {
+        "maxon": {"torque_constant": values["torque_constant"]},
+        "tunnel": {"jet_edge_depth": values["jet_edge_depth"]},
+        f"tail_{tail}": {key: values[f"tail_{tail}_{key}"] for key in ("com_distance", "gap")},
+    }
+    return StaticBalance.of(with_values(balance.scenario, changes))
 
 
 def predicted_currents(rigs: dict[int, StaticBalance], rows: pd.DataFrame) -> np.ndarray:

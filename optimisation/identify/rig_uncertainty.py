@@ -140,5 +140,10 @@ def shifted(scenario: RigScenario, values: Mapping[str, float]) -> RigScenario:
             section = f"tail_{scenario.experiment.tail}" if section == "tail" else section
             changed = changes.setdefault(section, {})
             changed[entry] = changed.get(entry, getattr(getattr(scenario, section), entry)) + sign * shift
+    return with_values(scenario, changes)
+
+
+def with_values(scenario: RigScenario, changes: Mapping[str, Mapping[str, float]]) -> RigScenario:
+    """The rig with other values, by section and key; ranges are not checked."""
     sections = {name: getattr(scenario, name).model_copy(update=values) for name, values in changes.items()}
     return scenario.model_copy(update=sections)

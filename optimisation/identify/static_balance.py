@@ -35,85 +35,65 @@ _LIFT = PolarLaw(0.0, 1.0, lift_blend=0.0)
 
 @dataclass(frozen=True)
 class StaticBalance:
-    """Masses, places and air of a held rig; everything in W or along the bar, m and kg.
+    """A held rig.
 
     Attributes:
-        pivot: p_WP (3).
-        mount_mass, mount_com: kg, and p in W (3).
-        bar_mass, bar_com: kg, and distance from the pivot.
-        tail_distance: from the pivot to the end of the bar.
-        tail_mass, tail_com, gap: kg, centre of mass beyond the root, root beyond the bar's end.
-        misalignment: of the tail's axis against the bar's, rad, positive downstream.
+        scenario: masses, places, air.
+        pivot: p_WP (3), m.
         tail, bar: sections, each in its own frame with the axis hanging down.
-        bar_drag: C_D of the bar.
-        jet_edge_depth, jet_slope: of the jet below the pivot.
-        torque_constant: of the motor at the bar, N m/A.
-        creep_resistance: torque per speed at rest, N m s/rad: viscous friction + tanh gain x Coulomb friction.
-        density, gravity: kg/m3, m/s2.
     """
 
-    pivot: tuple[float, float, float]
-    mount_mass: float
-    mount_com: tuple[float, float, float]
-    bar_mass: float
-    bar_com: float
-    tail_distance: float
-    tail_mass: float
-    tail_com: float
-    gap: float
-    misalignment: float
+    scenario: RigScenario
+    pivot: Vector3
     tail: SectionLayout
     bar: SectionLayout
-    bar_drag: float
-    jet_edge_depth: float
-    jet_slope: float
-    torque_constant: float
-    creep_resistance: float
-    density: float
-    gravity: float
 
     @classmethod
     def of(cls, scenario: RigScenario) -> StaticBalance:
         """The balance of a scenario with a cheetah tail."""
         if not scenario.has_cheetah_tail:
             raise FitError(f"static fit: experiment {scenario.experiment.kind!r} has no cheetah tail on the rig")
-        tail, friction, mount = scenario.cheetah_tail, scenario.friction, scenario.mount
-        x, y, z = (float(value) for value in pivot_position(mount))
-        return cls(
-            pivot=(x, y, z),
-            mount_mass=mount.mass,
-            mount_com=(mount.com_x, mount.com_y, mount.com_z),
-            bar_mass=scenario.bar.mass,
-            bar_com=scenario.bar.com_distance,
-            tail_distance=scenario.bar.tail_distance,
-            tail_mass=tail.mass,
-            tail_com=tail.com_distance,
-            gap=tail.gap,
-            misalignment=scenario.tunnel.misalignment,
-            tail=tail_layout(scenario),
-            bar=bar_layout(scenario),
-            bar_drag=scenario.bar.drag_coefficient,
-            jet_edge_depth=scenario.tunnel.jet_edge_depth,
-            jet_slope=scenario.tunnel.jet_slope,
-            torque_constant=scenario.maxon.torque_constant,
-            creep_resistance=friction.viscous + friction.tanh_gain * friction.coulomb,
-            density=scenario.environment.air_density,
-            gravity=scenario.environment.gravity,
-        )
+        x, y, z = pivot_position(scenario.mount).tolist()
+        return cls(scenario, (x, y, z), tail_layout(scenario), bar_layout(scenario))
+
+    @property
+    def torque_constant(self) -> float:
+        """Of the motor at the bar, N m/A."""
+        return self.scenario.maxon.torque_constant
+
+    @property
+    def creep_resistance(self) -> float:
+        """Torque per speed at rest, N m s/rad: viscous friction + tanh gain x Coulomb friction."""
+        friction = self.scenario.friction
+        return friction.viscous + friction.tanh_gain * friction.coulomb
+
+    @property
+    def root_distance(self) -> float:
+        """From the pivot to the root of the tail, m."""
+        return self.scenario.bar.tail_distance + self.scenario.cheetah_tail.gap
+
+    def tail_axis(self, angle: float) -> Vector3:
+        """Unit vector from root to tip in W (3): that of the bar and the misalignment."""
+        return hanging_axis(angle + self.scenario.tunnel.misalignment)
+
+    def jet(self, psi: float) -> Jet:
+        """The jet below the pivot, turned by psi (rad) about z."""
+        tunnel = self.scenario.tunnel
+        return Jet.below_pivot(self.pivot, tunnel.jet_edge_depth, psi, tunnel.jet_slope)
 
     def hanging(self, angle: float) -> tuple[np.ndarray, float]:
         """Reactions (6: N, N m) and the torque about the motor axis (positive downstream, N m) of the weight alone."""
         a = np.array(hanging_axis(angle))
-        root = (self.tail_distance + self.gap) * a
-        pivot = np.asarray(self.pivot)
+        root, pivot = self.root_distance * a, np.asarray(self.pivot)
+        mount, bar, tail = self.scenario.mount, self.scenario.bar, self.scenario.cheetah_tail
         bodies = [
-            (self.mount_mass, np.asarray(self.mount_com)),
-            (self.bar_mass, pivot + self.bar_com * a),
-            (self.tail_mass, pivot + root + self.tail_com * np.array(hanging_axis(angle + self.misalignment))),
+            (mount.mass, np.array([mount.com_x, mount.com_y, mount.com_z])),
+            (bar.mass, pivot + bar.com_distance * a),
+            (tail.mass, pivot + root + tail.com_distance * np.array(self.tail_axis(angle))),
         ]
         mass = sum(m for m, _ in bodies)
         first = np.sum([m * p for m, p in bodies], axis=0)
-        g = self.gravity
+        g = self.scenario.environment.gravity
         swinging = sum(m * (p[1] - pivot[1]) for m, p in bodies[1:])
         return np.array([0.0, 0.0, mass * g, g * first[1], -g * first[0], 0.0]), float(g * swinging)
 
@@ -127,13 +107,13 @@ class StaticBalance:
         """
         s, c = (math.sin(psi), math.cos(psi)) if isinstance(psi, float) else (sin(psi), cos(psi))
         wind = (wind_speed * s, -wind_speed * c, 0.0 * s)
-        jet = Jet.below_pivot(self.pivot, self.jet_edge_depth, float_of(psi), self.jet_slope)
-        a, b = hanging_axis(angle), hanging_axis(angle + self.misalignment)
+        jet, misalignment = self.jet(float_of(psi)), self.scenario.tunnel.misalignment
+        a, b = hanging_axis(angle), self.tail_axis(angle)
         bar = self._forces((_DRAG,), self.bar, 0.0, a, a, wind, jet)[0]
-        tail = self._forces((_DRAG, _LIFT), self.tail, self.tail_distance + self.gap, a, b, wind, jet)
-        if -UPRIGHT_MARGIN < angle < 0.0 <= self.misalignment and angle + self.misalignment < 0.0:
+        tail = self._forces((_DRAG, _LIFT), self.tail, self.root_distance, a, b, wind, jet)
+        if -UPRIGHT_MARGIN < angle < 0.0 <= misalignment and angle + misalignment < 0.0:
             tail[1] = [-value for value in tail[1]]
-        return [[self.bar_drag * value for value in bar], *tail]
+        return [[self.scenario.bar.drag_coefficient * value for value in bar], *tail]
 
     def _forces(
         self, laws: Sequence[PolarLaw], layout: SectionLayout, root: float, a: Vector3, b: Vector3, wind: Any, jet: Jet
@@ -148,16 +128,15 @@ class StaticBalance:
         arm_y, arm_z = y - self.pivot[1], z - self.pivot[2]
         rows = []
         for law in laws:
-            f, g, h = law.section_force(wind, b, layout.normal_B, area, self.density)
+            f, g, h = law.section_force(wind, b, layout.normal_B, area, self.scenario.environment.air_density)
             moment = (z * g - y * h, x * h - z * f, y * f - x * g)
             rows.append([-f, -g, -h, *moment, arm_z * g - arm_y * h])
         return rows
 
     def exposed_length(self, angle: float, psi: float = 0.0) -> float:
         """How much of the tail is in the jet, m."""
-        jet = Jet.below_pivot(self.pivot, self.jet_edge_depth, psi, self.jet_slope)
-        root = np.asarray(self.pivot) + (self.tail_distance + self.gap) * np.array(hanging_axis(angle))
-        interval = jet.exposed_interval(self.tail, root.tolist(), hanging_axis(angle + self.misalignment))
+        root = np.asarray(self.pivot) + self.root_distance * np.array(hanging_axis(angle))
+        interval = self.jet(psi).exposed_interval(self.tail, root.tolist(), self.tail_axis(angle))
         return 0.0 if interval is None else float(interval[1] - interval[0])
 
     def holding_current(self, angle: float, wind_speed: float, cd: float, cl: float, psi: float) -> float:

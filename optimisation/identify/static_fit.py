@@ -241,13 +241,11 @@ def _with_constants(first: FitResult, data: StaticData, parameters: Parameters) 
 
 def shifted_data(data: StaticData, values: Mapping[str, float]) -> StaticData:
     """The hold as it is when constants and instruments are off by some values (`constants`)."""
-    scenario = shifted(data.scenario, values)
     zero = values.get("encoder_zero", 0.0)
     bias = np.array([values.get(name, 0.0) for name in BIASES])
     return replace(
         data,
-        scenario=scenario,
-        balance=StaticBalance.of(scenario),
+        balance=StaticBalance.of(shifted(data.scenario, values)),
         angle=data.angle + zero,
         tare=None if data.tare is None else data.tare + zero,
         wind_speed=data.wind_speed * (1.0 + values.get("wind_speed", 0.0)),

@@ -47,7 +47,7 @@ class StaticData:
 
     Attributes:
         name: of the log.
-        scenario, balance: of the rig it was made on.
+        balance: of the rig it was made on.
         angle, wind_speed: rad, m/s.
         wrench: mean reading plus offset (6), without the weight at `tare`; NaN for an axis that is missing.
         tare: angle at which the weight was taken out, rad: that of the hold after a rest; None: the weight is in it.
@@ -66,7 +66,6 @@ class StaticData:
     """
 
     name: str
-    scenario: RigScenario
     balance: StaticBalance
     angle: float
     wind_speed: float
@@ -85,6 +84,11 @@ class StaticData:
     offset_deviation: np.ndarray
     constants: tuple[Parameter, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def scenario(self) -> RigScenario:
+        """Of the rig it was made on."""
+        return self.balance.scenario
 
 
 def largest_reading(channel: str) -> float:
@@ -161,7 +165,6 @@ def _static_data(log: RunLog, rest: tuple[float, float] | None, name: str, optio
     current, current_deviation = _mean_current(log, hold, scenario, warnings)
     return StaticData(
         name=name,
-        scenario=scenario,
         balance=balance,
         angle=held,
         wind_speed=speed,

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,6 +10,8 @@ from aerodima.optimisation.identify.published_check import (
     predicted_currents,
 )
 from aerodima.optimisation.identify.published_tables import static_rows
+from aerodima.optimisation.identify.rig_uncertainty import with_values
+from aerodima.optimisation.identify.static_balance import StaticBalance
 
 
 def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:
@@ -41,8 +41,8 @@ def test_joint_fit_meets_the_published_currents_within_physical_bounds() -> None
 def test_known_constants_are_found_again_from_currents_made_with_them() -> None:
     rows = static_rows()
     rows = rows[(rows.current_a > 0.2) & (rows.test_no <= 2)].copy()
-    truth = balances()
-    truth = {tail: replace(rig, torque_constant=0.33, jet_edge_depth=0.26) for tail, rig in truth.items()}
+    changes = {"maxon": {"torque_constant": 0.33}, "tunnel": {"jet_edge_depth": 0.26}}
+    truth = {tail: StaticBalance.of(with_values(rig.scenario, changes)) for tail, rig in balances().items()}
     rows["current_a"] = predicted_currents(truth, rows)
     found = fit_rig_constants(rows, seeds=0).fit
     assert found["torque_constant"].value == pytest.approx(0.33, rel=1e-4)
