@@ -114,8 +114,8 @@ class RunMetrics:
 
     def as_row(self) -> dict[str, float | str | bool | None]:
         """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
-        own = ("peak_roll_rad", "two_wheel_time_s", "heading_change_rad", "tail_torque_peak_n_m", "tail_energy_j")
-        own += (*OF_THE_TURN, "min_wheel_load_n")
+        whole = ("peak_roll_rad", "two_wheel_time_s", "heading_change_rad", "tail_torque_peak_n_m", "tail_energy_j")
+        own = (*whole, *OF_THE_TURN, "min_wheel_load_n")
         return {
             "outcome": self.outcome.result,
             "clean": self.outcome.clean,
