@@ -122,9 +122,9 @@ def test_study_file_plans_the_runs_that_its_table_has(old: Path) -> None:
     from aerodima.optimisation.sweep.study import plan_runs
 
     runs, table = plan_runs(load_study(old / "study.yaml")), read_table(old / "study")
-    assert [run.place["run"] for run in runs] == list(table["run"])
+    assert [run.task.name for run in runs] == list(table["run"])
     for factor in ("manoeuvre.speed", "car.tyre_friction", "car.mass"):
-        planned = [float(run.place.get(factor, np.nan)) for run in runs]
+        planned = np.array([run.place[factor] for run in runs], float)  # NaN where a block has no such factor
         assert np.allclose(planned, table[factor], equal_nan=True, rtol=1e-9)
 
 
