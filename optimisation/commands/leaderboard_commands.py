@@ -44,9 +44,8 @@ def leaderboard(
     """
     from dataclasses import replace
 
-    from aerodima.optimisation.studies.contestants import shipped_swings, standard_contestants
+    from aerodima.optimisation.studies.contestants import QUICK, Plan, shipped_swings, standard_contestants
     from aerodima.optimisation.studies.leaderboard import make_leaderboard
-    from aerodima.optimisation.studies.leaderboard_runs import QUICK, Plan
     from aerodima.workbench.config.ensemble import load_ensemble
 
     swings = swing if swing is not None else shipped_swings()

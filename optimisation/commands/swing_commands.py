@@ -74,8 +74,9 @@ def swing(
     from contextlib import nullcontext
 
     from aerodima.optimisation.sweep.study_engine import SerialEngine, open_engine
-    from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
-    from aerodima.optimisation.swing.transcription import OBJECTIVES
+    from aerodima.optimisation.swing.search_state import SearchOptions
+    from aerodima.optimisation.swing.swing_problem import OBJECTIVES
+    from aerodima.optimisation.swing.swing_search import optimise_swing
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.config.swing_file import write_swing
@@ -106,7 +107,7 @@ def swing(
         found = optimise_swing(
             turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
             warm_start=None if warm_start is None else find_swing(warm_start),
-            checkpoint=out.with_suffix(".search.json"), engine=engine, told=lambda line: typer.echo(line, err=True),
+            checkpoint=out.with_suffix(".search.json"), engine=engine, progress=lambda line: typer.echo(line, err=True),
         )  # fmt: skip
     write_swing(found, out, force=force)
     facts = found.provenance.found

@@ -1,4 +1,4 @@
-"""Who takes part in the leaderboard, and what may be otherwise than planned.
+"""Who takes part in the leaderboard, how much is run, and what may be otherwise than planned.
 
 A controller is a name and the settings that make it, which may depend on the speed of the turn. A perturbation is a
 named change of a scenario that a controller should stand.
@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Search
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.law_of_scenario import find_swing
@@ -139,6 +141,65 @@ def _kind(swing: SwingFile) -> str | None:
     cars = f", {options['members']} more cars" if options.get("members") else ""
     turning = "" if "heading_ratio" in found else ", heading free"
     return f"optimised {joints}{cars}{turning}"
+
+
+FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
+ROBUST_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 2 * FRICTION_STEP)
+FINE_CLIMB = Search(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
+SPEED_CLIMB = Search(SPEED, 2.5, 8.0, 0.5, 0.1)
+NEAR_CLIMB = Search(FRICTION, 0.3, 1.3, FRICTION_STEP, FRICTION_STEP)
+FIRST_SPEED = 3.5
+"""m/s; where the climb over speed begins."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is run.
+
+    Attributes:
+        speeds: of the turns, m/s; the middle one is also that of maps and robustness.
+        friction: climb of the critical friction; at the fine step `fine` from the published swing's upwards, and `near`
+            where the ordinary step is expected to be right; `robust` under perturbations.
+        top_speed: climb of the highest speed at `grip` times the car's own friction.
+        map_speeds: of the survival map.
+        map_strides: its frictions, in strides of the climb above the car's own.
+        step: of the plant, s; `fine_step` that of claims.
+        perturbed: whether the robustness is measured.
+        fixed, releases: roll rates and yaw rates of release tried for the best fixed speed, rad/s.
+    """
+
+    speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
+    friction: Search = FRICTION_CLIMB
+    fine: Search = FINE_CLIMB
+    near: Search = NEAR_CLIMB
+    robust: Search = ROBUST_CLIMB
+    top_speed: Search = SPEED_CLIMB
+    grip: float = 1.1
+    map_speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
+    map_strides: tuple[int, ...] = (0, 1, 2, 3, 4)
+    step: float = 0.002
+    fine_step: float = FINE_STEP
+    perturbed: bool = True
+    fixed: tuple[float, ...] = FIXED_SPEEDS
+    releases: tuple[float, ...] = FIXED_RELEASES
+
+    @property
+    def middle_speed(self) -> float:
+        """m/s."""
+        return sorted(self.speeds)[len(self.speeds) // 2]
+
+
+QUICK = Plan(
+    speeds=(4.5,),
+    top_speed=Search(SPEED, 3.0, 6.0, 1.0, 0.5),
+    map_speeds=(3.6, 4.5, 6.0),
+    map_strides=(0, 2, 4),
+    fine_step=0.002,
+    perturbed=False,
+    fixed=(6.0, 7.0),
+    releases=(1.0,),
+)
+"""A look in minutes, without the fine step."""
 
 
 AIR_SHARE, FRICTION_SHARE, TORQUE_SHARE = 0.3, 0.05, 0.2

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from aerodima.optimisation.studies.contestants import Plan
 from aerodima.optimisation.studies.leaderboard_page import write_leaderboard
-from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, Plan, measure
+from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, measure
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine
 from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on

@@ -16,11 +16,11 @@ from typing import Any
 import pandas as pd
 
 from aerodima.optimisation.studies.contestants import (
-    FIXED_RELEASES,
-    FIXED_SPEEDS,
+    FIRST_SPEED,
     SWINGING,
     THESIS,
     Contestant,
+    Plan,
     best_fixed,
     fixed_law,
     perturbations,
@@ -38,7 +38,7 @@ from aerodima.optimisation.sweep.rollover_threshold import (
 )
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
-from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, LEAST_HEADING, SPIN
+from aerodima.optimisation.swing.full_car import LEAST_HEADING, SPIN
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 
@@ -54,64 +54,6 @@ OUTCOMES = (
     "tail_energy_j",
     "tail_torque_peak_n_m",
 )
-
-FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)
-ROBUST_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 2 * FRICTION_STEP)
-FINE_CLIMB = Search(FRICTION, 0.3, 1.3, 0.025, FRICTION_STEP)
-SPEED_CLIMB = Search(SPEED, 2.5, 8.0, 0.5, 0.1)
-NEAR_CLIMB = Search(FRICTION, 0.3, 1.3, FRICTION_STEP, FRICTION_STEP)
-FIRST_SPEED = 3.5
-"""m/s; where the climb over speed begins."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How much is run.
-
-    Attributes:
-        speeds: of the turns, m/s; the middle one is also that of maps and robustness.
-        friction: climb of the critical friction; at the fine step `fine` from the published swing's upwards, and `near`
-            where the ordinary step is expected to be right; `robust` under perturbations.
-        top_speed: climb of the highest speed at `grip` times the car's own friction.
-        map_speeds: of the survival map.
-        map_strides: its frictions, in strides of the climb above the car's own.
-        step: of the plant, s; `fine_step` that of claims.
-        perturbed: whether the robustness is measured.
-        fixed, releases: roll rates and yaw rates of release tried for the best fixed speed, rad/s.
-    """
-
-    speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
-    friction: Search = FRICTION_CLIMB
-    fine: Search = FINE_CLIMB
-    near: Search = NEAR_CLIMB
-    robust: Search = ROBUST_CLIMB
-    top_speed: Search = SPEED_CLIMB
-    grip: float = 1.1
-    map_speeds: tuple[float, ...] = (3.6, 4.5, 6.0)
-    map_strides: tuple[int, ...] = (0, 1, 2, 3, 4)
-    step: float = 0.002
-    fine_step: float = FINE_STEP
-    perturbed: bool = True
-    fixed: tuple[float, ...] = FIXED_SPEEDS
-    releases: tuple[float, ...] = FIXED_RELEASES
-
-    @property
-    def middle_speed(self) -> float:
-        """m/s."""
-        return sorted(self.speeds)[len(self.speeds) // 2]
-
-
-QUICK = Plan(
-    speeds=(4.5,),
-    top_speed=Search(SPEED, 3.0, 6.0, 1.0, 0.5),
-    map_speeds=(3.6, 4.5, 6.0),
-    map_strides=(0, 2, 4),
-    fine_step=0.002,
-    perturbed=False,
-    fixed=(6.0, 7.0),
-    releases=(1.0,),
-)
-"""A look in minutes, without the fine step."""
 
 
 @dataclass(frozen=True)
@@ -322,18 +264,17 @@ class _Measurer:
         """By controller on the own car, at `grip` times its friction, with the swings for the middle speed."""
         self._engine.stage = "highest speed"
         plan = self._plan
-        keys = [(c, OWN_CAR) for c in contestants]
-        cases, frictions = [], []
-        for c, m in keys:
-            frictions.append(float(f"{plan.grip * self._own_friction(m):.4g}"))
-            settings = [s for s in self._settings(c, m, plan.middle_speed) if not s.startswith(f"{SPEED}=")]
-            cases.append(Case(c.name, SCENARIO, (*settings, f"{FRICTION}={frictions[-1]!r}")))
+        friction = float(f"{plan.grip * self._own_friction(OWN_CAR):.4g}")
+        cases = []
+        for c in contestants:
+            settings = [s for s in self._settings(c, OWN_CAR, plan.middle_speed) if not s.startswith(f"{SPEED}=")]
+            cases.append(Case(c.name, SCENARIO, (*settings, f"{FRICTION}={friction!r}")))
         found = find_thresholds(cases, plan.top_speed, self._engine, starts=[FIRST_SPEED] * len(cases))
         return make_frame(
             [
-                {"controller": c.name, "member": m.name, "weight": m.weight, "friction": friction}
+                {"controller": c.name, "member": OWN_CAR.name, "weight": OWN_CAR.weight, "friction": friction}
                 | {"highest_speed_m_per_s": _number(one.survived), "at_end_of_search": one.lost is None}
-                for (c, m), friction, one in zip(keys, frictions, found, strict=True)
+                for c, one in zip(contestants, found, strict=True)
             ]
         )
 
@@ -344,13 +285,13 @@ class _Measurer:
         first, stride = climbing.index(self._own_friction(OWN_CAR)), round(climbing.scan / climbing.tolerance)
         frictions = [climbing.value(first + count * stride) for count in self._plan.map_strides]
         keys = [(c, OWN_CAR, v, mu) for c in contestants for v in self._plan.map_speeds for mu in frictions]
-        rows = []
-        for (c, _, v, mu), row in zip(keys, self._runs(keys, self._plan.step), strict=True):
-            rows.append(
-                {"controller": c.name, "speed_m_per_s": v, "friction": mu, "outcome": row["outcome"]}
-                | {"clean": row.get("clean"), "peak_roll_rad": row.get("peak_roll_rad"), "error": row["error"]}
-            )
-        return make_frame(rows)
+        wanted = ("outcome", "clean", "peak_roll_rad", "error")
+        return make_frame(
+            [
+                {"controller": c.name, "speed_m_per_s": v, "friction": mu} | {name: row.get(name) for name in wanted}
+                for (c, _, v, mu), row in zip(keys, self._runs(keys, self._plan.step), strict=True)
+            ]
+        )
 
     def robustness(self, players: Sequence[Contestant]) -> pd.DataFrame:
         """Critical friction on the own car at the middle speed, as planned and otherwise."""
@@ -364,8 +305,8 @@ class _Measurer:
         keys = [(player, change) for player in players for change in changes]
         cases = [Case(p.name, SCENARIO, (*self._settings(p, OWN_CAR, speed), *change.settings)) for p, change in keys]
         planned = self._climbs([(player, OWN_CAR, speed) for player in players])
-        start = {p.name: one.survived or self._plan.friction.low for p, one in zip(players, planned, strict=True)}
-        found = find_thresholds(cases, self._plan.robust, self._engine, starts=[start[p.name] for p, _ in keys])
+        starts = [one.survived or self._plan.friction.low for one in planned for _ in changes]
+        found = find_thresholds(cases, self._plan.robust, self._engine, starts=starts)
         return make_frame(
             [
                 {"controller": p.name, "change": change.name, "speed_m_per_s": speed}

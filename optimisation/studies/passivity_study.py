@@ -12,8 +12,16 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, SWINGING, THESIS, Contestant, fixed_law
-from aerodima.optimisation.studies.leaderboard_runs import FRICTION_CLIMB, SCENARIO
+from aerodima.optimisation.studies.contestants import (
+    FRICTION_CLIMB,
+    HELD,
+    NO_TAIL,
+    SWINGING,
+    THESIS,
+    Contestant,
+    fixed_law,
+)
+from aerodima.optimisation.studies.leaderboard_runs import SCENARIO
 from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case, find_thresholds, is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import Engine

@@ -1,8 +1,8 @@
-"""Feedback around a swing: finite-horizon LQR on the planar model along a run of the full car.
+"""Feedback around a swing: finite-horizon LQR on the reduced model along a run of the full car.
 
 The nominal motion is that of the full car, seen through its own sensors without noise: the tracker's states at its own
 ticks, delays and roll filter included, and the torque that the motor gave between them. So on the car and turn that the
-swing was made for the feedback has nothing to do; its gains come from the planar model linearised along that motion.
+swing was made for the feedback has nothing to do; its gains come from the reduced model linearised along that motion.
 
     minimise  sum_k (x_k' Q x_k + R u_k^2) + x_N' Q_f x_N,   x_{k+1} = A_k x_k + B_k u_k   (deviations, one tick each)
     K_k = (R + B_k' P_{k+1} B_k)^-1 B_k' P_{k+1} A_k,   P_k = Q + A_k' P_{k+1} (A_k - B_k K_k)
@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from aerodima.optimisation.swing.planar_model import INPUTS, linearise
-from aerodima.optimisation.swing.planar_model import STATES as PLANAR_STATES
 from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.reduced_model import INPUTS, STATES, linearise
 from aerodima.optimisation.swing.turn_profile import turn_profile
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import Feedback, FeedbackState, SwingFile
@@ -32,7 +31,7 @@ from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.simulate.simulation import simulate
 
 FEEDBACK_NAMES: tuple[FeedbackState, ...] = ("car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate")
-_PLANAR_ORDER = tuple(PLANAR_STATES.index(name) for name in ("roll", "roll_rate", "tail_roll", "tail_roll_rate"))
+_MODEL_ORDER = tuple(STATES.index(name) for name in ("roll", "roll_rate", "tail_roll", "tail_roll_rate"))
 MOST_RATIO = 0.8
 """Sideways over vertical force of the front tyres up to which the model is linearised. Beyond it a car that lifts its
 inner wheels loads its outer ones so much that the rigid model's inertia against rolling vanishes and changes its sign;
@@ -145,13 +144,13 @@ def with_feedback(
     ratio = INPUTS.index("front_ratio")
     inputs[:, ratio] = np.clip(inputs[:, ratio], -MOST_RATIO, MOST_RATIO)
     A, B = linearise(planar, side * torque[:, None], inputs, car)
-    order = list(_PLANAR_ORDER)
+    order = list(_MODEL_ORDER)
     A, B = discretise(A[:, order][:, :, order], B[:, order], 1.0 / quiet.controller.rate)
     Q = weights.state_cost
     gains = lqr_gains(A, B, Q, weights.torque**-2.0, weights.at_end * Q)
     if not np.all(np.isfinite(gains)):
         raise SwingError(
-            f"swing {swing.name}: no gains: the planar model does not hold along this run; allowed: less friction"
+            f"swing {swing.name}: no gains: the reduced model does not hold along this run; allowed: less friction"
         )
     feedback = Feedback(
         states=FEEDBACK_NAMES,
@@ -173,7 +172,7 @@ class _Nominal:
     Attributes:
         states: as the tracker saw them, (ticks, 4) as `FEEDBACK_NAMES`.
         torque: of the roll motor, mean over each tick, N m, (ticks,).
-        truth: true roll of the car and reported tail, not mirrored, (ticks, 4) as `planar_model.STATES`.
+        truth: true roll of the car and reported tail, not mirrored, (ticks, 4) as `reduced_model.STATES`.
         release: s.
         run_log: with all signals.
     """

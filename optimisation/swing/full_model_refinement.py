@@ -21,7 +21,7 @@ import numpy as np
 
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
-from aerodima.optimisation.swing.search_state import SearchOptions, Told, open_rows
+from aerodima.optimisation.swing.search_state import Progress, SearchOptions, open_rows
 from aerodima.optimisation.swing.swing_construction import changed, changes
 from aerodima.optimisation.swing.swing_ranking import Candidate, Car, Score, choose, score
 from aerodima.workbench.batch.row_store import Row, RowStore, content_key
@@ -77,7 +77,7 @@ def polish(
     sigma: float = FIRST_SPREAD,
     engine: Engine | None = None,
     store: RowStore | None = None,
-    told: Told = lambda _line: None,
+    progress: Progress = lambda _line: None,
 ) -> Polished:
     """Searches for the changes of a swing with which the car survives most friction and still turns.
 
@@ -92,7 +92,7 @@ def polish(
         sigma: of the first generation, in units of the changes.
         engine: where the cars are driven.
         store: of scores of searches with the same swing and cars: what it holds is not driven again.
-        told: progress, line by line.
+        progress: takes lines of text.
 
     Raises:
         SwingError: the package `cma` is not there.
@@ -139,10 +139,12 @@ def polish(
             best = replace(best, earlier=(best.x, *best.earlier))
         while one.clean:
             best = Polished(point, aim, one.heading, one.peak_roll, earlier=best.earlier)
-            told(f"  {len(scores)} candidates: clean at friction {aim:.4f}, heading {one.heading:.1%} of the published")
+            progress(
+                f"  {len(scores)} candidates: clean at friction {aim:.4f}, heading {one.heading:.1%} of the published"
+            )
             aim += FRICTION_STEP
             (one,) = tried([point], one.headings)
-        told(f"  {len(scores)} candidates: rank {one.cost:.3f} at friction {aim:.4f}, heading {one.heading:.1%}")
+        progress(f"  {len(scores)} candidates: rank {one.cost:.3f} at friction {aim:.4f}, heading {one.heading:.1%}")
         if best.friction and idle >= PATIENCE:
             sigma, idle = NARROWER * sigma, 0
             search = cma.CMAEvolutionStrategy(best.x, sigma, options)
@@ -156,7 +158,7 @@ def polished(
     *,
     engine: Engine | None = None,
     checkpoint: Path | None = None,
-    told: Told = lambda _line: None,
+    progress: Progress = lambda _line: None,
 ) -> SwingFile:
     """A swing after its polish, with what was found in its provenance; the same swing if nothing better was found.
 
@@ -166,29 +168,29 @@ def polished(
         options: of the search; `polish`, `seed` and `dof` are used.
         engine: where the cars are driven.
         checkpoint: of the search; candidates are kept beside it until the polish is over.
-        told: progress, line by line.
+        progress: takes lines of text.
     """
     engine = engine or SerialEngine()
-    cars = _comparable(engine.call(Car.of, scenarios), told)
+    cars = _comparable(engine.call(Car.of, scenarios), progress)
     spread = FIRST_SPREAD if options.rounds else CLOSE_SPREAD
     begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})
-    identity = {"swing": begun, "cars": [asdict(car) for car in cars]}
+    identity: dict[str, Any] = {"swing": begun, "cars": [asdict(car) for car in cars]}
     identity |= {"seed": options.seed, "dof": options.dof, "spread": spread}
     with open_rows(checkpoint and checkpoint.with_suffix(".polish.json"), "aerodima/polish/2", identity) as store:
         found = polish(
             swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof, sigma=spread, engine=engine,
-            store=store, told=told,
+            store=store, progress=progress,
         )  # fmt: skip
         if store is not None:
             store.remove()
     if not found.friction:
-        told("polish: no candidate turns far enough and stays clean: kept the swing as it was")
+        progress("polish: no candidate turns far enough and stays clean: kept the swing as it was")
         return swing
     points = (found.x, *found.earlier)
     shaped = [changed(swing, x, options.dof) for x in points]
-    claim = choose(shaped, cars, found.friction, engine=engine, told=told)
+    claim = choose(shaped, cars, found.friction, engine=engine, progress=progress)
     if claim is None:
-        told("polish: no candidate turns far enough at the fine step: kept the swing as it was")
+        progress("polish: no candidate turns far enough at the fine step: kept the swing as it was")
         return swing
     facts = {
         "polish_changes": " ".join(f"{value:.9g}" for value in points[claim.place]),
@@ -207,13 +209,13 @@ def polished(
     return best.model_copy(update={"provenance": provenance})
 
 
-def _comparable(cars: Sequence[Car], told: Told) -> list[Car]:
+def _comparable(cars: Sequence[Car], progress: Progress) -> list[Car]:
     """The first car, and those of the others that turn with the published swing and do not spin."""
     kept = []
     for number, car in enumerate(cars, start=1):
         one = car.reference
         spins = number > 1 and one.heading > SPIN
-        told(
+        progress(
             f"polish, car {number}: the published swing is clean to friction {one.friction:.4f}, turns "
             f"{one.heading:.3f} rad{', which is a spin: left out' if spins else ''}"
         )

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from aerodima.optimisation.swing.reduced_model import motion
 from aerodima.optimisation.swing.solver import Solution, solve
-from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, Problem
+from aerodima.optimisation.swing.swing_problem import ROLL, Member, Problem
 from aerodima.workbench.config.array_types import FloatArray
 
 MOST_KNOTS = 241
@@ -19,31 +20,26 @@ MOST_KNOTS = 241
 
 def tail_at(problem: Problem, x: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angle, rate and acceleration of the tail joints at times, each (..., joints): exact between the knots."""
-    knots, layout = problem.knots, problem.layout
+    knots = problem.knots
     at = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, len(knots) - 2)
-    since, length = time - knots[at], (knots[1:] - knots[:-1])[at]
-    columns: tuple[list[FloatArray], ...] = ([], [], [])
-    for joint in range(layout.joints):
-        units = (ANGLE, RATE, ACCELERATION)
-        angle, rate, acceleration = (x[layout.tail(joint, order)] * units[order] for order in range(3))
-        jerk = (acceleration[at + 1] - acceleration[at]) / length
-        columns[2].append(acceleration[at] + jerk * since)
-        columns[1].append(rate[at] + acceleration[at] * since + jerk * since**2 / 2)
-        columns[0].append(angle[at] + rate[at] * since + acceleration[at] * since**2 / 2 + jerk * since**3 / 6)
-    angles, rates, accelerations = (np.stack(column, axis=-1) for column in columns)
-    return angles, rates, accelerations
+    since, length = (time - knots[at])[..., None], (knots[1:] - knots[:-1])[at][..., None]
+    angles, rates, accelerations = (np.moveaxis(values, 0, -1) for values in problem.tail_motion(x))
+    angle, rate, acceleration = angles[at], rates[at], accelerations[at]
+    jerk = (accelerations[at + 1] - acceleration) / length
+    return (
+        angle + rate * since + acceleration * since**2 / 2 + jerk * since**3 / 6,
+        rate + acceleration * since + jerk * since**2 / 2,
+        acceleration + jerk * since,
+    )
 
 
-def forward_roll(problem: Problem, solution: Solution, number: int, time: FloatArray) -> FloatArray:
+def forward_roll(problem: Problem, solution: Solution, member: Member, time: FloatArray) -> FloatArray:
     """Roll of a member at times, rad, integrated with a stiff method to 1e-6 under the tail motion of a solution."""
-    member = problem.members[number]
-    friction = solution.parameter * member.profile.friction if problem.objective == "friction" else None
-    speed = solution.parameter if problem.objective == "speed" else None
 
     def slope(t: float, state: FloatArray) -> list[float]:
-        tail: Any = tail_at(problem, solution.x, np.array(t))
-        inputs = member.profile.at(np.array(t), friction, speed)
-        acceleration, _ = problem.model.motion(np.array(state[0]), np.array(state[1]), tail, inputs, member.car)
+        tail = tail_at(problem, solution.x, np.array(t))
+        inputs = problem.turn(member, member.profile.curve(np.array(t)), solution.parameter)
+        acceleration, _ = motion(np.array(state[0]), np.array(state[1]), tail, inputs, member.car)
         return [state[1], float(acceleration)]
 
     begin = member.profile.state_at(0.0)
@@ -65,27 +61,24 @@ _lost.terminal = True  # type: ignore[attr-defined]
 
 def collocation_error(problem: Problem, solution: Solution) -> float:
     """Largest difference (rad) of collocated and integrated car roll at the knots, over all members."""
-    worst = 0.0
-    for number in range(len(problem.members)):
-        collocated = solution.x[problem.layout.member(number, 0)] * ROLL
-        worst = max(worst, float(np.max(np.abs(forward_roll(problem, solution, number, problem.knots) - collocated))))
-    return worst
+    pairs = zip(problem.layout.cars, problem.members, strict=True)
+    return max(
+        float(np.max(np.abs(forward_roll(problem, solution, member, problem.knots) - solution.x[car.roll] * ROLL)))
+        for car, member in pairs
+    )
 
 
 def refined(problem: Problem, x: FloatArray) -> tuple[Problem, FloatArray]:
     """The problem with a knot more in every interval, and the same motion on it."""
     knots = np.sort(np.concatenate([problem.knots, 0.5 * (problem.knots[1:] + problem.knots[:-1])]))
     finer = replace(problem, knots=knots)
-    old, new = problem.layout, finer.layout
-    y = np.zeros(new.size)
-    tail = tail_at(problem, x, knots)
-    for joint in range(new.joints):
-        for order, unit in enumerate((ANGLE, RATE, ACCELERATION)):
-            y[new.tail(joint, order)] = tail[order][:, joint] / unit
-    for number in range(new.members):
-        for part in range(2 + new.joints):
-            y[new.member(number, part)] = np.interp(knots, problem.knots, x[old.member(number, part)])
+    y = np.empty(finer.layout.size)
+    y[:-1] = np.ravel([np.interp(knots, problem.knots, row) for row in x[:-1].reshape(-1, len(problem.knots))])
     y[-1] = x[-1]
+    motions = np.stack(tail_at(problem, x, knots))
+    for joint, tail in enumerate(finer.layout.tail):
+        for place, values in zip(tail, motions[..., joint], strict=True):
+            y[place] = values / finer.units[place]
     return finer, y
 
 
@@ -95,7 +88,7 @@ def refine(
     bound: float,
     *,
     wall_time: float = 60.0,
-    told: Callable[[int, float], None] | None = None,
+    progress: Callable[[int, float], None] | None = None,
     **options: Any,
 ) -> tuple[Problem, Solution, float]:
     """Doubles the mesh until the collocation error is below `bound` (rad) or `MOST_KNOTS` is reached.
@@ -105,8 +98,8 @@ def refine(
     """
     error = collocation_error(problem, solution)
     while error > bound and 2 * len(problem.knots) - 1 <= MOST_KNOTS:
-        if told is not None:
-            told(len(problem.knots), error)
+        if progress is not None:
+            progress(len(problem.knots), error)
         finer, start = refined(problem, solution.x)
         better = solve(finer, start, wall_time=wall_time, **options)
         if not better.success:

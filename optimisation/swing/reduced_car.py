@@ -1,10 +1,12 @@
-"""The car as the reduced models see it: masses, levers and springs read from the full car's plant and parameters."""
+"""The car as the reduced model sees it: masses, levers and springs of the full car, and how it lifts and leans."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.actuators.ak70 import torque_speed_limits
@@ -15,6 +17,13 @@ from aerodima.workbench.errors import SwingError
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.plants.car_model import wheel_rates
 from aerodima.workbench.stations.car_air import sail_law, sail_layout
+
+Array = NDArray  # float64, or complex128 in a complex step
+
+LIFT_WIDTH = 0.012
+"""Roll over which the inner tyres leave the ground, rad: width of a smooth step."""
+LOAD_ROUNDING = 0.15
+"""Rounding of the corner where an inner tyre's load becomes zero, as a share of the load."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +168,36 @@ class ReducedCar:
             gravity=scenario.environment.gravity,
             air_density=scenario.environment.air_density,
         )
+
+
+def lift_roll(car: ReducedCar) -> float:
+    """Roll at which the inner tyres leave the ground in a slow turn, rad."""
+    return (car.mass + car.tail_mass) * car.gravity / (2 * car.half_track * car.side_stiffness)
+
+
+def lift_state(roll: Array, car: ReducedCar) -> tuple[Array, Array, Array]:
+    """Compression of the outer side (m), share of the lift (0 inner tyres loaded, 1 lifted) and its slope (1/rad)."""
+    x = (roll - lift_roll(car)) / LIFT_WIDTH
+    small = np.exp(-np.where(x.real > 0, x, -x))
+    above = np.where(x.real > 0, x, 0.0) + np.log(1.0 + small)
+    share = np.where(x.real > 0, 1.0, small) / (1.0 + small)
+    return car.half_track * (roll - LIFT_WIDTH * above), share, share * (1.0 - share) / LIFT_WIDTH
+
+
+def wheel_height(s: Array, c: Array, car: ReducedCar) -> tuple[Array, Array, Array]:
+    """Height of the outer wheels' centres over the ground for an ellipsoid tyre, m, and its slopes with roll."""
+    R2, w2 = car.tyre_radius**2, car.tyre_half_width**2
+    height = np.sqrt(R2 * c * c + w2 * s * s)
+    slope = -(R2 - w2) * s * c / height
+    return height, slope, (-(R2 - w2) * (c * c - s * s) - slope * slope) / height
+
+
+def suspension_moment(roll: Array, roll_rate: Array, lifted: Array, car: ReducedCar) -> Array:
+    """Moment of springs and dampers about the body's middle, N m: load moved outwards, at most all of it."""
+    weight = (car.mass + car.tail_mass) * car.gravity
+    moved = 2 * car.half_track * (car.side_stiffness * roll + car.side_damping * roll_rate) / weight
+    clipped = 0.5 * (np.sqrt((moved + 1) ** 2 + LOAD_ROUNDING**2) - np.sqrt((moved - 1) ** 2 + LOAD_ROUNDING**2))
+    return -weight * car.half_track * (1.0 - lifted) * clipped
 
 
 def _refuse_unknown(scenario: Scenario) -> None:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from aerodima.optimisation.swing.full_car import Outcome, drive, drive_all, outcome, varied
-from aerodima.optimisation.swing.planar_model import lift_roll
-from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.reduced_car import ReducedCar, lift_roll
 from aerodima.optimisation.swing.solver import SolverName
-from aerodima.optimisation.swing.transcription import Objective
+from aerodima.optimisation.swing.swing_problem import Objective
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
 
-Told = Callable[[str], None]
+Progress = Callable[[str], None]
 """Takes progress, line by line."""
 
 LATER = ("warm_start", "ensemble", "members", "polish", "feedback")
@@ -32,13 +31,14 @@ class SearchOptions:
 
     Attributes:
         dof: 1 roll, 2 roll and pitch.
-        objective: see `transcription.Problem`.
+        objective: see `swing_problem.Problem`.
         seed, starts: of the random starts of the first round.
         knots: of the first mesh; `length` of the swing from its release, s.
         threshold: yaw rate that releases the swing, rad/s; None keeps the scenario's.
         wait: the tail rests this long after the release, s; 0 leaves it free.
         torque: limit of each motor, N m; None is the motor's.
-        rounds: at most this many; 0 only polishes: a warm start, or an even swing with the scenario's rate and release.
+        rounds: at most this many; 0 only polishes: a warm start, or a swing at the
+            scenario's constant rate and release.
         trust: how far friction or speed may go beyond those of the profile's run in one round, as a share.
         bound: largest collocation error, rad.
         solver: snopt or ipopt.
@@ -93,7 +93,6 @@ class Search:
         friction, speed: at which the profile's run survived.
         swing: of that run; None is the scenario's own controller.
         rounds: done; `stalled` of them, the last ones, gained nothing.
-        found: figures for the provenance.
         finished: nothing more was gained.
     """
 
@@ -101,19 +100,18 @@ class Search:
     speed: float
     swing: SwingFile | None = None
     rounds: int = 0
-    found: dict[str, float | int | str] = field(default_factory=dict)
     stalled: int = 0
     finished: bool = False
 
 
-def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, told: Told) -> Search:
+def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, progress: Progress) -> Search:
     """Where the search begins: the highest friction or speed not above the scenario's that all cars survive.
 
     Args:
         cars: scenarios of the same turn, that of the swing's own car first.
         options: of the search.
         warm: swing to begin with.
-        told: progress, line by line.
+        progress: takes lines of text.
 
     Raises:
         SwingError: the turn needs no tail, nothing survives it, the swing is never released or only after the turn, a
@@ -135,7 +133,7 @@ def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | 
         trial = run(cars, warm, friction, speed)
         if trial.survived:
             _refuse_late_release(scenario, options, trial.released, friction, speed)
-            told(f"begin at {speed:.2f} m/s, friction {friction:.3f}: peak roll {trial.peak_roll:.3f} rad")
+            progress(f"begin at {speed:.2f} m/s, friction {friction:.3f}: peak roll {trial.peak_roll:.3f} rad")
             return Search(friction, speed, warm)
         if options.objective == "speed":
             speed *= LOWER
@@ -208,4 +206,4 @@ def resumed(store: RowStore | None) -> Search | None:
         return None
     row = list(store.rows.values())[-1]
     swing = SwingFile.model_validate(row["swing"])
-    return Search(**(row | {"swing": swing, "found": dict(swing.provenance.found)}))
+    return Search(**(row | {"swing": swing}))

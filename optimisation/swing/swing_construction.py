@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.solver import Solution
-from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, TORQUE, Problem, SwingLimits
+from aerodima.optimisation.swing.swing_problem import Problem, SwingLimits
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict
@@ -29,8 +29,8 @@ HOLD = {"kp": 17.0, "kd": 5.0}
 FOLLOW = {"kp": 60.0, "kd": 3.0}
 """Gains along the knots: the tail of 0.05 kg m2 follows within 0.05 rad at 100 Hz."""
 RAMP = 0.06
-"""Time within which an even swing reaches its rate, s: to 8 rad/s the tail of the parameter files (0.051 kg m2, rotor
-0.004) asks for 7.4 N m, less than a third of what its motor gives."""
+"""Time within which a constant-rate swing reaches its rate, s: to 8 rad/s the tail of the parameter files (0.051 kg m2,
+rotor 0.004) asks for 7.4 N m, less than a third of what its motor gives."""
 KNOT_ROUNDING = 1e-2
 """How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on the stop."""
 
@@ -42,32 +42,12 @@ CAR_KEYS = (
 """Parameters that make it another car for a swing."""
 
 
-def motion_of(problem: Problem, solution: Solution, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angle (rad), rate (rad/s) and acceleration (rad/s2) of a joint at the knots; zeros for one that rests."""
-    if joint >= problem.joints:
-        return tuple(np.zeros(len(problem.knots)) for _ in range(3))  # type: ignore[return-value]
-    units = (ANGLE, RATE, ACCELERATION)
-    layout = problem.layout
-    return tuple(solution.x[layout.tail(joint, order)] * units[order] for order in range(3))  # type: ignore[return-value]
-
-
-def torque_of(problem: Problem, solution: Solution, joint: int) -> np.ndarray:
-    """Motor torque at the knots, N m, mean over the members."""
-    if joint >= problem.joints:
-        return np.zeros(len(problem.knots))
-    layout = problem.layout
-    rows = [solution.x[layout.member(number, 2 + joint)] * TORQUE for number in range(layout.members)]
-    return np.mean(rows, axis=0)
-
-
 def swing_file(
     name: str,
     problem: Problem,
     solution: Solution,
     scenario: Scenario,
     *,
-    threshold: float,
-    pitch: float,
     provenance: dict[str, Any],
 ) -> SwingFile:
     """The swing of a solution for the turn direction of its scenario.
@@ -75,21 +55,22 @@ def swing_file(
     Args:
         name: of the swing.
         problem, solution: found for a left turn; a right turn's file is the mirror image.
-        scenario: car and turn.
-        threshold: yaw rate that releases it, rad/s.
-        pitch: angle that a pitch joint without part in the swing holds, rad.
+        scenario: car, turn and controller: its yaw rate releases the swing, its pitch is held by a joint that rests.
         provenance: fields of `Provenance`.
     """
-    roll, roll_rate, _ = motion_of(problem, solution, 0)
-    pitch_angle, pitch_rate, _ = motion_of(problem, solution, 1)
-    if problem.joints == 1:
-        pitch_angle = pitch_angle + pitch
-    torques = torque_of(problem, solution, 0), torque_of(problem, solution, 1)
-    motion = (problem.knots, roll, roll_rate, pitch_angle, pitch_rate)
-    return _file(name, scenario, motion, torques, problem.limits, threshold, provenance)
+    angles, rates, _ = problem.tail_motion(solution.x)
+    still = np.zeros(len(problem.knots))
+    pitch_motion = (angles[1], rates[1]) if problem.joints == 2 else (still + scenario.controller.pitch_angle, still)
+    motion = (problem.knots, angles[0], rates[0], *pitch_motion)
+    members = np.array([car.torque for car in problem.layout.cars])
+    torque = np.mean((solution.x * problem.units)[members], axis=0)
+    torques = (torque[0], torque[1] if problem.joints == 2 else still)
+    return _file(name, scenario, motion, torques, problem.limits, provenance)
 
 
-def even_swing(name: str, scenario: Scenario, *, length: float, knots: int, provenance: dict[str, Any]) -> SwingFile:
+def constant_rate_swing(
+    name: str, scenario: Scenario, *, length: float, knots: int, provenance: dict[str, Any]
+) -> SwingFile:
     """A swing from the side of the wait to the other one with the roll rate and release of a scenario's controller.
 
     The rate is reached, and left at the end, within `RAMP`; pitch stays at the angle of the wait. No torques.
@@ -119,7 +100,7 @@ def even_swing(name: str, scenario: Scenario, *, length: float, knots: int, prov
     gone = rate * (rising + np.maximum(time - RAMP, 0.0) - falling - np.maximum(time - travel / rate - RAMP, 0.0))
     still = np.zeros(knots)
     motion = (time, gone - 0.5 * travel, rates, still + controller.pitch_angle, still)
-    return _file(name, scenario, motion, None, limits, controller.trigger_yaw_rate, provenance)
+    return _file(name, scenario, motion, None, limits, provenance)
 
 
 def _file(
@@ -128,7 +109,6 @@ def _file(
     motion: tuple[np.ndarray, ...],
     torques: tuple[np.ndarray, np.ndarray] | None,
     limits: SwingLimits,
-    threshold: float,
     provenance: dict[str, Any],
 ) -> SwingFile:
     """Of a motion (time, roll, its rate, pitch, its rate) for a left turn and the motor torques of roll and pitch."""
@@ -154,7 +134,7 @@ def _file(
             "schema": SCHEMA,
             "name": name,
             "direction": scenario.manoeuvre.direction,
-            "trigger": {"kind": "yaw_rate", "threshold_rad_per_s": threshold},
+            "trigger": {"kind": "yaw_rate", "threshold_rad_per_s": scenario.controller.trigger_yaw_rate},
             "knots": knots,
             "gains": {"hold": HOLD, "phases": [{"start_s": 0.0, "roll": FOLLOW, "pitch": FOLLOW}]},
             "limits": {

@@ -35,7 +35,7 @@ from aerodima.optimisation.swing.full_car import (
     outcome,
     varied,
 )
-from aerodima.optimisation.swing.search_state import Told
+from aerodima.optimisation.swing.search_state import Progress
 from aerodima.workbench.config.scenario import Scenario, default_values, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.errors import SwingError
@@ -275,7 +275,7 @@ def choose(
     *,
     step: float = FINE_STEP,
     engine: Engine | None = None,
-    told: Told = lambda _line: None,
+    progress: Progress = lambda _line: None,
 ) -> Claim | None:
     """The claim of the swing that gains most on the worst car; None when none turns far enough and survives the first.
 
@@ -285,13 +285,13 @@ def choose(
         highest: friction up to which is looked, of the first car; see `shares` for the others.
         step: of the plant, s.
         engine: where the cars are driven.
-        told: progress, line by line.
+        progress: takes lines of text.
     """
     engine = engine or SerialEngine()
     fine = engine.call(_at_step, [(car, step) for car in cars])
     references = tuple(car.reference for car in fine)
     for number, one in enumerate(references, start=1):
-        told(
+        progress(
             f"car {number} at {1000 * step:g} ms: the published swing is clean to {one.friction:.4f}, turns "
             f"{one.heading:.3f} rad"
         )
@@ -308,7 +308,7 @@ def choose(
             references,
         )
         for number, row in enumerate(claim.rows, start=1):
-            told(f"  finalist {place + 1}, car {number}: clean to {row.friction:.4f}, heading {row.heading:.1%}")
+            progress(f"  finalist {place + 1}, car {number}: clean to {row.friction:.4f}, heading {row.heading:.1%}")
         lost = any(row.friction == 0.0 for row in claim.rows)
         if lost or claim.heading < LEAST_HEADING or (best is not None and min(claim.gains) <= min(best.gains)):
             continue

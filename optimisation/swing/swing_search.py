@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,24 @@ import numpy as np
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.optimisation.swing import planar_model as planar
-from aerodima.optimisation.swing import spatial_model as spatial
 from aerodima.optimisation.swing.feedback_gains import with_feedback
 from aerodima.optimisation.swing.full_car import drive, frictions, profile_of, varied
 from aerodima.optimisation.swing.full_model_refinement import polished
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.search_state import Search, SearchOptions, Told, begin, keep, open_search, resumed, run
+from aerodima.optimisation.swing.search_state import (
+    Progress,
+    Search,
+    SearchOptions,
+    begin,
+    keep,
+    open_search,
+    resumed,
+    run,
+)
 from aerodima.optimisation.swing.solver import Solution, best_of, multi_start
-from aerodima.optimisation.swing.swing_construction import even_swing, swing_file
-from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
+from aerodima.optimisation.swing.swing_construction import constant_rate_swing, swing_file
+from aerodima.optimisation.swing.swing_problem import Member, Problem, SwingLimits
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, default_values
 from aerodima.workbench.config.swing_file import Provenance, SwingFile
@@ -35,9 +43,7 @@ from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.plants.clearance import make_range_of_motion
 
-__all__ = ["SearchOptions", "optimise_swing"]
-
-_MODELS: dict[int, Any] = {1: planar, 2: spatial}
+DOFS = (1, 2)
 SOURCE = "aerodima optimise swing"
 """In the provenance of what comes from here."""
 MAP_NODES = 25
@@ -54,7 +60,7 @@ def optimise_swing(
     warm_start: SwingFile | None = None,
     checkpoint: Path | None = None,
     engine: Engine | None = None,
-    told: Told = lambda _line: None,
+    progress: Progress = lambda _line: None,
 ) -> SwingFile:
     """The best swing of a search.
 
@@ -67,62 +73,185 @@ def optimise_swing(
         checkpoint: file that keeps the search between rounds; a search found there goes on. The candidates of a polish
             are kept beside it.
         engine: where a polish drives its cars.
-        told: progress, line by line.
+        progress: takes lines of text.
 
     Raises:
         SwingError: the turn needs no tail, nothing survives it, the swing is released after the turn, the limits leave
             no swing (names the violated constraints), the solver is missing, a warm start for another car.
         EnsembleError: the ensemble of `options.members` cannot be read.
     """
-    deadline = time.perf_counter() + options.wall_time
-    if options.dof not in _MODELS:
-        raise SwingError(f"--dof: {options.dof}; allowed: {', '.join(map(str, _MODELS))}")
-    if scenario.manoeuvre.kind not in ("turn", "auto_turn"):
-        raise SwingError(f"manoeuvre.kind: {scenario.manoeuvre.kind!r}; allowed: turn, auto_turn")
-    if scenario.tail.mode == "none":
-        raise SwingError("tail.mode: 'none', the car has no tail to swing; allowed: held, swing")
-    turn = scenario
-    if options.threshold is not None:
-        scenario = varied(scenario, controller={"trigger_yaw_rate": options.threshold})
-    cars = _cars(varied(scenario, tail={"mode": "swing"}), options)
-    limits = SwingLimits.of(ReducedCar.of(cars[0]), options.dof, options.torque)
+    work = _Work.of(scenario, options, name, scenario_name, settings, progress)
     if not options.rounds and not options.polish and warm_start is None:
         raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --polish")
     if not options.rounds and warm_start is None:
-        warm_start = even_swing(
-            name, cars[0], length=options.length, knots=options.knots, provenance={"source": SOURCE}
+        warm_start = constant_rate_swing(
+            name, work.cars[0], length=options.length, knots=options.knots, provenance={"source": SOURCE}
         )
-    with open_search(checkpoint, cars[0], options) as store:
-        search = resumed(store) or begin(cars, options, warm_start, told)
-        while not search.finished and search.rounds < options.rounds and time.perf_counter() < deadline:
-            _round(search, cars, options, limits, name, scenario_name, settings, deadline, told)
+    with open_search(checkpoint, work.cars[0], options) as store:
+        search = resumed(store) or begin(work.cars, options, warm_start, progress)
+        while not search.finished and search.rounds < options.rounds and work.left() > 0.0:
+            work.round(search)
             keep(store, search)
         if search.swing is None:
             raise SwingError(f"no swing found within {options.wall_time:g} s; allowed: a longer wall time")
         swing = search.swing
         if not options.rounds:
-            swing = _as_it_was(swing, name, options, scenario_name, settings, search.speed)
+            swing = work.renamed(swing, search.speed)
         if options.polish:
-            turns = _cars(varied(turn, manoeuvre={"speed": search.speed}), options)
-            swing = polished(swing, turns, options, engine=engine, checkpoint=checkpoint, told=told)
+            turns = _cars(varied(scenario, manoeuvre={"speed": search.speed}), options)
+            swing = polished(swing, turns, options, engine=engine, checkpoint=checkpoint, progress=progress)
         if options.feedback:
-            swing = _with_gains(swing, cars[0], told)
+            swing = _with_gains(swing, work.cars[0], progress)
         if store is not None:
             store.remove()
     return swing
 
 
-def _as_it_was(
-    warm: SwingFile, name: str, options: SearchOptions, scenario_name: str, settings: tuple[str, ...], speed: float
-) -> SwingFile:
-    """A warm start under a new name, with the provenance of this search."""
-    kept = {key: value for key, value in warm.provenance.found.items() if key in ("collocation_error_rad", "knots")}
-    provenance = Provenance(
-        source=SOURCE, scenario=scenario_name or None, settings=settings, seed=options.seed, options=options.stored(),
-        solver_log=None,
-        found=kept | {"survived_speed_m_per_s": round(speed, 6)}, versions=software_versions(),
-    )  # fmt: skip
-    return warm.model_copy(update={"name": name, "provenance": provenance})
+@dataclass(frozen=True)
+class _Work:
+    """What all rounds of a search have in common.
+
+    Attributes:
+        cars: the scenario with its own car, and those of the ensemble.
+        origin: fields of the provenance that are known before anything is found.
+        deadline: on the clock of `time.perf_counter`, s.
+    """
+
+    cars: tuple[Scenario, ...]
+    options: SearchOptions
+    limits: SwingLimits
+    name: str
+    origin: dict[str, Any]
+    deadline: float
+    progress: Progress
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        options: SearchOptions,
+        name: str,
+        scenario_name: str,
+        settings: tuple[str, ...],
+        progress: Progress,
+    ) -> _Work:
+        """As `optimise_swing`."""
+        if options.dof not in DOFS:
+            raise SwingError(f"--dof: {options.dof}; allowed: {', '.join(map(str, DOFS))}")
+        if scenario.manoeuvre.kind not in ("turn", "auto_turn"):
+            raise SwingError(f"manoeuvre.kind: {scenario.manoeuvre.kind!r}; allowed: turn, auto_turn")
+        if scenario.tail.mode == "none":
+            raise SwingError("tail.mode: 'none', the car has no tail to swing; allowed: held, swing")
+        release = {} if options.threshold is None else {"trigger_yaw_rate": options.threshold}
+        cars = _cars(varied(scenario, tail={"mode": "swing"}, controller=release), options)
+        limits = SwingLimits.of(ReducedCar.of(cars[0]), options.dof, options.torque)
+        origin: dict[str, Any] = {
+            "source": SOURCE,
+            "scenario": scenario_name or None,
+            "settings": settings,
+            "seed": options.seed,
+        }
+        origin["options"] = options.stored()
+        return cls(cars, options, limits, name, origin, time.perf_counter() + options.wall_time, progress)
+
+    def left(self) -> float:
+        """Time until the deadline, s."""
+        return self.deadline - time.perf_counter()
+
+    def renamed(self, warm: SwingFile, speed: float) -> SwingFile:
+        """A warm start under the name and with the provenance of this search."""
+        kept = {key: value for key, value in warm.provenance.found.items() if key in ("collocation_error_rad", "knots")}
+        found = kept | {"survived_speed_m_per_s": round(speed, 6)}
+        provenance = Provenance(**self.origin, found=found, versions=software_versions())
+        return warm.model_copy(update={"name": self.name, "provenance": provenance})
+
+    def round(self, search: Search) -> None:
+        """Solves the programme around the present swing and drives the full car with what is found."""
+        options, progress, problem = self.options, self.progress, self._problem(search)
+        solutions = multi_start(
+            problem, options.seed, options.starts, solver=options.solver, iterations=options.iterations,
+            wall_time=max(self.left(), 0.0), done=lambda k, s: progress(f"  start {k + 1}: {_words(s)}"),
+        )  # fmt: skip
+        best = best_of(solutions)
+        if best.violations:
+            search.finished = True
+            if search.swing is None:
+                raise SwingError("no swing keeps to the limits: " + "; ".join(map(str, best.violations)))
+            return
+        problem, best, error = refine(
+            problem, best, options.bound, wall_time=max(self.left(), 1.0),
+            solver=options.solver, iterations=options.iterations,
+            progress=lambda n, e: progress(f"  {n} knots: collocation error {e:.4f} rad, finer mesh"),
+        )  # fmt: skip
+        costs = [solution.cost for solution in solutions if solution.success]
+        found: dict[str, float | int | str] = {
+            "collocation_error_rad": round(error, 6),
+            "knots": len(problem.knots),
+            "cost": round(best.cost, 6),
+            "starts_converged": len(costs),
+            "starts": len(solutions),
+            "cost_spread": round(max(costs) - min(costs), 6) if costs else math.nan,
+            "profile_friction": round(search.friction, 6),
+            "profile_speed_m_per_s": round(search.speed, 6),
+        }
+        search.rounds += 1
+        swing = swing_file(self.name, problem, best, self.cars[0], provenance=self.origin)
+        self._drive(search, swing, found)
+
+    def _problem(self, search: Search) -> Problem:
+        """The programme around the runs of all cars with the present swing."""
+        options, controller, members = self.options, self.cars[0].controller, []
+        for car, friction in zip(self.cars, frictions(self.cars, search.friction), strict=True):
+            here = varied(car, manoeuvre={"speed": search.speed})
+            run = drive(here, search.swing, friction, all_signals=True)
+            profile = profile_of(run, here, friction, here.manoeuvre.turn_start)
+            members.append(Member(ReducedCar.of(here), profile))
+        centre = {"friction": 1.0, "speed": members[0].profile.speed}.get(options.objective)
+        return Problem(
+            tuple(members),
+            np.linspace(0.0, options.length, options.knots),
+            (-controller.hold_angle, controller.pitch_angle)[: options.dof],
+            self.limits,
+            options.objective,
+            (0.0, 1.0) if centre is None else ((1.0 - options.trust) * centre, (1.0 + options.trust) * centre),
+            options.wait,
+            free_of=make_range_of_motion(self.cars[0], MAP_NODES, MAP_NODES) if options.dof == 2 else None,
+        )
+
+    def _drive(self, search: Search, swing: SwingFile, found: dict[str, float | int | str]) -> None:
+        """Drives the full cars with the swing at higher and higher friction (or speed) up to the trust region."""
+        objective, reached = self.options.objective, None
+        shares = (0.0, 0.25, 0.5, 0.75, 1.0) if objective in ("friction", "speed") else (0.0,)
+        for step in (1.0 + self.options.trust * share for share in shares):
+            friction = search.friction * (step if objective == "friction" else 1.0)
+            speed = search.speed * (step if objective == "speed" else 1.0)
+            seen = run(self.cars, swing, friction, speed)
+            end = "clean" if seen.clean else "survived" if seen.survived else "rolled over"
+            self.progress(
+                f"  full car at {speed:.2f} m/s, friction {friction:.3f}: {end}, peak {seen.peak_roll:.3f} rad"
+            )
+            if not seen.clean:
+                break
+            reached = (friction, speed, seen)
+        if reached is None:
+            search.finished = True
+            if search.swing is None:
+                raise SwingError(
+                    f"the full car rolls over with the swing at friction {search.friction:.3f}, {search.speed:.2f} "
+                    "m/s, where the reduced model does not; allowed: begin at less friction or speed"
+                )
+            self.progress("  the new swing loses where the old one survived: kept the old one")
+            return
+        friction, speed, seen = reached
+        found |= {"peak_roll_rad": round(seen.peak_roll, 6), "heading_rad": round(seen.heading, 6)}
+        found |= {"survived_friction": round(friction, 6), "survived_speed_m_per_s": round(speed, 6)}
+        gained = friction > search.friction * 1.0001 or speed > search.speed * 1.0001
+        search.stalled = 0 if gained else search.stalled + 1
+        search.finished = search.stalled > 1
+        search.friction, search.speed = friction, speed
+        search.swing = swing.model_copy(
+            update={"provenance": swing.provenance.model_copy(update={"found": found | {"rounds": search.rounds}})}
+        )
 
 
 def _cars(scenario: Scenario, options: SearchOptions) -> tuple[Scenario, ...]:
@@ -141,7 +270,7 @@ def _cars(scenario: Scenario, options: SearchOptions) -> tuple[Scenario, ...]:
     return tuple(cars)
 
 
-def _with_gains(swing: SwingFile, scenario: Scenario, told: Told) -> SwingFile:
+def _with_gains(swing: SwingFile, scenario: Scenario, progress: Progress) -> SwingFile:
     """With feedback for the highest friction that the swing was seen to survive; without it where that fails."""
     found = swing.provenance.found
     sections: dict[str, dict[str, Any]] = {}
@@ -151,130 +280,11 @@ def _with_gains(swing: SwingFile, scenario: Scenario, told: Told) -> SwingFile:
     try:
         return with_feedback(swing, varied(scenario, **sections))
     except SwingError as error:
-        told(f"no feedback: {error}")
+        progress(f"no feedback: {error}")
         return swing
 
 
-def _round(
-    search: Search,
-    cars: tuple[Scenario, ...],
-    options: SearchOptions,
-    limits: SwingLimits,
-    name: str,
-    scenario_name: str,
-    settings: tuple[str, ...],
-    deadline: float,
-    told: Told,
-) -> None:
-    scenario = cars[0]
-    problem = _problem(search, cars, options, limits)
-    left = deadline - time.perf_counter()
-    solutions = multi_start(
-        problem, options.seed, options.starts, solver=options.solver, iterations=options.iterations,
-        wall_time=max(left, 0.0), done=lambda k, s: told(f"  start {k + 1}: {_words(s, problem)}"),
-    )  # fmt: skip
-    best = best_of(solutions)
-    if best.violations:
-        search.finished = True
-        if search.swing is None:
-            raise SwingError("no swing keeps to the limits: " + "; ".join(map(str, best.violations)))
-        return
-    problem, best, error = refine(
-        problem, best, options.bound, wall_time=max(deadline - time.perf_counter(), 1.0),
-        solver=options.solver, iterations=options.iterations,
-        told=lambda n, e: told(f"  {n} knots: collocation error {e:.4f} rad, finer mesh"),
-    )  # fmt: skip
-    costs = [solution.cost for solution in solutions if solution.success]
-    found: dict[str, float | int | str] = {
-        "collocation_error_rad": round(error, 6),
-        "knots": len(problem.knots),
-        "cost": round(best.cost, 6),
-        "starts_converged": len(costs),
-        "starts": len(solutions),
-        "cost_spread": round(max(costs) - min(costs), 6) if costs else math.nan,
-        "profile_friction": round(search.friction, 6),
-        "profile_speed_m_per_s": round(search.speed, 6),
-    }
-    swing = swing_file(
-        name, problem, best, scenario,
-        threshold=scenario.controller.trigger_yaw_rate, pitch=scenario.controller.pitch_angle,
-        provenance={
-            "source": SOURCE, "scenario": scenario_name or None, "settings": settings,
-            "seed": options.seed, "options": options.stored(), "found": found,
-        },
-    )  # fmt: skip
-    search.rounds += 1
-    _climb(search, cars, options, swing, found, told)
-
-
-def _problem(search: Search, cars: tuple[Scenario, ...], options: SearchOptions, limits: SwingLimits) -> Problem:
-    """The programme around the runs of all cars with the present swing."""
-    members = []
-    for car, friction in zip(cars, frictions(cars, search.friction), strict=True):
-        here = varied(car, manoeuvre={"speed": search.speed})
-        run = drive(here, search.swing, friction, all_signals=True)
-        profile = profile_of(run, here, friction, here.manoeuvre.turn_start)
-        members.append(Member(ReducedCar.of(here), profile))
-    speed, controller = members[0].profile.speed, cars[0].controller
-    ends = {"friction": (1.0 - options.trust, 1.0 + options.trust)}
-    ends["speed"] = ((1.0 - options.trust) * speed, (1.0 + options.trust) * speed)
-    return Problem(
-        _MODELS[options.dof],
-        tuple(members),
-        uniform_knots(options.length, options.knots),
-        (-controller.hold_angle, controller.pitch_angle)[: options.dof],
-        limits,
-        options.objective,
-        ends.get(options.objective, (0.0, 1.0)),
-        options.wait,
-        free_of=make_range_of_motion(cars[0], MAP_NODES, MAP_NODES) if options.dof == 2 else None,
-    )
-
-
-def _climb(
-    search: Search,
-    cars: tuple[Scenario, ...],
-    options: SearchOptions,
-    swing: SwingFile,
-    found: dict[str, float | int | str],
-    told: Told,
-) -> None:
-    """Drives the full cars with the swing at higher and higher friction (or speed) up to the trust region."""
-    steps = 1.0 + options.trust * np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-    if options.objective not in ("friction", "speed"):
-        steps = steps[:1]
-    reached = None
-    for step in steps:
-        friction = search.friction * (step if options.objective == "friction" else 1.0)
-        speed = search.speed * (step if options.objective == "speed" else 1.0)
-        seen = run(cars, swing, friction, speed)
-        end = "clean" if seen.clean else "survived" if seen.survived else "rolled over"
-        told(f"  full car at {speed:.2f} m/s, friction {friction:.3f}: {end}, peak {seen.peak_roll:.3f} rad")
-        if not seen.clean:
-            break
-        reached = (friction, speed, seen)
-    if reached is None:
-        search.finished = True
-        if search.swing is None:
-            raise SwingError(
-                f"the full car rolls over with the swing at friction {search.friction:.3f}, {search.speed:.2f} m/s, "
-                "where the reduced model does not; allowed: begin at less friction or speed"
-            )
-        told("  the new swing loses where the old one survived: kept the old one")
-        return
-    found |= {"peak_roll_rad": round(reached[2].peak_roll, 6), "heading_rad": round(reached[2].heading, 6)}
-    found |= {"survived_friction": round(reached[0], 6), "survived_speed_m_per_s": round(reached[1], 6)}
-    gained = reached[0] > search.friction * 1.0001 or reached[1] > search.speed * 1.0001
-    search.stalled = 0 if gained else search.stalled + 1
-    search.finished = search.stalled > 1
-    search.friction, search.speed = reached[0], reached[1]
-    search.found = found
-    search.swing = swing.model_copy(
-        update={"provenance": swing.provenance.model_copy(update={"found": found | {"rounds": search.rounds}})}
-    )
-
-
-def _words(solution: Solution, problem: Problem) -> str:
+def _words(solution: Solution) -> str:
     if solution.violations:
         return "not feasible: " + "; ".join(map(str, solution.violations[:3]))
     end = "" if solution.success else ", stopped early"

@@ -1,4 +1,4 @@
-"""What a turn does to the car, taken from a run of the full car: the inputs of the reduced models over time.
+"""What a turn does to the car, taken from a run of the full car: the inputs of the reduced model over time.
 
 The profile is that of a turn, not of one run: divided by the tyre friction, so that it can be asked for another one,
 and stretched to another entry speed. Both are approximations near the run it was taken from; the outer loop of the
@@ -17,27 +17,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from aerodima.optimisation.swing import spatial_model as spatial
-from aerodima.optimisation.swing.planar_model import INPUTS
 from aerodima.optimisation.swing.reduced_car import ReducedCar
+from aerodima.optimisation.swing.reduced_model import INPUTS, motion
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_signals import turn_sign
 
 SMOOTHING = 0.03
-"""Width of the moving average over signals that carry tyre and suspension vibration, s; the reduced models have none
+"""Width of the moving average over signals that carry tyre and suspension vibration, s; the reduced model has none
 of it."""
 ROLL_MOMENT = INPUTS.index("roll_moment")
 
 
 @dataclass(frozen=True)
 class TurnProfile:
-    """Inputs of the reduced models over time, written for a left turn; time 0 is the release (trigger) of the swing.
+    """Inputs of the reduced model over time, written for a left turn; time 0 is the release (trigger) of the swing.
 
     Attributes:
         time: s, shape (n,), increasing; begins before 0.
-        inputs: (n, 6) as `planar_model.INPUTS`, for the friction and the speed of the run.
+        inputs: (n, 6) as `reduced_model.INPUTS`, for the friction and the speed of the run.
         friction: tyre friction of the run.
         speed: at the start of the turn, m/s.
         roll, roll_rate: of the car in that run, outwards, rad and rad/s, shape (n,).
@@ -159,7 +158,7 @@ def _tail_on_car(
     """Force of the tail on the car and its moment about the body origin, (3, n), in axes that yaw with the car.
 
     Weight and air less the rate of the tail's momentum; written for a left turn. Of the moment of weight and momentum
-    it has the part that the reduced models have: what the tail's place along the car makes of sideways and upward
+    it has the part that the reduced model has: what the tail's place along the car makes of sideways and upward
     force. What the yawing of a swinging tail adds stays in the profile's `yaw_force`.
     """
 
@@ -204,11 +203,11 @@ def _unexplained_moment(
         for part in ("angle_rad", "rate_rad_per_s")
     ]
     accelerations = np.column_stack([np.gradient(rates, time) for rates in tail[1].T])
-    motion = (tail[0] * [side, 1.0], tail[1] * [side, 1.0], accelerations * [side, 1.0])
+    turning = (tail[0] * [side, 1.0], tail[1] * [side, 1.0], accelerations * [side, 1.0])
     one = np.zeros(inputs.shape[1])
     one[ROLL_MOMENT] = 1.0
-    without, _ = spatial.motion(roll, roll_rate, motion, inputs, car)
-    with_one, _ = spatial.motion(roll, roll_rate, motion, inputs + one, car)
+    without, _ = motion(roll, roll_rate, turning, inputs, car)
+    with_one, _ = motion(roll, roll_rate, turning, inputs + one, car)
     return smooth((np.gradient(roll_rate, time) - without) / (with_one - without))
 
 

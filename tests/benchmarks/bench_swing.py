@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodima.optimisation.swing.solver import cost_of, solve
-from aerodima.optimisation.swing.solver_starts import random_start
+from aerodima.optimisation.swing.swing_problem import random_start
 from tests.benchmarks.rows import BenchRow
 from tests.benchmarks.swing_casadi import CasadiProblem
 from tests.benchmarks.swing_direct_collocation import solve_directly

@@ -10,9 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.swing import planar_model as planar
-from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY, bounds_of, linear_rows
-from aerodima.optimisation.swing.transcription import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, TORQUE, Problem
+from aerodima.optimisation.swing import reduced_car
+from aerodima.optimisation.swing import reduced_model as model_module
+from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY, bounds_of
+from aerodima.optimisation.swing.swing_problem import ROLL, ROLL_RATE, TORQUE, Problem
+from aerodima.optimisation.swing.transcription import constraints
+
+reduced_model: Any = model_module  # a name that it imports is replaced below
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,12 @@ class CasadiProblem:
         member = problem.members[0]
         x = ca.SX.sym("x", layout.size)
 
-        def part(where: slice, unit: float) -> np.ndarray:
-            return np.array([x[i] * unit for i in range(where.start, where.stop)], dtype=object)
+        def part(places: np.ndarray) -> np.ndarray:
+            return np.array([x[int(i)] * problem.units[i] for i in places], dtype=object)
 
-        roll, rate = part(layout.member(0, 0), ROLL), part(layout.member(0, 1), ROLL_RATE)
-        torque = part(layout.member(0, 2), TORQUE)
-        q, qd, qdd = (part(layout.tail(0, k), unit) for k, unit in enumerate((ANGLE, RATE, ACCELERATION)))
+        car, tail = layout.cars[0], layout.tail[0]
+        roll, rate, torque = part(car.roll), part(car.rate), part(car.torque[0])
+        q, qd, qdd = (part(places) for places in tail)
         middle = 0.5 * (knots[1:] + knots[:-1])
         h = np.diff(knots)
 
@@ -52,7 +56,9 @@ class CasadiProblem:
             inputs = np.array(
                 [[row[0] * grip, row[1] * grip, row[2], row[3], row[4] * grip, row[5]] for row in curve], dtype=object
             )
-            acceleration, motor = planar.motion(roll, rate, (q[:, None], qd[:, None], qdd[:, None]), inputs, member.car)
+            acceleration, motor = reduced_model.motion(
+                roll, rate, (q[:, None], qd[:, None], qdd[:, None]), inputs, member.car
+            )
             return acceleration, motor[:, 0]
 
         g, motor = model(roll, rate, q, qd, qdd, member.profile.curve(knots))
@@ -71,22 +77,24 @@ class CasadiProblem:
             *((torque - motor) / TORQUE),
         ]
         low, high = [np.zeros(len(rows))], [np.zeros(len(rows))]
-        rows += list(planar.tip_height(roll[1:], q[1:, None], member.car) / 0.1)
+        rows += list(reduced_model.tip_height(roll[1:], q[1:, None], member.car) / 0.1)
         low.append(np.full(len(knots) - 1, problem.limits.clearance / 0.1))
         high.append(np.full(len(knots) - 1, np.inf))
-        constraints = ca.vertcat(*rows)
-        for A, lower, upper, *_ in linear_rows(problem):
-            constraints = ca.vertcat(constraints, ca.DM(ca.sparsify(ca.DM(A))) @ x)
-            low.append(lower)
-            high.append(upper)
-        smooth, own = x[layout.tail(0, 2)], x[layout.member(0, 0)]
+        all_rows = ca.vertcat(*rows)
+        for block in constraints(problem):
+            if block.linear:
+                A = block.jacobian(np.zeros(layout.size))
+                all_rows = ca.vertcat(all_rows, ca.DM(ca.sparsify(ca.DM(A))) @ x)
+                low.append(block.bounds[0])
+                high.append(block.bounds[1])
+        smooth, own = x[tail.acceleration.tolist()], x[car.roll.tolist()]
         cost = -x[layout.size - 1] + problem.smoothness * ca.sumsqr(smooth) / len(knots)
         cost = cost + problem.margin * ca.sumsqr(own) / len(knots)
         options = {
             "print_time": False,
             "ipopt": {"print_level": 0, "sb": "yes", "tol": OPTIMALITY, "constr_viol_tol": 0.1 * FEASIBLE},
         }
-        self._solver = ca.nlpsol("swing", "ipopt", {"x": x, "f": cost, "g": constraints}, options)
+        self._solver = ca.nlpsol("swing", "ipopt", {"x": x, "f": cost, "g": all_rows}, options)
         self._bounds = (*bounds_of(problem), np.concatenate(low), np.concatenate(high))
 
     def solve(self, start: np.ndarray) -> CasadiResult:
@@ -100,17 +108,21 @@ class CasadiProblem:
 
 @contextmanager
 def _traceable(ca: Any) -> Iterator[None]:
-    """`planar.lift_state` without its branch against overflow, which a traced symbol has no value for."""
+    """`reduced_car.lift_state` without its branch against overflow, which a traced symbol has no value for."""
 
     def lift_state(roll: Any, car: Any) -> tuple[Any, Any, Any]:
-        x = (roll - planar.lift_roll(car)) / planar.LIFT_WIDTH
+        x = (roll - reduced_car.lift_roll(car)) / reduced_car.LIFT_WIDTH
         share = 0.5 * (1.0 + np.tanh(0.5 * x))
         above = np.array([ca.fmax(value, 0) + ca.log1p(ca.exp(-ca.fabs(value))) for value in x], dtype=object)
-        return car.half_track * (roll - planar.LIFT_WIDTH * above), share, share * (1.0 - share) / planar.LIFT_WIDTH
+        return (
+            car.half_track * (roll - reduced_car.LIFT_WIDTH * above),
+            share,
+            share * (1.0 - share) / reduced_car.LIFT_WIDTH,
+        )
 
-    original = planar.lift_state
-    planar.lift_state = lift_state
+    original = reduced_model.lift_state
+    reduced_model.lift_state = lift_state
     try:
         yield
     finally:
-        planar.lift_state = original
+        reduced_model.lift_state = original

@@ -18,18 +18,9 @@ from pydrake.solvers import SnoptSolver, SolverOptions
 from pydrake.systems import framework, scalar_conversion
 from pydrake.trajectories import PiecewisePolynomial
 
-from aerodima.optimisation.swing import planar_model as planar
+from aerodima.optimisation.swing.reduced_model import COMPLEX_STEP, motion
 from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY
-from aerodima.optimisation.swing.transcription import (
-    ACCELERATION,
-    ANGLE,
-    COMPLEX_STEP,
-    RATE,
-    ROLL,
-    ROLL_RATE,
-    Member,
-    Problem,
-)
+from aerodima.optimisation.swing.swing_problem import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, Member, Problem
 
 _DRAKE: Any = framework  # the stubs know neither the templates nor arrays of variables
 _TEMPLATE: Any = scalar_conversion.TemplateSystem
@@ -47,7 +38,8 @@ def _slopes(member: Member, state: np.ndarray, acceleration: float) -> tuple[np.
 
     def rolls(point: np.ndarray) -> Any:
         inputs = member.profile.scaled(point[7:], friction=point[GRIP_PLACE] * member.profile.friction)
-        return planar.roll_acceleration(point[:4], point[6], inputs, member.car)
+        tail: Any = (point[1:2], point[3:4], point[6:7])
+        return motion(point[0], point[2], tail, inputs, member.car)[0]
 
     point = np.concatenate([state, [acceleration], here]).astype(complex)
     value = np.array([*state[2:4], rolls(point).real, acceleration, 1.0, 0.0])
@@ -65,7 +57,7 @@ def _slopes(member: Member, state: np.ndarray, acceleration: float) -> tuple[np.
 
 @_TEMPLATE.define("RollingCar_")  # type: ignore[untyped-decorator, unused-ignore]
 def RollingCar_(T: Any) -> Any:  # noqa: N802 (a template of classes)
-    """Car and tail under a told tail acceleration: states as the places above, input rad/s2."""
+    """Car and tail under a prescribed tail acceleration: states as the places above, input rad/s2."""
 
     class Impl(_DRAKE.LeafSystem_[T]):  # type: ignore[misc, valid-type, unused-ignore]
         def _construct(self, member: Member, converter: Any = None) -> None:
@@ -130,16 +122,16 @@ def solve_directly(problem: Problem, start: np.ndarray, iterations: int = 300) -
     prog.AddLinearCost(-direct.initial_state()[GRIP_PLACE])
     guess = np.vstack(
         [
-            start[layout.member(0, 0)] * ROLL,
-            start[layout.tail(0, 0)] * ANGLE,
-            start[layout.member(0, 1)] * ROLL_RATE,
-            start[layout.tail(0, 1)] * RATE,
+            start[layout.cars[0].roll] * ROLL,
+            start[layout.tail[0].angle] * ANGLE,
+            start[layout.cars[0].rate] * ROLL_RATE,
+            start[layout.tail[0].rate] * RATE,
             knots,
             np.full(len(knots), start[-1]),
         ]
     )
     direct.SetInitialTrajectory(
-        _HOLD(knots, start[layout.tail(0, 2)][None, :] * ACCELERATION),
+        _HOLD(knots, start[layout.tail[0].acceleration][None, :] * ACCELERATION),
         _HOLD(knots, guess),
     )
     solver, options = SnoptSolver(), SolverOptions()

@@ -1,4 +1,4 @@
-"""The thesis' tail law as plain Python: hold inside, trigger on yaw rate, swing over the top, settle outside.
+"""Laws that swing the tail: their states; the thesis' law: hold inside, trigger, swing over the top, settle outside.
 
 Thesis Table 6.4 read with ERRATA E28 (130 degrees is travel, the swing speed points over the top); design section 8.
 No Drake: the same law runs on a computer for which Drake has no wheel. `TailController` wraps it as a system.
@@ -17,9 +17,10 @@ waits on the left (-90 degrees) and swings with positive roll rate. A right turn
 """
 
 import math
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from dataclasses import astuple, dataclass, field, fields, replace
 from enum import IntEnum
-from typing import Any, Literal, NamedTuple
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -85,145 +86,59 @@ class SwingSettings(ControllerParameters):
         return checked(cls, {**values, "mode": scenario.tail.mode}, "controller")
 
 
-class SwingMemory(NamedTuple):
-    """What the law remembers between ticks; `tuple(memory)` and `SwingMemory(*values)` carry it through a vector.
+@dataclass(frozen=True)
+class SwingMemory:
+    """What a law remembers between ticks. Angles as the car reports them, not mirrored.
 
     Args:
         state: a `SwingState`.
         since: time at which the state was entered, s.
-        side: the side of the tail's target, +1 right, -1 left, 0 before the first known angle.
         turn: the announcement acted upon last, +1 left, -1 right, 0 none.
-        start_angle: tail roll when the state was entered, rad.
-        roll_angle: last known tail roll, rad.
+        announced: when that was, s.
+        mirror: +1 swings in the law's own direction, -1 mirrored, 0 before the first known angle.
+        start_roll, start_pitch: of the tail when the state was entered, rad.
+        roll_angle, pitch_angle: last known, rad.
     """
 
     state: float = SwingState.OFF
     since: float = 0.0
-    side: float = 0.0
     turn: float = 0.0
-    start_angle: float = 0.0
+    announced: float = 0.0
+    mirror: float = 0.0
+    start_roll: float = 0.0
+    start_pitch: float = 0.0
     roll_angle: float = 0.0
+    pitch_angle: float = 0.0
 
 
 FRESH = SwingMemory()
 """Memory before the first tick."""
 
+Memory = TypeVar("Memory", bound=SwingMemory)
+Tick = tuple[Memory, np.ndarray, np.ndarray]
+"""New memory, commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad, N m s/rad, N m."""
 
-def step(
-    memory: SwingMemory, observation: Observation, settings: SwingSettings
-) -> tuple[SwingMemory, np.ndarray, np.ndarray]:
-    """One tick of the law.
 
-    Args:
-        memory: of the tick before; `FRESH` at the start.
-        observation: of this tick.
-        settings: constant during a run.
+class Wait(NamedTuple):
+    """A tail that waits: roll and pitch, rad; gains, N m/rad and N m s/rad; delay from the release to the swing, s."""
 
-    Returns:
-        New memory, command to the pitch motor (5) and to the roll motor (5): position rad, velocity rad/s, kp, kd,
-        torque N m. An unknown time, roll angle or plan changes no state; a swinging tail is then held where it was
-        last seen. Before the tail's angle is known once, all gains are zero.
+    roll: float
+    pitch: float
+    kp: float
+    kd: float
+    delay: float
+
+
+class SwingMachine(ABC, Generic[Memory]):
+    """The state machine of the picture above, for every law that swings (a `TailLaw`).
+
+    A law says where the tail waits, what releases it, when its swing is over and what it commands.
     """
-    if settings.mode == "none":
-        return memory, NO_COMMAND, NO_COMMAND
-    if math.isfinite(observation.time + observation.roll_angle + observation.planned_turn):
-        memory = _advance(memory._replace(roll_angle=observation.roll_angle), observation, settings)
-        roll_command = _roll_command(memory, observation.time, settings)
-    elif memory.state == SwingState.SWING:
-        roll_command = np.array([memory.roll_angle, 0.0, settings.hold_kp, settings.hold_kd, 0.0])
-    else:
-        time = observation.time if math.isfinite(observation.time) else memory.since
-        roll_command = _roll_command(memory, time, settings)
-    if memory.state == SwingState.OFF:
-        return memory, NO_COMMAND, NO_COMMAND
-    pitch_command = np.array([settings.pitch_angle, 0.0, settings.hold_kp, settings.hold_kd, 0.0])
-    return memory, pitch_command, roll_command
 
-
-def _advance(memory: SwingMemory, observation: Observation, settings: SwingSettings) -> SwingMemory:
-    """The state machine for a known time, roll angle and plan."""
-    plan = sign(observation.planned_turn)
-    if memory.state != SwingState.SWING and (memory.state == SwingState.OFF or plan != memory.turn):
-        return _plan(memory, plan, observation, settings)
-    time_in_state = observation.time - memory.since + EPSILON
-    if memory.state == SwingState.HOLD and _triggered(plan, observation, settings):
-        memory = _enter(SwingState.DELAY, memory, observation.time)
-        time_in_state = EPSILON
-    if memory.state == SwingState.DELAY and time_in_state >= settings.delay:
-        return _enter(SwingState.SWING, memory._replace(side=memory.turn), observation.time)
-    if memory.state == SwingState.SWING:
-        travelled = memory.turn * (memory.roll_angle - memory.start_angle)
-        stalled = time_in_state >= settings.stall_factor * settings.travel / settings.swing_speed
-        if travelled >= settings.travel or stalled:
-            return _enter(SwingState.SETTLE, memory, observation.time)
-    if memory.state == SwingState.RECOCK and _recock_reference(memory, observation.time, settings)[1] == 0.0:
-        return _enter(SwingState.HOLD, memory, observation.time)
-    return memory
-
-
-def _plan(memory: SwingMemory, plan: float, observation: Observation, settings: SwingSettings) -> SwingMemory:
-    """Acts on a new announcement, also on the first one: leads the tail to the inside of the announced turn.
-
-    A withdrawn announcement (0) only cancels the delay. Without any announcement at the start the tail is held on the
-    side where it is found (upright counts as left).
-    """
-    memory = memory._replace(turn=plan)
-    if plan == 0.0 and memory.state != SwingState.OFF:
-        return _enter(SwingState.HOLD, memory, observation.time) if memory.state == SwingState.DELAY else memory
-    side = -plan if plan != 0.0 else (sign(memory.roll_angle) or -1.0)
-    memory = memory._replace(side=side)
-    ready = abs(memory.roll_angle - side * settings.hold_angle) <= settings.ready_angle
-    return _enter(SwingState.HOLD if ready else SwingState.RECOCK, memory, observation.time)
-
-
-def _triggered(plan: float, observation: Observation, settings: SwingSettings) -> bool:
-    """Whether a fresh signal shows that the announced turn has begun; false for NaN and for the wrong sign."""
-    if settings.mode != "swing" or plan == 0.0:
-        return False
-    if settings.trigger == "steering":
-        return plan * observation.steering_angle > settings.trigger_steering_angle
-    if not observation.imu_valid:
-        return False
-    if settings.trigger == "lateral_acceleration":
-        return plan * observation.imu[ACCELERATION_Y] > settings.trigger_lateral_acceleration
-    return plan * observation.yaw_rate > settings.trigger_yaw_rate
-
-
-def _roll_command(memory: SwingMemory, time: float, settings: SwingSettings) -> np.ndarray:
-    """Command (5) of a state; Table 6.4, and the slow gains for the re-cock."""
-    target = memory.side * settings.hold_angle
-    if memory.state in (SwingState.HOLD, SwingState.DELAY):
-        return np.array([target, 0.0, settings.hold_kp, settings.hold_kd, 0.0])
-    if memory.state == SwingState.SWING:
-        return np.array([0.0, memory.turn * settings.swing_speed, settings.swing_kp, settings.swing_kd, 0.0])
-    if memory.state == SwingState.SETTLE:
-        return np.array([target, 0.0, settings.settle_kp, settings.settle_kd, 0.0])
-    if memory.state == SwingState.RECOCK:
-        position, velocity = _recock_reference(memory, time, settings)
-        return np.array([position, velocity, settings.settle_kp, settings.settle_kd, 0.0])
-    return NO_COMMAND
-
-
-def _recock_reference(memory: SwingMemory, time: float, settings: SwingSettings) -> tuple[float, float]:
-    """Position (rad) and velocity (rad/s) of the ramp from where the tail was to the inside; velocity 0 at its end."""
-    target = memory.side * settings.hold_angle
-    distance = target - memory.start_angle
-    travelled = settings.recock_speed * (time - memory.since)
-    if travelled + EPSILON >= abs(distance):
-        return target, 0.0
-    direction = math.copysign(1.0, distance)
-    return memory.start_angle + direction * travelled, direction * settings.recock_speed
-
-
-def _enter(state: SwingState, memory: SwingMemory, time: float) -> SwingMemory:
-    return memory._replace(state=float(state), since=time, start_angle=memory.roll_angle)
-
-
-@dataclass(frozen=True)
-class SwingLaw:
-    """The law with its settings, in the form that `TailController` runs (see its `TailLaw`)."""
-
-    settings: SwingSettings = field(default_factory=SwingSettings.published)
+    settings: SwingSettings
+    memory_type: type[Memory]
+    direction = 1.0
+    """+1 if the law is written for turns to the left, -1 to the right."""
 
     @property
     def rate(self) -> float:
@@ -233,13 +148,153 @@ class SwingLaw:
     @property
     def memory_size(self) -> int:
         """Number of floats that `step` carries from tick to tick."""
-        return len(FRESH)
+        return len(fields(self.memory_type))
 
     def start(self) -> np.ndarray:
         """Memory (memory_size,) before the first tick."""
-        return np.array(FRESH)
+        return np.array(astuple(self.memory_type()))
 
     def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """One tick: new memory (memory_size,), pitch command (5), roll command (5), number of the state."""
-        after, pitch_command, roll_command = step(SwingMemory(*memory.tolist()), observation, self.settings)
-        return np.array(after), pitch_command, roll_command, int(after.state)
+        after, pitch_command, roll_command = self.tick(self.memory_type(*memory.tolist()), observation)
+        return np.array(astuple(after)), pitch_command, roll_command, int(after.state)
+
+    def tick(self, memory: Memory, observation: Observation) -> Tick[Memory]:
+        """One tick of the law.
+
+        An unknown time, roll angle or plan changes no state; a swinging tail is then held where it was last seen.
+        Before the tail's angle is known once, and without a tail, all gains are zero.
+        """
+        known = math.isfinite(observation.time + observation.roll_angle + observation.planned_turn)
+        if known and self.settings.mode != "none":
+            pitch = self._pitch_angle(memory, observation)
+            seen = replace(memory, roll_angle=observation.roll_angle, pitch_angle=pitch)
+            memory = self._advance(seen, observation)
+        if memory.state == SwingState.OFF:
+            return memory, NO_COMMAND, NO_COMMAND
+        if not known and memory.state == SwingState.SWING:
+            return memory, self._held(memory.pitch_angle), self._held(memory.roll_angle)
+        time = observation.time if math.isfinite(observation.time) else memory.since
+        return self._commands(memory, observation, time)
+
+    def _advance(self, memory: Memory, observation: Observation) -> Memory:
+        """The next state for a known time, roll angle and plan."""
+        plan, time = sign(observation.planned_turn), observation.time
+        if memory.state == SwingState.OFF or (plan != memory.turn and not self._swinging(memory)):
+            return self._plan(memory, plan, time)
+        elapsed = time - memory.since + EPSILON
+        if memory.state == SwingState.HOLD and memory.turn != 0.0 and self._released(memory, observation):
+            memory, elapsed = enter(SwingState.DELAY, memory, time), EPSILON
+        if memory.state == SwingState.DELAY and elapsed >= self._wait.delay:
+            return enter(SwingState.SWING, memory, time)
+        if memory.state == SwingState.SWING:
+            return self._swing(memory, observation, elapsed)
+        if memory.state == SwingState.RECOCK and elapsed >= self._recock_time(memory):
+            return enter(SwingState.HOLD, memory, time)
+        return memory
+
+    def _plan(self, memory: Memory, plan: float, time: float) -> Memory:
+        """Acts on a new announcement, also on the first: leads the tail to where it waits for that turn.
+
+        A withdrawn announcement (0) only cancels the delay. Without any announcement at the start the tail is held on
+        the side where it is found (upright counts as that of the law's own direction).
+        """
+        memory = replace(memory, turn=plan, announced=time)
+        if plan == 0.0 and memory.state != SwingState.OFF:
+            return enter(SwingState.HOLD, memory, time) if memory.state == SwingState.DELAY else memory
+        found = sign(memory.roll_angle * self._wait.roll) or 1.0
+        memory = replace(memory, mirror=plan * self.direction if plan != 0.0 else found)
+        ready = self._away(memory, memory.roll_angle, memory.pitch_angle) <= self.settings.ready_angle
+        return enter(SwingState.HOLD if ready else SwingState.RECOCK, memory, time)
+
+    def _away(self, memory: Memory, roll: float, pitch: float) -> float:
+        """Largest distance of a joint from where it waits, rad."""
+        return max(abs(roll - memory.mirror * self._wait.roll), abs(pitch - self._wait.pitch))
+
+    def _recock_time(self, memory: Memory) -> float:
+        return self._away(memory, memory.start_roll, memory.start_pitch) / self.settings.recock_speed
+
+    def _held(self, angle: float) -> np.ndarray:
+        """Command (5) that holds a joint."""
+        return np.array([angle, 0.0, self._wait.kp, self._wait.kd, 0.0])
+
+    def _swinging(self, memory: Memory) -> bool:
+        """Whether a new announcement must wait until the swing is over."""
+        return memory.state == SwingState.SWING
+
+    @property
+    @abstractmethod
+    def _wait(self) -> Wait:
+        """Where and how the tail waits for a turn in the law's own direction."""
+
+    @abstractmethod
+    def _pitch_angle(self, memory: Memory, observation: Observation) -> float:
+        """Of the tail as the law sees it, rad."""
+
+    @abstractmethod
+    def _released(self, memory: Memory, observation: Observation) -> bool:
+        """Whether a fresh signal shows that the announced turn has begun."""
+
+    @abstractmethod
+    def _swing(self, memory: Memory, observation: Observation, elapsed: float) -> Memory:
+        """The memory while the tail swings, `elapsed` s after its release: enters the next state when it is over."""
+
+    @abstractmethod
+    def _commands(self, memory: Memory, observation: Observation, time: float) -> Tick[Memory]:
+        """What the tail is to do in any state but OFF."""
+
+
+def enter(state: SwingState, memory: Memory, time: float) -> Memory:
+    """Memory with a state that begins at a time, s."""
+    return replace(memory, state=float(state), since=time, start_roll=memory.roll_angle, start_pitch=memory.pitch_angle)
+
+
+@dataclass(frozen=True)
+class SwingLaw(SwingMachine[SwingMemory]):
+    """The thesis' law, Table 6.4, with slow gains for the re-cock. The pitch joint is held and not looked at."""
+
+    settings: SwingSettings = field(default_factory=SwingSettings.published)
+    memory_type = SwingMemory
+
+    @property
+    def _wait(self) -> Wait:
+        settings = self.settings
+        return Wait(-settings.hold_angle, settings.pitch_angle, settings.hold_kp, settings.hold_kd, settings.delay)
+
+    def _pitch_angle(self, memory: SwingMemory, observation: Observation) -> float:
+        return self.settings.pitch_angle
+
+    def _released(self, memory: SwingMemory, observation: Observation) -> bool:
+        """False for NaN and for the wrong sign."""
+        turn, settings = memory.turn, self.settings
+        if settings.mode != "swing":
+            return False
+        if settings.trigger == "steering":
+            return turn * observation.steering_angle > settings.trigger_steering_angle
+        if not observation.imu_valid:
+            return False
+        if settings.trigger == "lateral_acceleration":
+            return turn * observation.imu[ACCELERATION_Y] > settings.trigger_lateral_acceleration
+        return turn * observation.yaw_rate > settings.trigger_yaw_rate
+
+    def _swing(self, memory: SwingMemory, observation: Observation, elapsed: float) -> SwingMemory:
+        settings = self.settings
+        travelled = memory.turn * (memory.roll_angle - memory.start_roll)
+        stalled = elapsed >= settings.stall_factor * settings.travel / settings.swing_speed
+        over = travelled >= settings.travel or stalled
+        return enter(SwingState.SETTLE, memory, observation.time) if over else memory
+
+    def _commands(self, memory: SwingMemory, observation: Observation, time: float) -> Tick[SwingMemory]:
+        settings, outside = self.settings, memory.mirror * self.settings.hold_angle
+        roll = self._held(-outside)
+        if memory.state == SwingState.SWING:
+            roll = np.array([0.0, memory.turn * settings.swing_speed, settings.swing_kp, settings.swing_kd, 0.0])
+        elif memory.state == SwingState.SETTLE:
+            roll = np.array([outside, 0.0, settings.settle_kp, settings.settle_kd, 0.0])
+        elif memory.state == SwingState.RECOCK:
+            speed = math.copysign(settings.recock_speed, -outside - memory.start_roll)
+            position = memory.start_roll + speed * (time - memory.since)
+            if time - memory.since + EPSILON >= self._recock_time(memory):
+                position, speed = -outside, 0.0
+            roll = np.array([position, speed, settings.settle_kp, settings.settle_kd, 0.0])
+        return memory, self._held(settings.pitch_angle), roll

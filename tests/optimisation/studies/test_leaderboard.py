@@ -10,10 +10,9 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.contestants import swing_player, swing_players
+from aerodima.optimisation.studies.contestants import Plan, swing_player, swing_players
 from aerodima.optimisation.studies.leaderboard import make_leaderboard
 from aerodima.optimisation.studies.leaderboard_page import PAGE
-from aerodima.optimisation.studies.leaderboard_runs import Plan
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
 from aerodima.optimisation.sweep.study_engine import RunTask, run_key
 from aerodima.workbench.config.ensemble import Member

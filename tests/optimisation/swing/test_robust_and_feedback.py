@@ -10,7 +10,8 @@ import pytest
 from aerodima.optimisation.swing import full_car
 from aerodima.optimisation.swing import swing_search as optimise
 from aerodima.optimisation.swing.full_car import Outcome, drive_all, varied
-from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
+from aerodima.optimisation.swing.search_state import SearchOptions
+from aerodima.optimisation.swing.swing_search import optimise_swing
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, read_swing

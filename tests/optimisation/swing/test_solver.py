@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.swing.mesh_refinement import collocation_error, refined, tail_at
-from aerodima.optimisation.swing.solver import best_of, bounds_of, linear_rows, multi_start, solve, violations_of
-from aerodima.optimisation.swing.solver_starts import random_start
-from aerodima.optimisation.swing.transcription import (
-    ANGLE,
-    RATE,
-    TORQUE,
-    Collocation,
-    SwingLimits,
-    gradient_error,
-)
+from aerodima.optimisation.swing.solver import best_of, bounds_of, multi_start, solve, violations_of
+from aerodima.optimisation.swing.swing_problem import ANGLE, RATE, TORQUE, SwingLimits, random_start
+from aerodima.optimisation.swing.transcription import constraints
 from aerodima.workbench.errors import SwingError
 from tests.optimisation.swing.turn import car, problem
 
@@ -26,10 +19,14 @@ from tests.optimisation.swing.turn import car, problem
 @pytest.mark.parametrize("objective", ["friction", "speed"])
 def test_jacobians_are_those_of_finite_differences_and_keep_to_their_pattern(dof: int, objective: str) -> None:
     posed = problem(dof, knots=4, members=2, objective=objective, parameter_range=(0.8, 6.0))
-    x = random_start(posed, np.random.default_rng(3))
-    for number in range(2):
-        for block in Collocation(posed, number).blocks():
-            assert gradient_error(block, x) < 1e-6
+    x, step = random_start(posed, np.random.default_rng(3)), 1e-6
+    for block in constraints(posed):
+        jacobian = block.jacobian(x)
+        ahead, behind = (
+            np.stack([block.at(x + moved)[0] for moved in sign * step * np.eye(len(x))], axis=1) for sign in (1, -1)
+        )
+        measured = (ahead - behind) / (2 * step)
+        assert np.max(np.abs(measured - jacobian)) < 1e-6 * max(1.0, np.max(np.abs(jacobian)))
 
 
 def test_solution_keeps_to_every_limit_and_ends_at_rest() -> None:
@@ -37,8 +34,8 @@ def test_solution_keeps_to_every_limit_and_ends_at_rest() -> None:
     solution = solve(posed, random_start(posed, np.random.default_rng(0)))
     assert solution.success
     layout = posed.layout
-    torque = solution.x[layout.member(0, 2)] * TORQUE
-    angle, rate = solution.x[layout.tail(0, 0)] * ANGLE, solution.x[layout.tail(0, 1)] * RATE
+    torque = solution.x[layout.cars[0].torque[0]] * TORQUE
+    angle, rate = solution.x[layout.tail[0].angle] * ANGLE, solution.x[layout.tail[0].rate] * RATE
     assert np.max(np.abs(torque)) <= 4.0 + 1e-4
     assert np.max(np.abs(np.diff(torque) / np.diff(posed.knots))) <= posed.limits.torque_rate * (1 + 1e-6)
     assert np.max(np.abs(angle)) <= np.pi / 2 + 1e-6
@@ -86,7 +83,7 @@ def test_a_fixed_trigger_time_holds_the_tail_until_then() -> None:
     posed = problem(wait=0.2)
     solution = solve(posed, random_start(posed, np.random.default_rng(0)))
     waiting = posed.knots <= 0.2
-    assert np.allclose(solution.x[posed.layout.tail(0, 0)][waiting], -np.pi / 2)
+    assert np.allclose(solution.x[posed.layout.tail[0].angle][waiting], -np.pi / 2)
 
 
 @pytest.mark.parametrize("torque", [0.0, -1.0, 30.0])
@@ -113,8 +110,9 @@ def test_a_finer_mesh_carries_the_same_motion() -> None:
     time_ = np.linspace(0.0, 1.0, 77)
     for coarse, fine in zip(tail_at(posed, x, time_), tail_at(finer, y, time_), strict=True):
         assert np.allclose(coarse, fine, atol=1e-4)
-    tail_rows = [row for row in linear_rows(finer) if "tail roll" in row[3] and "defect" in row[3]]
-    assert all(np.max(np.abs(A @ y)) < 1e-4 for A, *_ in tail_rows)
+    defects = [block for block in constraints(finer) if block.linear and "defect" in block.rows[0].name]
+    assert len(defects) == 2
+    assert all(np.max(np.abs(block.at(y)[0])) < 1e-4 for block in defects)
 
 
 @pytest.mark.slow

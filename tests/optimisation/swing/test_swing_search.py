@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from aerodima.optimisation.swing.search_state import SearchOptions
 from aerodima.optimisation.swing.solver import solve
-from aerodima.optimisation.swing.solver_starts import random_start
-from aerodima.optimisation.swing.swing_construction import RAMP, even_swing, swing_file
-from aerodima.optimisation.swing.swing_search import SearchOptions, optimise_swing
-from aerodima.optimisation.swing.transcription import ANGLE
+from aerodima.optimisation.swing.swing_construction import RAMP, constant_rate_swing, swing_file
+from aerodima.optimisation.swing.swing_problem import ANGLE, random_start
+from aerodima.optimisation.swing.swing_search import optimise_swing
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
@@ -27,10 +27,8 @@ def found(direction: str = "left") -> SwingFile:
     posed = problem(knots=21)
     solution = solve(posed, random_start(posed, np.random.default_rng(0)))
     assert solution.success
-    scenario = load_scenario("turn_swing", [f"manoeuvre.direction={direction}"])
-    return swing_file(
-        "found", posed, solution, scenario, threshold=0.5, pitch=0.0, provenance={"source": "test", "seed": 1}
-    )
+    scenario = load_scenario("turn_swing", [f"manoeuvre.direction={direction}", "controller.trigger_yaw_rate=0.5"])
+    return swing_file("found", posed, solution, scenario, provenance={"source": "test", "seed": 1})
 
 
 def test_a_swing_file_holds_the_found_motion_and_is_mirrored_for_a_right_turn(tmp_path: Path) -> None:
@@ -62,10 +60,10 @@ def test_wrong_input_is_refused_before_the_first_run(settings: list[str], option
 
 def even(*settings: str, length: float = 1.0) -> SwingFile:
     scenario = load_scenario("turn_swing", ["controller.trigger_yaw_rate=0.7", *settings])
-    return even_swing("even", scenario, length=length, knots=41, provenance={"source": "test"})
+    return constant_rate_swing("even", scenario, length=length, knots=41, provenance={"source": "test"})
 
 
-def test_an_even_swing_goes_from_side_to_side_at_its_rate() -> None:
+def test_an_constant_rate_swing_goes_from_side_to_side_at_its_rate() -> None:
     swing = even("controller.swing_speed=7.0")
     time = np.linspace(0.0, 1.0, 400)
     point = swing_at(swing, time)
@@ -80,7 +78,9 @@ def test_an_even_swing_goes_from_side_to_side_at_its_rate() -> None:
 
 
 @pytest.mark.parametrize(("rate", "length"), [("3.0", 1.0), ("7.0", 0.4), ("40.0", 1.0)])
-def test_an_even_swing_that_cannot_arrive_or_asks_too_much_of_the_motor_is_refused(rate: str, length: float) -> None:
+def test_an_constant_rate_swing_that_cannot_arrive_or_asks_too_much_of_the_motor_is_refused(
+    rate: str, length: float
+) -> None:
     with pytest.raises(SwingError, match=rf"controller\.swing_speed: {float(rate):g} rad/s; allowed .* rad/s"):
         even(f"controller.swing_speed={rate}", length=length)
 

@@ -6,10 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from aerodima.optimisation.swing import planar_model as planar
-from aerodima.optimisation.swing import spatial_model as spatial
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.transcription import Member, Problem, SwingLimits, uniform_knots
+from aerodima.optimisation.swing.swing_problem import Member, Problem, SwingLimits
 from aerodima.optimisation.swing.turn_profile import TurnProfile
 from aerodima.workbench.config.scenario import load_scenario
 
@@ -30,13 +28,11 @@ def smooth_turn(friction: float = 0.75, speed: float = 4.5) -> TurnProfile:
 
 
 def problem(dof: int = 1, knots: int = 21, members: int = 1, **changes: object) -> Problem:
-    model = planar if dof == 1 else spatial
     limits = SwingLimits.of(car(), dof, **changes.pop("limits", {}))  # type: ignore[arg-type]
     data: dict = {"parameter_range": (0.8, 1.2)} | changes
     return Problem(
-        model,
         (Member(car(), smooth_turn()),) * members,
-        uniform_knots(1.0, knots),
+        np.linspace(0.0, 1.0, knots),
         (-np.pi / 2, 0.0)[:dof],
         limits,
         **data,

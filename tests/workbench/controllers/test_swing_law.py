@@ -11,7 +11,6 @@ from aerodima.workbench.controllers.swing_law import (
     SwingLaw,
     SwingSettings,
     SwingState,
-    step,
 )
 from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.errors import UserError
@@ -32,7 +31,7 @@ def run(observations, settings=SETTINGS, memory=FRESH):
     """States and roll commands, tick by tick, and the last memory."""
     states, commands = [], []
     for observation in observations:
-        memory, _, command = step(memory, observation, settings)
+        memory, _, command = SwingLaw(settings).tick(memory, observation)
         states.append(SwingState(memory.state))
         commands.append(command)
     return states, np.array(commands), memory
@@ -100,7 +99,7 @@ def test_a_left_turn_from_hold_to_the_end():
 
 def test_the_swing_leads_over_the_top_to_the_outside():
     """Velocity from the left (-90 deg) towards the right (+90 deg) in a left turn."""
-    _, pitch_command, roll_command = step(memory_in(SwingState.HOLD), see(1.0, yaw_rate=1.5), SETTINGS)
+    _, pitch_command, roll_command = SwingLaw(SETTINGS).tick(memory_in(SwingState.HOLD), see(1.0, yaw_rate=1.5))
     assert roll_command[1] > 0.0
     np.testing.assert_allclose(pitch_command, [0.0, 0.0, 17.0, 5.0, 0.0])
 
@@ -190,14 +189,14 @@ def test_held_tail_never_swings():
 
 def test_no_tail_gets_no_command():
     settings = SwingSettings.published(mode="none")
-    memory, pitch_command, roll_command = step(FRESH, see(0.0, yaw_rate=4.0), settings)
+    memory, pitch_command, roll_command = SwingLaw(settings).tick(FRESH, see(0.0, yaw_rate=4.0))
     assert memory.state == SwingState.OFF
     assert not pitch_command.any()
     assert not roll_command.any()
 
 
 def test_gains_are_zero_until_the_tail_angle_is_known():
-    memory, pitch_command, roll_command = step(FRESH, see(0.0, roll=math.nan), SETTINGS)
+    memory, pitch_command, roll_command = SwingLaw(SETTINGS).tick(FRESH, see(0.0, roll=math.nan))
     assert not pitch_command.any()
     assert not roll_command.any()
     assert run([see(0.01)], memory=memory)[0] == [SwingState.HOLD]
@@ -279,8 +278,8 @@ def test_right_turn_is_the_mirror_image_of_the_left_turn(delay):
 
 def test_step_is_pure():
     memory = memory_in(SwingState.HOLD)
-    first = step(memory, see(1.0, yaw_rate=1.5), SETTINGS)
-    second = step(memory, see(1.0, yaw_rate=1.5), SETTINGS)
+    first = SwingLaw(SETTINGS).tick(memory, see(1.0, yaw_rate=1.5))
+    second = SwingLaw(SETTINGS).tick(memory, see(1.0, yaw_rate=1.5))
     assert first[0] == second[0]
     np.testing.assert_array_equal(first[2], second[2])
     assert memory.state == SwingState.HOLD
@@ -346,7 +345,7 @@ def other_trigger(trigger, acceleration=0.0, steering=math.nan, yaw_rate=0.0, pl
         imu=(0.0,) * 7 + (acceleration, 0.0),
         steering_angle=steering,
     )
-    return step(memory, seen, settings)[0].state
+    return SwingLaw(settings).tick(memory, seen)[0].state
 
 
 @pytest.mark.parametrize("plan", [LEFT, RIGHT])

@@ -4,7 +4,7 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
-from aerodima.workbench.controllers.swing_law import FRESH, SwingSettings, SwingState, step
+from aerodima.workbench.controllers.swing_law import FRESH, SwingLaw, SwingSettings, SwingState
 from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 
@@ -14,7 +14,7 @@ states = []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     driver = schedule.at(0.01 * tick)
     observation = Observation(0.01 * tick, yaw_rate, -1.5, 0.0, driver.planned_turn, True)
-    memory, _, roll = step(memory, observation, settings)
+    memory, _, roll = SwingLaw(settings).tick(memory, observation)
     states.append(SwingState(memory.state).name)
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0

@@ -1,4 +1,4 @@
-"""The reduced models: signs, limits of physics, agreement with each other and with the full car."""
+"""The reduced model: signs, limits of physics, with and without pitch, agreement with the full car."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from aerodima.optimisation.swing import planar_model as planar
-from aerodima.optimisation.swing import spatial_model as spatial
+from aerodima.optimisation.swing import reduced_model as model
 from aerodima.optimisation.swing.full_car import drive, varied
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import turn_profile
@@ -27,7 +26,7 @@ def roll_acceleration(
     angle: float, rate: float = 0.0, acceleration: float = 0.0, inputs: np.ndarray = STRAIGHT, roll: float = 0.0
 ) -> float:
     tail = tuple(np.array([value]) for value in (angle, rate, acceleration))
-    return float(planar.motion(np.array(roll), UPRIGHT, tail, inputs, car())[0])
+    return float(model.motion(np.array(roll), UPRIGHT, tail, inputs, car())[0])
 
 
 def test_a_tail_on_the_left_rolls_the_car_to_the_left_and_mirrored() -> None:
@@ -64,11 +63,9 @@ def test_a_lifted_car_falls_back_below_its_tipping_angle_and_over_beyond_it() ->
 def test_a_held_tail_asks_for_its_weight() -> None:
     c = car()
     tail = (np.array([-np.pi / 2]), np.zeros(1), np.zeros(1))
-    _, torque = planar.motion(UPRIGHT, UPRIGHT, tail, np.zeros(6), c)
+    _, torque = model.motion(UPRIGHT, UPRIGHT, tail, np.zeros(6), c)
     weight = c.tail_mass * c.tail_com * c.gravity
-    state = np.array([0.0, -np.pi / 2, 0.0, 0.0])
     assert torque[0] > 0.0
-    assert torque[0] == pytest.approx(float(planar.holding_torque(state, np.zeros(6), c)))
     assert 0.4 * weight < torque[0] < 1.1 * weight  # less what the car gives way to it
 
 
@@ -76,45 +73,45 @@ def test_linearisation_is_that_of_finite_differences() -> None:
     generator = np.random.default_rng(0)
     state = generator.normal(size=(5, 4)) * [0.1, 1.0, 0.5, 5.0]
     control, inputs = generator.normal(size=(5, 1)), np.tile([0.7, 0.05, 4.5, 0.1, 1.0, 0.1], (5, 1))
-    A, B = planar.linearise(state, control, inputs, car())
+    A, B = model.linearise(state, control, inputs, car())
     for column in range(4):
         step = 1e-6 * np.eye(4)[column]
-        ahead, behind = (planar.derivative(state + sign * step, control, inputs, car()) for sign in (1, -1))
+        ahead, behind = (model.derivative(state + sign * step, control, inputs, car()) for sign in (1, -1))
         assert np.allclose(A[..., column], (ahead - behind) / 2e-6, rtol=1e-4, atol=1e-3)
     assert np.allclose(
         B[..., 0],
-        planar.derivative(state, control + 1, inputs, car()) - planar.derivative(state, control, inputs, car()),
+        model.derivative(state, control + 1, inputs, car()) - model.derivative(state, control, inputs, car()),
     )
 
 
-def test_derivative_and_told_motion_are_one_model() -> None:
+def test_derivative_and_prescribed_motion_are_one_model() -> None:
     generator = np.random.default_rng(1)
     roll, rate = generator.normal(size=(2, 9)) * 0.1
     tail = tuple(generator.normal(size=(9, 1)) * size for size in (1.0, 5.0, 40.0))
     inputs = np.tile([0.7, 0.05, 4.5, 0.1, 1.0, 0.1], (9, 1))
-    acceleration, torque = planar.motion(roll, rate, tail, inputs, car())
+    acceleration, torque = model.motion(roll, rate, tail, inputs, car())
     state = np.column_stack([roll, tail[0][:, 0], rate, tail[1][:, 0]])
-    slope = planar.derivative(state, torque, inputs, car())
+    slope = model.derivative(state, torque, inputs, car())
     assert np.allclose(slope[:, 2], acceleration)
     assert np.allclose(slope[:, 3], tail[2][:, 0])
 
 
-def test_spatial_model_with_pitch_at_zero_is_the_planar_one() -> None:
+def test_a_pitch_at_zero_is_no_pitch() -> None:
     generator = np.random.default_rng(2)
     roll, rate = generator.normal(size=(2, 20)) * [[0.1], [0.5]]
     tail = tuple(generator.normal(size=(20, 1)) * size for size in (1.0, 5.0, 40.0))
     inputs = np.tile([0.7, 0.05, 4.5, 0.1, 1.0, 0.1], (20, 1))
-    planar_acceleration, planar_torque = planar.motion(roll, rate, tail, inputs, car())
+    flat_acceleration, flat_torque = model.motion(roll, rate, tail, inputs, car())
     both = tuple(np.hstack([values, 0 * values]) for values in tail)
-    acceleration, torque = spatial.motion(roll, rate, both, inputs, car())
-    assert np.allclose(acceleration, planar_acceleration, rtol=1e-10)
-    assert np.allclose(torque[:, 0], planar_torque[:, 0], rtol=1e-10)
+    acceleration, torque = model.motion(roll, rate, both, inputs, car())
+    assert np.allclose(acceleration, flat_acceleration, rtol=1e-10)
+    assert np.allclose(torque[:, 0], flat_torque[:, 0], rtol=1e-10)
 
 
 def test_a_sail_pitched_forward_on_the_inside_is_pressed_down_by_the_wind() -> None:
     tail = lambda pitch: (np.array([-np.pi / 2, pitch]), np.zeros(2), np.zeros(2))  # noqa: E731
     steady = np.array([0.0, 0.0, 6.0, 0.0, 0.0, 0.0])
-    torques = [spatial.motion(UPRIGHT, UPRIGHT, tail(p), steady, car())[1][0] for p in (-0.7, 0.0, 0.7)]
+    torques = [model.motion(UPRIGHT, UPRIGHT, tail(p), steady, car())[1][0] for p in (-0.7, 0.0, 0.7)]
     assert torques[0] < torques[1] < torques[2]
 
 
@@ -133,7 +130,7 @@ def test_a_car_that_the_models_do_not_know_is_refused(settings: list[str], words
         ReducedCar.of(load_scenario("turn_swing", settings))
 
 
-def test_planar_model_explains_the_full_car_and_rolls_like_it() -> None:
+def test_the_model_explains_the_full_car_and_rolls_like_it() -> None:
     """Between turn-in and turn-out, on two wheels: what the model lacks is small, and with it the roll is the same."""
     friction = 0.70
     scenario = varied(
@@ -157,7 +154,7 @@ def test_planar_model_explains_the_full_car_and_rolls_like_it() -> None:
     def slope(t: float, state: np.ndarray) -> list[float]:
         now = tuple(np.array([np.interp(t, time, values)]) for values in tail)
         turn = np.array([np.interp(t, time, column) for column in inputs.T])
-        acceleration, _ = planar.motion(np.array(state[0]), np.array(state[1]), now, turn, c)
+        acceleration, _ = model.motion(np.array(state[0]), np.array(state[1]), now, turn, c)
         return [state[1], float(acceleration)]
 
     run = solve_ivp(slope, (0.0, time[-1]), profile.state_at(0.0), t_eval=time, method="LSODA", rtol=1e-4, atol=1e-5)
@@ -178,7 +175,7 @@ def test_hollow_and_round_side_of_the_sail_push_as_the_law_of_the_full_car_says(
     expected = sum(
         s * law.section_force((-STRAIGHT[2], s * rate, 0.0), up, normal, area, c.air_density)[1] for s, area in sections
     )
-    for model, joints in ((planar, 1), (spatial, 2)):
+    for joints in (1, 2):
         tail = tuple(value * np.eye(joints)[0] for value in (0.0, rate, 0.0))
         torque = [model.motion(UPRIGHT, UPRIGHT, tail, STRAIGHT, which)[1][0] for which in (c, calm)]
         assert torque[0] - torque[1] == pytest.approx(expected, rel=1e-6)
