@@ -39,7 +39,7 @@ ROUNDING = 1e-9
 
 
 def summarise_board(board: Leaderboard) -> pd.DataFrame:
-    """Medians and shares over the ensemble, or of the own car where no member was driven; one row per controller."""
+    """Medians and shares over the ensemble, or of the nominal car without one; one row per controller."""
     frictions, runs, speeds = (_weighted(table) for table in (board.frictions, board.runs, board.speeds))
     reference, best = (_values(frictions, contestant) for contestant in (_thesis(board), board.contestants[3]))
     rows = []
@@ -76,7 +76,7 @@ def _thesis(board: Leaderboard) -> Contestant:
 
 
 def _weighted(table: pd.DataFrame) -> pd.DataFrame:
-    """The rows of the ensemble; those of the own car, alike in weight, where there are no others."""
+    """The rows of the ensemble; those of the nominal car, alike in weight, where there are no others."""
     members = table[table["weight"] > 0.0]
     return members if len(members) else table.assign(weight=1.0)
 
@@ -101,7 +101,7 @@ _MARKERS = "osd^vP*X"
 PAGE = "leaderboard.html"
 HOLLOW = "A hollow mark has turned less than 95 % as far as with 8 rad/s and is no faster turn."
 CLAIMED = f"Highest tyre friction of an unbroken row survived clean. {HOLLOW}"
-POSSIBLE = f"The same over the cars of the ensemble. Large marks: median, dots: each car. {HOLLOW}"
+MEMBERS = f"The same over the cars of the ensemble. Large marks: median, dots: each car. {HOLLOW}"
 COUNTS = (
     "Medians and shares over the cars, at the ordinary step. Critical friction: highest tyre friction of an "
     "unbroken row survived clean. A gain over the 8 rad/s swing counts where the heading change is at least 95 % "
@@ -127,16 +127,16 @@ def write_leaderboard(folder: Path, board: Leaderboard, replays: Mapping[str, st
 
 def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -> Page:
     """What was measured, as a page."""
-    possible = plot_frictions(_shares(board.frictions))
-    maps = "On the own car. Green: survived clean; hatched: something touched the ground; red: flipped."
+    members = plot_frictions(_shares(board.frictions))
+    maps = "On the nominal car. Green: survived clean; hatched: something touched the ground; red: flipped."
     sections = [
         Section(
             "The car that the swings were made for, at the fine step",
             [how, _claims(board.claims), Plot(plot_frictions(board.claims), CLAIMED, ALTERNATIVE)],
         ),
         Section(
-            "Possible cars",
-            [_summary(summarise_board(board)), COUNTS, Plot(possible, POSSIBLE, ALTERNATIVE)],
+            "Cars of the ensemble",
+            [_summary(summarise_board(board)), COUNTS, Plot(members, MEMBERS, ALTERNATIVE)],
         ),
         Section(
             "Survival over speed and friction",
@@ -158,7 +158,7 @@ def _robustness(robustness: pd.DataFrame) -> Section:
     changes = list(dict.fromkeys(robustness["change"]))
     rows = [[change, *(_cell("friction", wide.loc[name, change]) for name in order)] for change in changes]
     speed = robustness["speed_m_per_s"].iloc[0]
-    words = f"Critical friction at {speed:g} m/s on the own car, as planned and with something otherwise."
+    words = f"Critical friction at {speed:g} m/s on the nominal car, as planned and with something otherwise."
     return Section("Robustness", [words, Table(["", *order], rows)])
 
 

@@ -24,8 +24,6 @@ from aerodima.optimisation.studies.contestants import (
     best_fixed,
     fixed_law,
     perturbations,
-    standard_contestants,
-    trackings_of,
 )
 from aerodima.optimisation.sweep.rollover_threshold import (
     FRICTION,
@@ -43,7 +41,7 @@ from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 
 SCENARIO = "turn_fast"
-OWN_CAR = Member("own car", 0.0, {})
+NOMINAL_CAR = Member("nominal car", 0.0, {})
 """The car of the parameter files, which the swings were made for; not one of the ensemble."""
 MOST_LOWER = 4
 """Where headings do not compare at the highest common friction, so many steps of the grid below it are looked at."""
@@ -61,12 +59,12 @@ class Leaderboard:
     """Tables, one row each per controller and whatever else their columns name.
 
     Attributes:
-        claims: on the own car at the fine step, by speed: what may be claimed.
+        claims: on the nominal car at the fine step, by speed: what may be claimed.
         frictions: critical friction by member and speed, with the heading compared at the common friction.
         runs: at each car's own friction, by member and speed.
-        speeds: highest speed on the own car.
-        map: outcome over speed and friction, on the own car.
-        robustness: critical friction under perturbations, on the own car at the middle speed, of the best swing in
+        speeds: highest speed on the nominal car.
+        map: outcome over speed and friction, on the nominal car.
+        robustness: critical friction under perturbations, on the nominal car at the middle speed, of the best swing in
             every way that it can be tracked.
         contestants: in order.
     """
@@ -80,45 +78,11 @@ class Leaderboard:
     contestants: tuple[Contestant, ...]
 
 
-def measure(plan: Plan, swings: Sequence[str], members: Sequence[Member], engine: RememberingEngine) -> Leaderboard:
-    """Runs everything.
+class Measurer:
+    """Runs what the plan asks for, table by table."""
 
-    Args:
-        plan: how much.
-        swings: files or names.
-        members: of the ensemble; none leaves the own car.
-        engine: that remembers.
-    """
-    board = _Measurer(plan, members, engine)
-    contestants = standard_contestants(swings)
-    contestants.insert(3, board.best_fixed_speed())
-    claims = board.claims(contestants)
-    frictions = board.critical_frictions(contestants)
-    players = [way for swing in _best_swing(contestants, claims, plan) for way in trackings_of(swing)]
-    robustness = board.robustness(players) if plan.perturbed and players else pd.DataFrame()
-    runs = board.own_friction(contestants)
-    speeds = board.highest_speeds(contestants)
-    survival = board.survival_map(contestants)
-    return Leaderboard(claims, frictions, runs, speeds, survival, robustness, tuple(contestants))
-
-
-def _best_swing(contestants: Sequence[Contestant], claims: pd.DataFrame, plan: Plan) -> list[str]:
-    """The swing file of the controller that claims most at the middle speed; turning far enough counts first."""
-    best: tuple[tuple[bool, float], list[str]] = ((False, 0.0), [])
-    for contestant in contestants:
-        playing = [setting.partition("=")[2] for setting in contestant.at(plan.middle_speed)]
-        played = [swing for swing in contestant.swings if swing in playing]
-        here = claims[(claims["controller"] == contestant.name) & (claims["speed_m_per_s"] == plan.middle_speed)]
-        for row in here.to_dict("records"):
-            rank = (bool(row["heading_ratio"] >= LEAST_HEADING), float(row["critical_friction"]))
-            if played and rank > best[0]:
-                best = (rank, played)
-    return best[1]
-
-
-class _Measurer:
     def __init__(self, plan: Plan, members: Sequence[Member], engine: RememberingEngine) -> None:
-        self._plan, self._members, self._engine = plan, [OWN_CAR, *members], engine
+        self._plan, self._members, self._engine = plan, [NOMINAL_CAR, *members], engine
 
     def _settings(
         self, contestant: Contestant, member: Member, speed: float, step: float | None = None
@@ -134,7 +98,7 @@ class _Measurer:
         """By speed the roll rate and release of the highest critical friction that keep to the heading rule."""
         self._engine.stage = "best fixed speed"
         plan, chosen = self._plan, {}
-        reference = self._climbs([(THESIS, OWN_CAR, speed) for speed in plan.speeds])
+        reference = self._climbs([(THESIS, NOMINAL_CAR, speed) for speed in plan.speeds])
         for speed, reached in zip(plan.speeds, reference, strict=True):
             common = reached.survived
             choices = [(rate, release) for rate in plan.fixed for release in plan.releases]
@@ -142,23 +106,23 @@ class _Measurer:
             if common is None:
                 chosen[speed] = choices[0]
                 continue
-            first = self._runs([(law, OWN_CAR, speed, common) for law in laws], plan.step)
+            first = self._runs([(law, NOMINAL_CAR, speed, common) for law in laws], plan.step)
             least = LEAST_HEADING * reached.rows[common]["heading_change_rad"]
             turning = [k for k, row in enumerate(first) if is_clean(row) and row["heading_change_rad"] >= least]
             starts = [common] * len(turning)
-            found = self._climbs([(laws[k], OWN_CAR, speed) for k in turning], starts)
+            found = self._climbs([(laws[k], NOMINAL_CAR, speed) for k in turning], starts)
             values = {choices[k]: one.survived or 0.0 for k, one in zip(turning, found, strict=True)}
             chosen[speed] = max(values, key=lambda choice: values[choice], default=(8.0, 1.0))
         return best_fixed(chosen)
 
     def claims(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
-        """By controller and speed on the own car at the fine step."""
+        """By controller and speed on the nominal car at the fine step."""
         self._engine.stage = "claims at the fine step"
         plan = self._plan
-        turns = [(c, OWN_CAR, v) for c in contestants for v in plan.speeds if c.made_for(v)]
+        turns = [(c, NOMINAL_CAR, v) for c in contestants for v in plan.speeds if c.made_for(v)]
         coarse = self._climbs(turns)
         at = {(c.name, v): one for (c, _, v), one in zip(turns, coarse, strict=True)}
-        thesis = [(THESIS, OWN_CAR, v) for v in plan.speeds]
+        thesis = [(THESIS, NOMINAL_CAR, v) for v in plan.speeds]
         starts = [at[THESIS.name, v].survived or plan.friction.low for v in plan.speeds]
         fine = dict(zip(plan.speeds, self._climbs(thesis, starts, plan.near), strict=True))
         found: dict[int, Threshold] = {}
@@ -261,30 +225,30 @@ class _Measurer:
         )
 
     def highest_speeds(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
-        """By controller on the own car, at `grip` times its friction, with the swings for the middle speed."""
+        """By controller on the nominal car, at `grip` times its friction, with the swings for the middle speed."""
         self._engine.stage = "highest speed"
         plan = self._plan
-        friction = float(f"{plan.grip * self._own_friction(OWN_CAR):.4g}")
+        friction = float(f"{plan.grip * self._own_friction(NOMINAL_CAR):.4g}")
         cases = []
         for c in contestants:
-            settings = [s for s in self._settings(c, OWN_CAR, plan.middle_speed) if not s.startswith(f"{SPEED}=")]
+            settings = [s for s in self._settings(c, NOMINAL_CAR, plan.middle_speed) if not s.startswith(f"{SPEED}=")]
             cases.append(Case(c.name, SCENARIO, (*settings, f"{FRICTION}={friction!r}")))
         found = find_thresholds(cases, plan.top_speed, self._engine, starts=[FIRST_SPEED] * len(cases))
         return make_frame(
             [
-                {"controller": c.name, "member": OWN_CAR.name, "weight": OWN_CAR.weight, "friction": friction}
+                {"controller": c.name, "member": NOMINAL_CAR.name, "weight": NOMINAL_CAR.weight, "friction": friction}
                 | {"highest_speed_m_per_s": _number(one.survived), "at_end_of_search": one.lost is None}
                 for c, one in zip(contestants, found, strict=True)
             ]
         )
 
     def survival_map(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
-        """Outcome over speed and friction on the own car."""
+        """Outcome over speed and friction on the nominal car."""
         self._engine.stage = "survival map"
         climbing = self._plan.friction
-        first, stride = climbing.index(self._own_friction(OWN_CAR)), round(climbing.scan / climbing.tolerance)
+        first, stride = climbing.index(self._own_friction(NOMINAL_CAR)), round(climbing.scan / climbing.tolerance)
         frictions = [climbing.value(first + count * stride) for count in self._plan.map_strides]
-        keys = [(c, OWN_CAR, v, mu) for c in contestants for v in self._plan.map_speeds for mu in frictions]
+        keys = [(c, NOMINAL_CAR, v, mu) for c in contestants for v in self._plan.map_speeds for mu in frictions]
         wanted = ("outcome", "clean", "peak_roll_rad", "error")
         return make_frame(
             [
@@ -294,7 +258,7 @@ class _Measurer:
         )
 
     def robustness(self, players: Sequence[Contestant]) -> pd.DataFrame:
-        """Critical friction on the own car at the middle speed, as planned and otherwise."""
+        """Critical friction on the nominal car at the middle speed, as planned and otherwise."""
         self._engine.stage = "robustness"
         speed = self._plan.middle_speed
         changes = [
@@ -303,8 +267,10 @@ class _Measurer:
             if not any(setting.startswith(FRICTION) for setting in change.settings)
         ]
         keys = [(player, change) for player in players for change in changes]
-        cases = [Case(p.name, SCENARIO, (*self._settings(p, OWN_CAR, speed), *change.settings)) for p, change in keys]
-        planned = self._climbs([(player, OWN_CAR, speed) for player in players])
+        cases = [
+            Case(p.name, SCENARIO, (*self._settings(p, NOMINAL_CAR, speed), *change.settings)) for p, change in keys
+        ]
+        planned = self._climbs([(player, NOMINAL_CAR, speed) for player in players])
         starts = [one.survived or self._plan.friction.low for one in planned for _ in changes]
         found = find_thresholds(cases, self._plan.robust, self._engine, starts=starts)
         return make_frame(

@@ -12,7 +12,7 @@ Beside the verdict stands what agreement is worth: a prediction is evidence, wha
 what follows from it) is none, and arithmetic on printed numbers says nothing about the car.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, Literal
@@ -31,6 +31,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     survives,
 )
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.config.scenario import load_parameter_entries
 from aerodima.workbench.figures.figure_style import MODE_STYLES
@@ -201,7 +202,7 @@ def gather(
     fitted: Collection[str],
     store: RunStore,
     engine: Engine,
-    say: Callable[[str], None],
+    progress: ProgressLine,
     settings: tuple[str, ...] = (),
     more: Sequence[tuple[str, float]] = (),
 ) -> Evidence:
@@ -212,14 +213,14 @@ def gather(
         fitted: names of what they were calibrated to.
         store: of the runs.
         engine: that makes them.
-        say: told how far it is.
+        progress: takes lines of text.
         settings: overrides that all runs share.
         more: (tail mode, speed) of runs that are wanted beside those of the claims.
     """
     held_speed = throttle_speed(NO_FLICK_THROTTLE)
     pairs = list(dict.fromkeys([*wanted_pairs(held_speed), *more]))
     wanted = [Wanted(m.values, mode, speed, settings=settings) for mode, speed in pairs for m in members]
-    rows = store.run(wanted, engine, say)
+    rows = store.run(wanted, engine, progress)
     count = len(members)
     tables = {
         pair: rows[place * count : (place + 1) * count].reset_index(drop=True) for place, pair in enumerate(pairs)

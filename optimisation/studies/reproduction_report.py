@@ -1,7 +1,7 @@
 """The reproduction report: rows and runs as tables, replays, and a page in the style of the thesis' figures."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from aerodima.optimisation.studies.reproduction_evidence import (
     survival_table,
 )
 from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.ensemble import Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
@@ -230,7 +231,7 @@ def write_report(
     number: int,
     out: Path,
     engine: Engine,
-    say: Callable[[str], None],
+    progress: ProgressLine,
     *,
     replays: bool = True,
     force: bool = False,
@@ -246,7 +247,7 @@ def write_report(
         survival: also runs every tail mode at every speed of `survival.SPEEDS` and writes `survival.csv`.
 
     Raises:
-        UserError: wrong number of members, one that is no possible car, or the folder holds runs of other parameters.
+        UserError: wrong number of members, one that makes no car, or the folder holds runs of other parameters.
     """
     members = ensemble.drawn(number)
     for member in members:
@@ -254,7 +255,7 @@ def write_report(
     varied = {key for member in ensemble.members for key in member.values}
     fitted = ensemble.provenance.get("fitted", ())
     with RunStore(out, varied, force=force) as store:
-        evidence = gather(members, fitted, store, engine, say, settings, PAIRS if survival else ())
+        evidence = gather(members, fitted, store, engine, progress, settings, PAIRS if survival else ())
     rows = all_rows(evidence)
     compared = [compare(d, evidence.rows[d.turn.tail_mode, d.turn.speed], evidence.weights) for d in evidence.data]
     shares = survival_table(evidence) if survival else None
@@ -262,13 +263,13 @@ def write_report(
     if shares is not None:
         tables[SURVIVAL] = shares
     write_files(out, tables)
-    made = _replays(ensemble, evidence, out, say, settings) if replays else {}
+    made = _replays(ensemble, evidence, out, progress, settings) if replays else {}
     write_files(out, {PAGE: reproduction_page(rows, evidence, ensemble, made, shares)})
     return out / PAGE
 
 
 def _replays(
-    ensemble: Ensemble, evidence: Evidence, out: Path, say: Callable[[str], None], settings: tuple[str, ...]
+    ensemble: Ensemble, evidence: Evidence, out: Path, progress: ProgressLine, settings: tuple[str, ...]
 ) -> dict[str, str]:
     """Replays of the best member: both sides of the tailless bracket, the swung tail, the held one; words -> file."""
     from aerodima.workbench.report.replay_page import write_replay_html
@@ -284,7 +285,7 @@ def _replays(
     made = {}
     for mode, speed in shown:
         name = f"replay_{mode}_{speed:.2f}.html"
-        say(f"{name} ...")
+        progress(f"{name} ...")
         overrides = [f"manoeuvre.speed={speed!r}", *settings]
         scenario = ensemble.scenario(ensemble.best, f"turn_{mode}", overrides)
         run = simulate(scenario)

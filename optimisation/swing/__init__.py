@@ -1,1 +1,1 @@
-"""Optimised tail swings: reduced models, the turn as a profile, collocation, solvers, swing files."""
+"""Optimised tail swings: reduced model, the turn as a profile, collocation, solvers, swing files."""

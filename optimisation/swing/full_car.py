@@ -1,16 +1,18 @@
-"""The full car under a swing: one run at a friction and a speed, and the highest friction that it survives."""
+"""The full car under a swing: one run, the highest friction that it survives, and what a car is compared with."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from aerodima.optimisation.sweep.rollover_threshold import Search, Start, Threshold, search_rows
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Start, Threshold, search_rows
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import TurnProfile, turn_profile
-from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.scenario import Scenario, default_values
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.simulate.simulation import simulate
@@ -20,10 +22,13 @@ FRICTION_STEP = 0.0125
 LEAST_HEADING = 0.95
 """Share of the reference's heading change that a turn must have to count (design section 10)."""
 SPIN = 1.5
-"""Heading change (rad) with the published swing beyond which a possible car counts as spinning: its rear axle slid out,
-so that there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
+"""Heading change (rad) with the published swing beyond which a car counts as spinning: its rear axle slid out, so that
+there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
+
+REFERENCE_SEARCH = Search(FRICTION, 0.3, 1.2, FRICTION_STEP, FRICTION_STEP)
+"""Of the reference's highest friction."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,7 @@ def drive_all(scenarios: Sequence[Scenario], swing: SwingFile | None, friction: 
 
 
 def frictions(scenarios: Sequence[Scenario], friction: float) -> list[float]:
-    """Friction of each car when the first has `friction`: possible cars differ in what they were calibrated to.
+    """Friction of each car when the first has `friction`: members of an ensemble differ in what they are calibrated to.
 
     So "20 % more grip" is asked of all of them alike.
     """
@@ -125,3 +130,53 @@ def critical_friction(
         return [outcome(drive(scenario, swing, friction)) for _, friction in wanted]
 
     return search_rows(search, [start], run, lambda seen: seen.clean)[0]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The published swing in a turn: highest friction that it survives clean, and its heading change there, rad."""
+
+    friction: float
+    heading: float
+
+    @classmethod
+    def of(cls, scenario: Scenario, near: Start = "bisect") -> Reference:
+        """Of the turn of a scenario, on a grid of `FRICTION_STEP`.
+
+        Args:
+            scenario: car and turn.
+            near: friction that is nearly it, as that of a coarser step is, from which the grid is walked over.
+
+        Raises:
+            SwingError: the published swing does not survive the turn at the lowest friction.
+        """
+        found = critical_friction(cls.turn(scenario), None, REFERENCE_SEARCH, near)
+        if found.survived is None:
+            raise SwingError(
+                f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction "
+                f"{REFERENCE_SEARCH.low:g}, so there is no turn to compare with; allowed: a slower turn"
+            )
+        return cls(found.survived, found.rows[found.survived].heading)
+
+    @staticmethod
+    def turn(scenario: Scenario) -> Scenario:
+        """The turn of a scenario with the published swing."""
+        return varied(scenario, tail={"mode": "swing"}, controller=default_values()["controller"])
+
+
+@dataclass(frozen=True)
+class Car:
+    """A car and its turn as a resolved scenario, small enough to send anywhere, with what it is compared with."""
+
+    scenario: dict[str, Any]
+    reference: Reference
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Car:
+        """With the published swing driven for its reference; errors as `Reference.of`."""
+        return cls(scenario.resolved(), Reference.of(scenario))
+
+
+def shares(cars: Sequence[Car], friction: float) -> list[float]:
+    """Friction of each car, as many times what it survives with the published swing as `friction` is for the first."""
+    return [friction * car.reference.friction / cars[0].reference.friction for car in cars]

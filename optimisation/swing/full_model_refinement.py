@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
-from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN
-from aerodima.optimisation.swing.search_state import Progress, SearchOptions, open_rows
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN, Car
+from aerodima.optimisation.swing.search_state import SearchOptions, open_rows
 from aerodima.optimisation.swing.swing_construction import changed, changes
-from aerodima.optimisation.swing.swing_ranking import Candidate, Car, Score, choose, score
+from aerodima.optimisation.swing.swing_ranking import Candidate, Score, choose, score
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import Row, RowStore, content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
@@ -77,7 +78,7 @@ def polish(
     sigma: float = FIRST_SPREAD,
     engine: Engine | None = None,
     store: RowStore | None = None,
-    progress: Progress = lambda _line: None,
+    progress: ProgressLine = silent,
 ) -> Polished:
     """Searches for the changes of a swing with which the car survives most friction and still turns.
 
@@ -158,7 +159,7 @@ def polished(
     *,
     engine: Engine | None = None,
     checkpoint: Path | None = None,
-    progress: Progress = lambda _line: None,
+    progress: ProgressLine = silent,
 ) -> SwingFile:
     """A swing after its polish, with what was found in its provenance; the same swing if nothing better was found.
 
@@ -209,7 +210,7 @@ def polished(
     return best.model_copy(update={"provenance": provenance})
 
 
-def _comparable(cars: Sequence[Car], progress: Progress) -> list[Car]:
+def _comparable(cars: Sequence[Car], progress: ProgressLine) -> list[Car]:
     """The first car, and those of the others that turn with the published swing and do not spin."""
     kept = []
     for number, car in enumerate(cars, start=1):

@@ -28,7 +28,7 @@ LOAD_ROUNDING = 0.15
 
 @dataclass(frozen=True)
 class ReducedCar:
-    """Numbers of the reduced models; SI units. Nothing is typed here: `of` reads the full car.
+    """Numbers of the reduced model; SI units. Nothing is typed here: `of` reads the full car.
 
     Attributes:
         mass: of all that does not move with the tail, kg.
@@ -98,7 +98,7 @@ class ReducedCar:
         """The reduced car of a scenario.
 
         Raises:
-            SwingError: the car has no tail, or one that the reduced models do not know (free sail, added mass,
+            SwingError: the car has no tail, or one that the reduced model does not know (free sail, added mass,
                 tables of coefficients, wind).
             ModelError: the full car does not load.
         """
@@ -205,11 +205,11 @@ def _refuse_unknown(scenario: Scenario) -> None:
     if tail.mode == "none":
         raise SwingError("tail.mode: 'none', the car has no tail to swing; allowed: held, swing")
     if tail.sail == "free":
-        raise SwingError("tail.sail: 'free'; the reduced models know: facing, locked")
+        raise SwingError("tail.sail: 'free'; the reduced model knows: facing, locked")
     if tail.added_mass != 0.0:
-        raise SwingError(f"tail.added_mass: {tail.added_mass:g} kg; the reduced models know: 0 kg")
+        raise SwingError(f"tail.added_mass: {tail.added_mass:g} kg; the reduced model knows: 0 kg")
     if not scenario.wind.is_still:
-        raise SwingError("wind: blows in this scenario; the reduced models know still air")
+        raise SwingError("wind: blows in this scenario; the reduced model knows still air")
 
 
 def _coefficients(law: object) -> tuple[float, float, float]:
@@ -222,7 +222,7 @@ def _coefficients(law: object) -> tuple[float, float, float]:
     if isinstance(law, NormalForceLaw) and not callable(law.coefficient):
         return float(law.coefficient), float(law.coefficient), 0.0
     raise SwingError(
-        "tail.coefficients: depend on speed or angle; the reduced models know constants and two-sided sets"
+        "tail.coefficients: depend on speed or angle; the reduced model knows constants and two-sided sets"
     )
 
 

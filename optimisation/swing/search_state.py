@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -12,14 +11,12 @@ from aerodima.optimisation.swing.full_car import Outcome, drive, drive_all, outc
 from aerodima.optimisation.swing.reduced_car import ReducedCar, lift_roll
 from aerodima.optimisation.swing.solver import SolverName
 from aerodima.optimisation.swing.swing_problem import Objective
+from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
-
-Progress = Callable[[str], None]
-"""Takes progress, line by line."""
 
 LATER = ("warm_start", "ensemble", "members", "polish", "feedback")
 """Options that do nothing by default; a swing that did without them does not name them."""
@@ -104,11 +101,11 @@ class Search:
     finished: bool = False
 
 
-def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, progress: Progress) -> Search:
+def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, progress: ProgressLine) -> Search:
     """Where the search begins: the highest friction or speed not above the scenario's that all cars survive.
 
     Args:
-        cars: scenarios of the same turn, that of the swing's own car first.
+        cars: scenarios of the same turn, that of the nominal car first.
         options: of the search.
         warm: swing to begin with.
         progress: takes lines of text.

@@ -20,25 +20,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Start
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
 from aerodima.optimisation.swing.full_car import (
     FINE_STEP,
     FRICTION_STEP,
     LEAST_HEADING,
+    Car,
+    Reference,
     critical_friction,
     drive,
     outcome,
+    shares,
     varied,
 )
-from aerodima.optimisation.swing.search_state import Progress
-from aerodima.workbench.config.scenario import Scenario, default_values, scenario_from_dict
+from aerodima.workbench.batch.engine import ProgressLine, silent
+from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile
-from aerodima.workbench.errors import SwingError
 from aerodima.workbench.plants.clearance import ground_clearance
 
 HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02
@@ -46,8 +47,6 @@ HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02
 since the swing is meant for others as well."""
 LOST = 0.6
 """Roll at which a car that rolls over counts as lost, rad; the later, the better its rank."""
-SEARCH = Search(FRICTION, 0.3, 1.2, FRICTION_STEP, FRICTION_STEP)
-"""Of the reference's highest friction."""
 ROLL_MARGIN = 0.8
 """A candidate may roll up to this share of `most_roll`, so that another step of the plant does not undo it."""
 SPACING = 2 * FRICTION_STEP
@@ -60,56 +59,6 @@ def most_roll(scenario: Scenario) -> float:
     leans = np.linspace(0.0, math.atan(car.outer_half_track / car.com_height), 201)
     free = ground_clearance(scenario, 0.0, scenario.controller.hold_angle, leans) > 0.0
     return float(leans[-1] if np.all(free) else leans[int(np.argmin(free))])
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The published swing in a turn: highest friction that it survives clean, and its heading change there, rad."""
-
-    friction: float
-    heading: float
-
-    @classmethod
-    def of(cls, scenario: Scenario, near: Start = "bisect") -> Reference:
-        """Of the turn of a scenario, on a grid of `FRICTION_STEP`.
-
-        Args:
-            scenario: car and turn.
-            near: friction that is nearly it, as that of a coarser step is, from which the grid is walked over.
-
-        Raises:
-            SwingError: the published swing does not survive the turn at the lowest friction.
-        """
-        found = critical_friction(cls.turn(scenario), None, SEARCH, near)
-        if found.survived is None:
-            raise SwingError(
-                f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction {SEARCH.low:g}, so "
-                "there is no turn to compare with; allowed: a slower turn"
-            )
-        return cls(found.survived, found.rows[found.survived].heading)
-
-    @staticmethod
-    def turn(scenario: Scenario) -> Scenario:
-        """The turn of a scenario with the published swing."""
-        return varied(scenario, tail={"mode": "swing"}, controller=default_values()["controller"])
-
-
-@dataclass(frozen=True)
-class Car:
-    """A car and its turn as a resolved scenario, small enough to send anywhere, with what it is compared with."""
-
-    scenario: dict[str, Any]
-    reference: Reference
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> Car:
-        """With the published swing driven for its reference; errors as `Reference.of`."""
-        return cls(scenario.resolved(), Reference.of(scenario))
-
-
-def shares(cars: Sequence[Car], friction: float) -> list[float]:
-    """Friction of each car, as many times what it survives with the published swing as `friction` is for the first."""
-    return [friction * car.reference.friction / cars[0].reference.friction for car in cars]
 
 
 @dataclass(frozen=True)
@@ -275,7 +224,7 @@ def choose(
     *,
     step: float = FINE_STEP,
     engine: Engine | None = None,
-    progress: Progress = lambda _line: None,
+    progress: ProgressLine = silent,
 ) -> Claim | None:
     """The claim of the swing that gains most on the worst car; None when none turns far enough and survives the first.
 

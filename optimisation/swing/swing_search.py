@@ -24,7 +24,6 @@ from aerodima.optimisation.swing.full_model_refinement import polished
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.search_state import (
-    Progress,
     Search,
     SearchOptions,
     begin,
@@ -36,6 +35,7 @@ from aerodima.optimisation.swing.search_state import (
 from aerodima.optimisation.swing.solver import Solution, best_of, multi_start
 from aerodima.optimisation.swing.swing_construction import constant_rate_swing, swing_file
 from aerodima.optimisation.swing.swing_problem import Member, Problem, SwingLimits
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, default_values
 from aerodima.workbench.config.swing_file import Provenance, SwingFile
@@ -60,7 +60,7 @@ def optimise_swing(
     warm_start: SwingFile | None = None,
     checkpoint: Path | None = None,
     engine: Engine | None = None,
-    progress: Progress = lambda _line: None,
+    progress: ProgressLine = silent,
 ) -> SwingFile:
     """The best swing of a search.
 
@@ -112,7 +112,7 @@ class _Work:
     """What all rounds of a search have in common.
 
     Attributes:
-        cars: the scenario with its own car, and those of the ensemble.
+        cars: the scenario with its nominal car, and those of the ensemble.
         origin: fields of the provenance that are known before anything is found.
         deadline: on the clock of `time.perf_counter`, s.
     """
@@ -123,7 +123,7 @@ class _Work:
     name: str
     origin: dict[str, Any]
     deadline: float
-    progress: Progress
+    progress: ProgressLine
 
     @classmethod
     def of(
@@ -133,7 +133,7 @@ class _Work:
         name: str,
         scenario_name: str,
         settings: tuple[str, ...],
-        progress: Progress,
+        progress: ProgressLine,
     ) -> _Work:
         """As `optimise_swing`."""
         if options.dof not in DOFS:
@@ -255,7 +255,7 @@ class _Work:
 
 
 def _cars(scenario: Scenario, options: SearchOptions) -> tuple[Scenario, ...]:
-    """The scenario with its own car, and with those of the ensemble at as many times their own friction."""
+    """The scenario with its nominal car, and with those of the ensemble at as many times their own friction."""
     cars = [scenario]
     if options.members:
         own = float(default_values()["car"]["tyre_friction"])
@@ -270,7 +270,7 @@ def _cars(scenario: Scenario, options: SearchOptions) -> tuple[Scenario, ...]:
     return tuple(cars)
 
 
-def _with_gains(swing: SwingFile, scenario: Scenario, progress: Progress) -> SwingFile:
+def _with_gains(swing: SwingFile, scenario: Scenario, progress: ProgressLine) -> SwingFile:
     """With feedback for the highest friction that the swing was seen to survive; without it where that fails."""
     found = swing.provenance.found
     sections: dict[str, dict[str, Any]] = {}

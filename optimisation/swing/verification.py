@@ -37,7 +37,7 @@ _MARGIN = 1e-3
 
 @dataclass(frozen=True)
 class StateErrors:
-    """How the run of the swing's own car compares with its file.
+    """How the run of the car that the swing was made for compares with its file.
 
     Attributes:
         tail_roll: largest distance of the tail from the curve through the knots during the swing, rad.
@@ -68,13 +68,13 @@ class Verification:
     """Everything that was found.
 
     Attributes:
-        errors: on the swing's own car.
+        errors: on the car that it was made for.
         rows: one per run: who (`swing`, `8 rad/s`), member, weight, outcome, metrics.
-        heading_ratio: swing over reference on the own car; NaN when no friction was found that both survive.
+        heading_ratio: swing over reference on that car; NaN when no friction was found that both survive.
         heading_friction: friction of that comparison.
         survival: weighted share of the ensemble that survives clean, swing and reference.
         complaints: what speaks against the swing; empty when it is verified.
-        own: the run of the swing on its own car, and its `summary`.
+        own: the run of the swing on that car, and its `summary`.
         reference: the same turn with the thesis' swing.
     """
 
@@ -107,7 +107,7 @@ def verify_swing(
     Args:
         swing: read from `swing_path`.
         scenario_name: turn to make; `settings` override it.
-        ensemble: of possible cars; `members` of it, drawn by weight.
+        ensemble: of cars; `members` of it, drawn by weight.
         motion: range-of-motion map of the car.
         step: of the plant, s.
         tracking: how the swing is played.

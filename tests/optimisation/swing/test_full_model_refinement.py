@@ -14,20 +14,17 @@ import pytest
 
 from aerodima.optimisation.swing import full_car as full_car_module
 from aerodima.optimisation.swing import swing_ranking as candidate_module
-from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Outcome
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Car, Outcome, Reference, shares
 from aerodima.optimisation.swing.full_model_refinement import _comparable, polish, polished
 from aerodima.optimisation.swing.search_state import SearchOptions
 from aerodima.optimisation.swing.swing_construction import PITCH, PLACES, ROLL, changed, changes
 from aerodima.optimisation.swing.swing_ranking import (
     Candidate,
-    Car,
-    Reference,
     Score,
     between,
     choose,
     most_roll,
     score,
-    shares,
 )
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import load_scenario

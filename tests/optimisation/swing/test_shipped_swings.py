@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.swing.full_car import LEAST_HEADING, drive, outcome, varied
+from aerodima.optimisation.swing.full_car import LEAST_HEADING, Reference, drive, outcome, varied
 from aerodima.optimisation.swing.search_state import SearchOptions
 from aerodima.optimisation.swing.swing_construction import changed
-from aerodima.optimisation.swing.swing_ranking import Reference
 from aerodima.optimisation.swing.swing_search import optimise_swing
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing
