@@ -10,20 +10,19 @@ swing was made for the feedback has nothing to do; its gains come from the reduc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.reduced_model import INPUTS, STATES, linearise
 from aerodima.optimisation.swing.turn_profile import turn_profile
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import Feedback, FeedbackState, SwingFile
-from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.controllers.swing_reference import SwingReference
+from aerodima.workbench.controllers.swing_law import SwingState, Tick
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker, TrackerMemory
 from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.errors import SwingError
@@ -60,7 +59,7 @@ class LqrWeights:
     at_end: float = 5.0
 
     @property
-    def state_cost(self) -> NDArray[np.float64]:
+    def state_cost(self) -> FloatArray:
         """Q, shape (4, 4), in the order of `FEEDBACK_NAMES`."""
         return np.diag([getattr(self, name) ** -2.0 for name in FEEDBACK_NAMES])
 
@@ -78,9 +77,7 @@ class Funnel:
     tail_roll_rate: float = 25.0
 
 
-def lqr_gains(
-    A: NDArray[np.float64], B: NDArray[np.float64], Q: NDArray[np.float64], R: float, Q_end: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def lqr_gains(A: FloatArray, B: FloatArray, Q: FloatArray, R: float, Q_end: FloatArray) -> FloatArray:
     """Gains of the finite-horizon regulator, shape (ticks, states).
 
     Args:
@@ -99,9 +96,7 @@ def lqr_gains(
     return gains
 
 
-def discretise(
-    A: NDArray[np.float64], B: NDArray[np.float64], step: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def discretise(A: FloatArray, B: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
     """Zero-order hold of (ticks, n, n) and (ticks, n, 1) over `step` s."""
     n = A.shape[-1]
     block = np.zeros((len(A), n + 1, n + 1))
@@ -177,17 +172,16 @@ class _Nominal:
         run_log: with all signals.
     """
 
-    states: NDArray[np.float64]
-    torque: NDArray[np.float64]
-    truth: NDArray[np.float64]
+    states: FloatArray
+    torque: FloatArray
+    truth: FloatArray
     release: float
     run_log: Any
 
 
 def _nominal_run(swing: SwingFile, scenario: Scenario) -> _Nominal:
     plain = swing.model_copy(update={"gains": swing.gains.model_copy(update={"feedback": None})})
-    tracker = SwingTracker.from_scenario(plain, scenario)
-    law = _Listening(replace(tracker, reference=SwingReference(plain, "joint_pd", tracker.rate)), [])
+    law = _Listening.from_scenario(plain, scenario.varied(controller={"tracking": "joint_pd"}))
     log = simulate(scenario, law=law, stop_when_flipped=True)
     summary = summarise(log, scenario.name)
     where = f"swing {swing.name} at {scenario.manoeuvre.speed:g} m/s, friction {scenario.car.tyre_friction:g}"
@@ -215,28 +209,13 @@ def _quiet(scenario: Scenario, direction: str) -> Scenario:
 
 
 @dataclass(frozen=True)
-class _Listening:
+class _Listening(SwingTracker):
     """A tracker whose view of the car is written down: time, state of the law, `FEEDBACK_NAMES`."""
 
-    law: SwingTracker
-    heard: list[tuple[float, ...]]
+    heard: list[tuple[float, ...]] = field(default_factory=list)
 
-    @property
-    def rate(self) -> float:
-        return self.law.rate
-
-    @property
-    def memory_size(self) -> int:
-        return self.law.memory_size
-
-    def start(self) -> NDArray[np.float64]:
-        return self.law.start()
-
-    def step(self, memory: NDArray[np.float64], observation: Observation) -> tuple[Any, Any, Any, int]:
-        after, pitch, roll, state = self.law.step(memory, observation)
-        seen = TrackerMemory(*after.tolist())
-        self.heard.append(
-            (observation.time, float(state), seen.car_roll, seen.car_roll_rate, observation.roll_angle,
-             observation.roll_rate)
-        )  # fmt: skip
-        return after, pitch, roll, state
+    def tick(self, memory: TrackerMemory, observation: Observation) -> Tick[TrackerMemory]:
+        after, pitch, roll = super().tick(memory, observation)
+        seen = (observation.time, after.state, after.car_roll, after.car_roll_rate)
+        self.heard.append((*seen, observation.roll_angle, observation.roll_rate))
+        return after, pitch, roll

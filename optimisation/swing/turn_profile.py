@@ -19,6 +19,7 @@ from scipy.interpolate import PchipInterpolator
 
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.reduced_model import INPUTS, motion
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog
@@ -43,12 +44,12 @@ class TurnProfile:
         trigger_time: time in the run at which time is 0, s.
     """
 
-    time: NDArray[np.float64]
-    inputs: NDArray[np.float64]
+    time: FloatArray
+    inputs: FloatArray
     friction: float
     speed: float
-    roll: NDArray[np.float64]
-    roll_rate: NDArray[np.float64]
+    roll: FloatArray
+    roll_rate: FloatArray
     trigger_time: float
 
     def at(
@@ -67,7 +68,7 @@ class TurnProfile:
         pace = 1.0 if speed is None else speed / self.speed
         return curve * np.stack(np.broadcast_arrays(grip, grip, pace, pace, grip / pace, 1.0), axis=-1)
 
-    def curve(self, time: NDArray) -> NDArray[np.float64]:
+    def curve(self, time: NDArray) -> FloatArray:
         """Inputs (..., 6) of the run at times, s; constant beyond its ends."""
         return np.asarray(self._interpolant(np.clip(time, self.time[0], self.time[-1])))
 
@@ -109,7 +110,7 @@ def turn_profile(
     yaw = column["yaw_truth_rad"]
     smooth = _smoother(time)
 
-    def sideways(stem: str) -> NDArray[np.float64]:
+    def sideways(stem: str) -> FloatArray:
         along_y = np.cos(yaw) * column[f"{stem}_y_truth_n"] - np.sin(yaw) * column[f"{stem}_x_truth_n"]
         return side * along_y
 
@@ -149,12 +150,12 @@ def turn_profile(
 
 
 def _tail_on_car(
-    column: dict[str, NDArray[np.float64]],
-    time: NDArray[np.float64],
+    column: dict[str, FloatArray],
+    time: FloatArray,
     car: ReducedCar,
-    smooth: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    smooth: Callable[[FloatArray], FloatArray],
     side: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     """Force of the tail on the car and its moment about the body origin, (3, n), in axes that yaw with the car.
 
     Weight and air less the rate of the tail's momentum; written for a left turn. Of the moment of weight and momentum
@@ -162,12 +163,12 @@ def _tail_on_car(
     force. What the yawing of a swinging tail adds stays in the profile's `yaw_force`.
     """
 
-    def vector(stem: str, unit: str) -> NDArray[np.float64]:
+    def vector(stem: str, unit: str) -> FloatArray:
         return np.array([column[f"{stem}_{axis}_truth_{unit}"] for axis in "xyz"])
 
     c, s = np.cos(column["yaw_truth_rad"]), np.sin(column["yaw_truth_rad"])
 
-    def turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def turned(values: FloatArray) -> FloatArray:
         return np.array([c * values[0] + s * values[1], c * values[1] - s * values[0], values[2]])
 
     origin = vector("position", "m")
@@ -186,12 +187,12 @@ def _tail_on_car(
 def _unexplained_moment(
     run_log: RunLog,
     side: float,
-    inputs: NDArray[np.float64],
-    roll: NDArray[np.float64],
-    roll_rate: NDArray[np.float64],
+    inputs: FloatArray,
+    roll: FloatArray,
+    roll_rate: FloatArray,
     car: ReducedCar,
-    smooth: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-) -> NDArray[np.float64]:
+    smooth: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
     """Moment (N m) that the reduced model lacks to roll as the car of the run did; with it, it does exactly so.
 
     Near the limit the car balances, and a moment of 2 % of its weight's decides; what the model leaves out (pitch,
@@ -211,12 +212,12 @@ def _unexplained_moment(
     return smooth((np.gradient(roll_rate, time) - without) / (with_one - without))
 
 
-def _smoother(time: NDArray[np.float64]) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+def _smoother(time: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """Moving average of odd length over `SMOOTHING`, edges held."""
     half = max(1, round(0.5 * SMOOTHING / float(time[1] - time[0])))
     kernel = np.ones(2 * half + 1) / (2 * half + 1)
 
-    def smooth(signal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def smooth(signal: FloatArray) -> FloatArray:
         return np.convolve(np.pad(signal, half, mode="edge"), kernel, "valid")
 
     return smooth

@@ -111,9 +111,6 @@ class SwingMemory:
     pitch_angle: float = 0.0
 
 
-FRESH = SwingMemory()
-"""Memory before the first tick."""
-
 Memory = TypeVar("Memory", bound=SwingMemory)
 Tick = tuple[Memory, np.ndarray, np.ndarray]
 """New memory, commands to the pitch and the roll motor, each (5): rad, rad/s, N m/rad, N m s/rad, N m."""

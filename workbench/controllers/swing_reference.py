@@ -4,12 +4,13 @@ Everything here is in the turn direction of the swing file; `swing_tracker_law` 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from aerodima.workbench.config.swing_curve import gains_at, swing_at
-from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.config.swing_file import Feedback, SwingFile
 from aerodima.workbench.errors import UserError
 
 Tracking = Literal["automatic", "feedback", "torque", "joint_pd", "open_loop"]
@@ -21,7 +22,6 @@ same law as torque alone (thesis section 8.3). `joint_pd`: the motors follow the
 KP_MAX, KD_MAX = 500.0, 5.0
 """Ranges of the MIT frame (design section 14), N m/rad and N m s/rad."""
 
-CAR_STATES = ("car_roll", "car_roll_rate")
 _JOINT_STATES = {"roll": ("tail_roll", "tail_roll_rate"), "pitch": ("tail_pitch", "tail_pitch_rate")}
 _DEFAULT_FUNNEL = {"tail_roll": 1.0, "tail_pitch": 1.0}
 """rad; for a swing without feedback: a tail this far behind its knots is blocked or free."""
@@ -64,8 +64,6 @@ class SwingReference:
             )
         if self.kind == "open_loop" and feedback is None and knots.roll_torque_n_m is None:
             raise UserError(f"swing {self.swing.name}: knots.roll_torque_n_m: missing; tracking open_loop needs it")
-        tables = _tables(self.swing) if feedback is not None else None
-        object.__setattr__(self, "_tables", tables)
 
     @property
     def kind(self) -> str:
@@ -92,26 +90,24 @@ class SwingReference:
             time: since the release, s.
             states: name of `FEEDBACK_STATES` -> value; NaN is taken as nominal.
         """
-        point = swing_at(self.swing, time + 0.5 / self.rate)
-        roll_gains, pitch_gains = gains_at(self.swing, time)
+        point, gains = swing_at(self.swing, time + 0.5 / self.rate), gains_at(self.swing, time)
+        roll = JointCommand(
+            float(point.roll_position), float(point.roll_velocity), gains[0].kp, gains[0].kd, float(point.roll_torque)
+        )
         pitch = JointCommand(
-            float(point.pitch_position), float(point.pitch_velocity), pitch_gains.kp, pitch_gains.kd,
+            float(point.pitch_position), float(point.pitch_velocity), gains[1].kp, gains[1].kd,
             float(point.pitch_torque),
         )  # fmt: skip
-        if self.kind == "joint_pd":
-            roll = JointCommand(
-                float(point.roll_position), float(point.roll_velocity), roll_gains.kp, roll_gains.kd,
-                float(point.roll_torque),
-            )  # fmt: skip
-            return self._limited("roll", roll, states), self._limited("pitch", pitch, states)
+        feedback = self.swing.gains.feedback
         if self.kind == "open_loop":
-            feedback = self.swing.gains.feedback
-            torque = float(point.roll_torque)
+            torque = roll.torque
             if feedback is not None:
                 torque = float(np.interp(time, feedback.time_s, feedback.roll_torque_n_m))
             return self._limited("roll", JointCommand(0.0, 0.0, 0.0, 0.0, torque), states), pitch
+        if self.kind == "joint_pd":
+            return self._limited("roll", roll, states), self._limited("pitch", pitch, states)
         roll = self._fed_back("roll", time, states)
-        if self.swing.gains.feedback is not None and self.swing.gains.feedback.pitch_gains is not None:
+        if feedback is not None and feedback.pitch_gains is not None:
             return roll, self._fed_back("pitch", time, states)
         return roll, self._limited("pitch", pitch, states)
 
@@ -125,7 +121,8 @@ class SwingReference:
             funnel = _DEFAULT_FUNNEL
         else:
             row = self._row(time)
-            nominal, funnel = dict(zip(self._names, row.nominal, strict=True)), self._funnel
+            nominal = dict(zip(self._feedback.states, row.nominal, strict=True))
+            funnel = dict(zip(self._feedback.states, self._feedback.funnel, strict=True))
         return next((name for name, width in funnel.items() if abs(states[name] - nominal[name]) > width), None)
 
     def _fed_back(self, joint: Literal["roll", "pitch"], time: float, states: dict[str, float]) -> JointCommand:
@@ -135,7 +132,7 @@ class SwingReference:
         ahead = self._row(time + 0.5 / self.rate).nominal
         position_name, velocity_name = _JOINT_STATES[joint]
         position = velocity = kp = kd = 0.0
-        for name, nominal, gain, soon in zip(self._names, row.nominal, gains, ahead, strict=True):
+        for name, nominal, gain, soon in zip(self._feedback.states, row.nominal, gains, ahead, strict=True):
             value = states[name]
             deviation = value - nominal if value == value else 0.0
             in_motor = 0.0
@@ -158,25 +155,29 @@ class SwingReference:
         most = self.swing.limits.torque_n_m
         return command._replace(torque=min(max(own + command.torque, -most), most) - own)
 
-    @property
-    def _names(self) -> tuple[str, ...]:
+    @cached_property
+    def _feedback(self) -> Feedback:
         feedback = self.swing.gains.feedback
         assert feedback is not None
-        return feedback.states
+        return feedback
 
-    @property
-    def _funnel(self) -> dict[str, float]:
-        feedback = self.swing.gains.feedback
-        assert feedback is not None
-        return dict(zip(feedback.states, feedback.funnel, strict=True))
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times of the feedback (n,) and one row per time (n, 3 states + 2): nominal, both gains, both torques."""
+        feedback = self._feedback
+        nominal, roll_torque = np.array(feedback.nominal), np.array(feedback.roll_torque_n_m)
+        pitch_gains = np.zeros_like(nominal) if feedback.pitch_gains is None else feedback.pitch_gains
+        pitch_torque = np.zeros_like(roll_torque) if feedback.pitch_torque_n_m is None else feedback.pitch_torque_n_m
+        columns = [nominal, feedback.roll_gains, pitch_gains, roll_torque, pitch_torque]
+        return np.array(feedback.time_s), np.column_stack(columns)
 
     def _row(self, time: float) -> "_Row":
-        times, values, width = self._tables  # type: ignore[attr-defined]
+        times, values = self._table
         clipped = min(max(time, times[0]), times[-1])
         place = min(int(np.searchsorted(times, clipped, side="right")) - 1, len(times) - 2)
         share = (clipped - times[place]) / (times[place + 1] - times[place])
         row = values[place] + share * (values[place + 1] - values[place])
-        return _Row(row[:width], row[width : 2 * width], row[2 * width : 3 * width], float(row[-2]), float(row[-1]))
+        return _Row(*np.split(row[:-2], 3), float(row[-2]), float(row[-1]))
 
 
 class _Row(NamedTuple):
@@ -185,15 +186,3 @@ class _Row(NamedTuple):
     pitch_gains: np.ndarray
     roll_torque: float
     pitch_torque: float
-
-
-def _tables(swing: SwingFile) -> tuple[np.ndarray, np.ndarray, int]:
-    """Times (n,), one row per time (n, 3 states + 2): nominal, roll gains, pitch gains, torques; number of states."""
-    feedback = swing.gains.feedback
-    assert feedback is not None
-    nominal, roll_gains = np.array(feedback.nominal), np.array(feedback.roll_gains)
-    pitch_gains = np.zeros_like(nominal) if feedback.pitch_gains is None else np.array(feedback.pitch_gains)
-    roll_torque = np.array(feedback.roll_torque_n_m)
-    pitch_torque = np.zeros_like(roll_torque) if feedback.pitch_torque_n_m is None else feedback.pitch_torque_n_m
-    table = np.column_stack([nominal, roll_gains, pitch_gains, roll_torque, pitch_torque])
-    return np.array(feedback.time_s), table, len(feedback.states)

@@ -15,7 +15,7 @@ turned before the law, roll commands after it.
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -80,7 +80,7 @@ class SwingTracker(SwingMachine[TrackerMemory]):
             )
 
     @classmethod
-    def from_scenario(cls, swing: SwingFile, scenario: Any) -> "SwingTracker":
+    def from_scenario(cls, swing: SwingFile, scenario: Any) -> Self:
         """With tracking, rate and fallback of `scenario.controller` (any object with these attributes)."""
         settings = SwingSettings.from_scenario(scenario)
         return cls(

@@ -7,8 +7,8 @@ from pydantic import ValidationError
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.swing_law import (
-    FRESH,
     SwingLaw,
+    SwingMemory,
     SwingSettings,
     SwingState,
 )
@@ -27,9 +27,9 @@ def see(time=0.0, roll=INSIDE_LEFT, yaw_rate=0.0, plan=LEFT, valid=True, pitch=0
     return Observation(time, yaw_rate, roll, pitch, plan, valid)
 
 
-def run(observations, settings=SETTINGS, memory=FRESH):
+def run(observations, settings=SETTINGS, memory=None):
     """States and roll commands, tick by tick, and the last memory."""
-    states, commands = [], []
+    memory, states, commands = memory or SwingMemory(), [], []
     for observation in observations:
         memory, _, command = SwingLaw(settings).tick(memory, observation)
         states.append(SwingState(memory.state))
@@ -189,14 +189,14 @@ def test_held_tail_never_swings():
 
 def test_no_tail_gets_no_command():
     settings = SwingSettings.published(mode="none")
-    memory, pitch_command, roll_command = SwingLaw(settings).tick(FRESH, see(0.0, yaw_rate=4.0))
+    memory, pitch_command, roll_command = SwingLaw(settings).tick(SwingMemory(), see(0.0, yaw_rate=4.0))
     assert memory.state == SwingState.OFF
     assert not pitch_command.any()
     assert not roll_command.any()
 
 
 def test_gains_are_zero_until_the_tail_angle_is_known():
-    memory, pitch_command, roll_command = SwingLaw(SETTINGS).tick(FRESH, see(0.0, roll=math.nan))
+    memory, pitch_command, roll_command = SwingLaw(SETTINGS).tick(SwingMemory(), see(0.0, roll=math.nan))
     assert not pitch_command.any()
     assert not roll_command.any()
     assert run([see(0.01)], memory=memory)[0] == [SwingState.HOLD]

@@ -4,12 +4,12 @@ from tests.blocked_drake import run_without_drake
 
 PROGRAM = """
 from aerodima.workbench.controllers.manoeuvre import SpeedRamp, ThrottleLine, TurnSchedule
-from aerodima.workbench.controllers.swing_law import FRESH, SwingLaw, SwingSettings, SwingState
+from aerodima.workbench.controllers.swing_law import SwingLaw, SwingMemory, SwingSettings, SwingState
 from aerodima.workbench.controllers.tail_law import Observation
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 
 schedule = TurnSchedule(SpeedRamp(3.0, 1.0, ThrottleLine(10.0, 0.0)), 1.0, 0.5, 2.0, 0.5)
-memory, settings = FRESH, SwingSettings.published()
+memory, settings = SwingMemory(), SwingSettings.published()
 states = []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     driver = schedule.at(0.01 * tick)
