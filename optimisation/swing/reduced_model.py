@@ -51,7 +51,7 @@ CORNER_ROUNDING = 1e-4
 COMPLEX_STEP = 1e-30
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Vector:
     """Three components, numbers or arrays; what is exactly the number 0 or 1 stays out of the arithmetic.
 
@@ -86,22 +86,22 @@ class Vector:
         )
 
 
-def _is(value: Any, number: float) -> bool:
-    return isinstance(value, float) and value == number
-
-
 def _times(a: Any, b: Any) -> Any:
-    if _is(a, 0.0) or _is(b, 0.0):
-        return 0.0
-    return b if _is(a, 1.0) else a if _is(b, 1.0) else a * b
+    if isinstance(a, float) and a in (0.0, 1.0):
+        return a and b  # 0, or the other factor
+    if isinstance(b, float) and b in (0.0, 1.0):
+        return b and a
+    return a * b
 
 
 def _plus(a: Any, b: Any) -> Any:
-    return b if _is(a, 0.0) else a if _is(b, 0.0) else a + b
+    if isinstance(a, float) and a == 0.0:
+        return b
+    return a if isinstance(b, float) and b == 0.0 else a + b
 
 
 def _minus(a: Any, b: Any) -> Any:
-    return a if _is(b, 0.0) else a - b
+    return a if isinstance(b, float) and b == 0.0 else a - b
 
 
 def motion(
@@ -195,7 +195,7 @@ def tip_height(roll: Array, angles: Array, car: ReducedCar) -> Array:
     q, p = _joints(angles)
     s, c = np.sin(roll), np.cos(roll)
     X, _, e = _tail_axes(s, c, p, q)
-    corner = 0.0 if _is(X.z, 0.0) else car.sail_half_width * np.sqrt(X.z * X.z + CORNER_ROUNDING)
+    corner = 0.0 if angles.shape[-1] == 1 else car.sail_half_width * np.sqrt(X.z * X.z + CORNER_ROUNDING)
     above = car.axis_height - car.tyre_radius - lift_state(roll, car)[0]
     return wheel_height(s, c, car)[0] + car.half_track * s + above * c + car.tail_length * e.z - corner
 

@@ -42,8 +42,7 @@ class Rows(NamedTuple):
 
     Args:
         name, unit: what a violation is called; `size` of one scaled unit.
-        columns: variables that each row takes, (rows, k).
-        lower, upper: (rows,), in the unit.
+        columns: variables that each row takes, (rows, k); lower, upper: (rows,), in the unit.
     """
 
     name: str
@@ -219,10 +218,8 @@ class _Dynamics:
         """The constraint."""
         both = np.column_stack([self._columns[:-1, :-1], self._columns[1:]])
         zero, still = np.zeros(len(both)), np.zeros(len(self._columns))
-        rows = [
-            Rows("car roll defect", "rad", ROLL, both, zero, zero),
-            Rows("car roll-rate defect", "rad/s", ROLL_RATE, both, zero, zero),
-        ]
+        rows = [Rows("car roll defect", "rad", ROLL, both, zero, zero)]
+        rows.append(Rows("car roll-rate defect", "rad/s", ROLL_RATE, both, zero, zero))
         for name, places in zip(JOINTS, self._car.torque, strict=False):
             columns = np.column_stack([places, self._columns])
             rows.append(Rows(f"tail {name} torque", "N m", TORQUE, columns, still, still))
@@ -261,9 +258,10 @@ class _Dynamics:
 
     def _ends(self, knots: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Both ends of the intervals, with slopes for the arguments of the first and then of the second end."""
-        other = np.zeros((len(knots) - 1, self._width, self._width))
-        first = np.concatenate([knots[:-1], other], axis=-1)
-        return first, np.concatenate([knots[1:, :, :1], other, knots[1:, :, 1:]], axis=-1)
+        values, slopes = knots[..., :1], knots[..., 1:]
+        other = np.zeros_like(slopes[1:])
+        first = np.concatenate([values[:-1], slopes[:-1], other], axis=-1)
+        return first, np.concatenate([values[1:], other, slopes[1:]], axis=-1)
 
     def _one_parameter(self, slopes: FloatArray) -> FloatArray:
         """Both ends have the same parameter."""
