@@ -56,7 +56,9 @@ def leaderboard(
     if speed:
         plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
     with engine_for(out, workers, scheduler) as (engine, progress):
-        board, files = make_leaderboard(out, plan, swings, chosen, engine, replays=replays, force=force, progress=progress)
+        board, files = make_leaderboard(
+            out, plan, swings, chosen, engine, replays=replays, force=force, progress=progress
+        )
     for row in board.claims.to_dict("records"):
         typer.echo(
             f"{row['controller']:42} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f} "
