@@ -5,7 +5,7 @@ Everything here is in the turn direction of the swing file; `swing_tracker_law` 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -168,7 +168,7 @@ class SwingReference:
         nominal, roll_torque = np.array(feedback.nominal), np.array(feedback.roll_torque_n_m)
         pitch_gains = np.zeros_like(nominal) if feedback.pitch_gains is None else feedback.pitch_gains
         pitch_torque = np.zeros_like(roll_torque) if feedback.pitch_torque_n_m is None else feedback.pitch_torque_n_m
-        columns = [nominal, feedback.roll_gains, pitch_gains, roll_torque, pitch_torque]
+        columns: list[Any] = [nominal, feedback.roll_gains, pitch_gains, roll_torque, pitch_torque]
         return np.array(feedback.time_s), np.column_stack(columns)
 
     def _row(self, time: float) -> "_Row":
@@ -177,7 +177,8 @@ class SwingReference:
         place = min(int(np.searchsorted(times, clipped, side="right")) - 1, len(times) - 2)
         share = (clipped - times[place]) / (times[place + 1] - times[place])
         row = values[place] + share * (values[place + 1] - values[place])
-        return _Row(*np.split(row[:-2], 3), float(row[-2]), float(row[-1]))
+        nominal, roll_gains, pitch_gains = np.split(row[:-2], 3)
+        return _Row(nominal, roll_gains, pitch_gains, float(row[-2]), float(row[-1]))
 
 
 class _Row(NamedTuple):
