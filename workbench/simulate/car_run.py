@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
+from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, TIME, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.law_of_scenario import swing_facts
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
@@ -22,11 +22,14 @@ from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.live_view import LiveView
 from aerodima.workbench.stations.car_station import InterfaceFactory, Systems, make_car_station, simulated_car
-from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
+from aerodima.workbench.stations.outcome_record import STOPPED, FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.event_order import Stage
 
 _TIME_MARGIN = 1e-9
 """s."""
+
+LOOKS = 50.0
+"""Looks per second for a flip that ends an outcome trial, Hz; its table ends at the row of the flip all the same."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ def assemble(
     meshcat: Meshcat | None = None,
     tail_law: TailLaw | None = None,
     systems: Systems = "separate",
+    estimator: bool = True,
 ) -> CarDiagram:
     """Connects station, driver, controller and estimator; the controllers stand outside the station.
 
@@ -54,9 +58,11 @@ def assemble(
     builder.AddSystem(station)
     driver = TurnDriver.add_to_builder(builder, make_schedule(scenario), scenario.controller.rate, station=station)
     controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=tail_law)
-    settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
-    estimator = RollEstimator.add_to_builder(builder, settings, station=station)
-    signals = signals_of(CAR_PORTS, output_ports(driver, controller, station, estimator))
+    sources = [driver, controller, station]
+    if estimator:
+        settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
+        sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
+    signals = signals_of(CAR_PORTS, output_ports(*sources))
     return CarDiagram(builder, station, signals + truth_signals(station))
 
 
@@ -83,7 +89,9 @@ def run_car(
 ) -> RunLog:
     """Records every column of a run log; see `simulate`."""
     car = assemble(scenario, meshcat=view.meshcat, tail_law=law)
-    watch = _watch(car, scenario, contacts=False) if stop_when_flipped else None
+    watch: FlipWatch | None = None
+    if stop_when_flipped:
+        watch = FlipWatch.add_to_builder(car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario))
     with open_log(log, recorded_columns(car.signals), _metadata(car, scenario, law), force) as rows:
         RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
         sections = SectionWatch.add_to_builder(car.builder, car.station, scenario.controller.rate)
@@ -98,23 +106,21 @@ def run_car(
 def run_outcome(scenario: Scenario, stop_when_flipped: bool, law: TailLaw | None, view: LiveView) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
 
-    What a sensor or the plant holds as a vector is recorded by Drake's own C++ loggers, and only the contacts are read
-    in Python.
+    The plant is driven by fused systems, nothing is recorded in Python, and the roll estimator is left out.
     """
-    car = assemble(scenario, meshcat=view.meshcat, tail_law=law)
-    watch = _watch(car, scenario, contacts=True, stop=stop_when_flipped)
-    outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals, watch)
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, systems="fused", estimator=False)
+    if stop_when_flipped:
+        rate = min(LOOKS, scenario.simulation.log_rate)
+        FlipWatch.add_to_builder(car.builder, car.station, rate, turn_end(scenario), one_more=True)
+    outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
     metadata = _metadata(car, scenario, law)
     simulator = Simulator(car.builder.Build())
     view.run(simulator, run_time(scenario))
-    metadata["extra"] |= watch.facts()
-    return run_log_from_metadata(outcome.table(simulator.get_context()), metadata)
-
-
-def _watch(car: CarDiagram, scenario: Scenario, *, contacts: bool, stop: bool = True) -> FlipWatch:
-    after = turn_end(scenario) if stop else math.inf
-    rate = scenario.simulation.log_rate
-    return FlipWatch.add_to_builder(car.builder, car.station, rate, stop_after=after, contacts=contacts)
+    stop_after = turn_end(scenario) if stop_when_flipped else math.inf
+    table, stopped = outcome.table(simulator.get_context(), stop_after)
+    if stopped:
+        metadata["extra"][STOPPED] = float(table[TIME].iloc[-1])
+    return run_log_from_metadata(table, metadata)
 
 
 def _metadata(car: CarDiagram, scenario: Scenario, law: TailLaw | None) -> dict[str, Any]:

@@ -37,7 +37,8 @@ def simulate(
         scenario: resolved scenario.
         log: the Parquet file to be; refused when it exists, unless `force`. None keeps the log in memory.
         record: `all` records every column of a run log; `outcome`, of the car and in memory only, what the metrics need
-            and what the sensors report, for 0.8 of the CPU time (0.45 when the car flips).
+            and what the sensors report, for half of the CPU time: by fused systems, the vertical forces of the ground
+            from the motion (design section 9).
         stop_when_flipped: end the run of a car when its tilt has passed 75 degrees and the turn is over; the log has
             `STOPPED` in its `extra` then, and what happens after the turn (peak roll, roll integral, heading change,
             time on two wheels, tail energy) is that until the stop. By default with `record="outcome"` only.

@@ -61,7 +61,7 @@ def make_car_station(
         interface: None simulates; a factory (from `hardware`) talks to the car.
         meshcat: shows the simulated car live.
         systems: `separate` has one system per actuator and for the air, and every ground truth; `fused` drives the
-            plant by a `FusedStep`, for half the time per step, and has the truth of motion and tail torque only.
+            plant by a `FusedStep`, one call into Python a step, and has the truth of motion and tail torque only.
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.

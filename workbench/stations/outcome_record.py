@@ -1,8 +1,8 @@
-"""What outcome and metrics of a run need, recorded without Python at every step wherever Drake can do it.
+"""What outcome and metrics of a run need, recorded without Python at any step.
 
-Drake's own loggers keep the ports that are plain vectors: what the sensors hold, state and acceleration of the plant,
-actuation of the tail. Motion of the chassis and torques of the tail motors are computed from them after the run, for
-all rows at once. Contacts alone are read while the run goes on, and so is whether the car has flipped.
+Drake's own loggers keep the ports that are plain vectors: what the sensors hold, the state of the plant, the torques on
+the tail's joints. All else is computed from them after the run, for all rows at once: motion of the chassis, forces of
+the ground, whether and when the car has flipped.
 """
 
 from collections.abc import Sequence
@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydrake.common.value import Value
-from pydrake.multibody.plant import ContactResults
+from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
@@ -19,15 +18,17 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
-from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.stations.car_station import simulated_car
-from aerodima.workbench.stations.ground_truth import contact_slots, ground_forces
+from aerodima.workbench.stations.ground_loads import GroundLoads
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
 
+IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]
 
 COSTLY = ("roll_estimate", "status", "tail_pitch_torque", "tail_roll_torque")
 """How columns begin that a Python system would compute at every row and no metric needs, or that come cheaper."""
+
+COS_FLIP = float(np.cos(FLIP_TILT))
 
 STOPPED = "stopped_at_flip_s"
 """Key in `extra` of a log that ends at a flip: the time of its last row, s."""
@@ -39,42 +40,36 @@ CONTACT_COLUMNS = (
 
 
 class FlipWatch(LeafSystem):
-    """Stops a run once the car has flipped; keeps the contact forces on the way there if asked.
+    """Stops a run once the car has flipped.
 
     Input ports:
         plant_state: [q; v] of the plant.
-        contact_results: ContactResults, from the plant.
 
     Args:
         station: simulated station.
         rate: looks per second, Hz.
-        stop_after: s; a flipped car ends the run from then on. Infinite: never.
-        contacts: whether the contact forces are kept.
+        stop_after: s; a flipped car ends the run from then on.
+        one_more: stops at the look after, so that all who act at the instant of this one have done so.
     """
 
-    def __init__(self, station: Diagram, rate: float, stop_after: float, contacts: bool) -> None:
+    def __init__(self, station: Diagram, rate: float, stop_after: float, one_more: bool = False) -> None:
         super().__init__()
-        car = simulated_car(station)
-        self._slots = contact_slots(car)
-        self._quaternion = car.plant.GetBodyByName("chassis").floating_positions_start()
-        self._stop_after, self._keeps, self._rate = stop_after, contacts, rate
-        self._cos_flip = float(np.cos(FLIP_TILT))
-        self._flipped = False
+        plant = simulated_car(station).plant
+        self._quaternion = plant.GetBodyByName("chassis").floating_positions_start()
+        self._stop_after, self._rate = stop_after, rate
+        self._flipped, self._one_more = False, one_more
         self.stopped: float | None = None
-        self.contacts: list[list[float]] = []
-        self._state = self.DeclareVectorInputPort("plant_state", car.plant.num_multibody_states())
-        self._results = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
+        self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, station: Diagram, rate: float, *, stop_after: float, contacts: bool
+        cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float, one_more: bool = False
     ) -> "FlipWatch":
         """Adds a watch to the diagram of a simulated station."""
-        watch = cls(station, rate, stop_after, contacts)
+        watch = cls(station, rate, stop_after, one_more)
         builder.AddNamedSystem("flip_watch", watch)
-        for name in ("plant_state", "contact_results"):
-            builder.Connect(station.GetOutputPort(f"{name}_truth"), watch.GetInputPort(name))
+        builder.Connect(station.GetOutputPort("plant_state_truth"), watch.GetInputPort("plant_state"))
         return watch
 
     def facts(self) -> dict[str, float]:
@@ -83,26 +78,21 @@ class FlipWatch(LeafSystem):
 
     def _look(self, context: Context) -> EventStatus:
         state: Any = self._state.Eval(context)
-        w, x, y, z = state[self._quaternion : self._quaternion + 4].tolist()
-        square = w * w + x * x + y * y + z * z
-        self._flipped = self._flipped or 1.0 - 2.0 * (x * x + y * y) / square < self._cos_flip
-        if self._keeps:
-            self.contacts.append(self._forces(context))
+        self._flipped = self._flipped or has_flipped(state[self._quaternion : self._quaternion + 4].tolist())
         time = nominal_time(context.get_time(), self._rate)
-        if self._flipped and time >= self._stop_after:
+        if not (self._flipped and time >= self._stop_after):
+            return EventStatus.Succeeded()
+        if not self._one_more:
             self.stopped = time
             return EventStatus.ReachedTermination(self, "the car has flipped")
+        self._one_more = False
         return EventStatus.Succeeded()
 
-    def _forces(self, context: Context) -> list[float]:
-        results: Any = self._results.Eval(context)
-        found = dict.fromkeys((*WHEELS, *GROUND_CONTACTS), 0.0)
-        for slot, force, _ in ground_forces(results, self._slots):
-            if slot in GROUND_CONTACTS:
-                found[slot] += float(np.linalg.norm(force))
-            else:
-                found[slot] += float(force[2])
-        return list(found.values())
+
+def has_flipped(quaternion: Any) -> Any:
+    """Whether a body of this orientation w, x, y, z has tilted beyond the angle of a flip; for arrays row by row."""
+    w, x, y, z = quaternion
+    return 1.0 - 2.0 * (x * x + y * y) / (w * w + x * x + y * y + z * z) < COS_FLIP
 
 
 class OutcomeRecord:
@@ -110,55 +100,58 @@ class OutcomeRecord:
 
     Args:
         builder: of the diagram that holds the station.
-        station: simulated.
+        station: simulated, of fused systems.
         scenario: of the station.
-        signals: ports with their column names (`run.assemble`); those that cost Python at every row are left out.
-        watch: that keeps the contacts.
+        signals: ports with their column names (`car_run.assemble`); those that cost Python at every row are left out.
     """
 
-    def __init__(
-        self, builder: DiagramBuilder, station: Diagram, scenario: Scenario, signals: Signals, watch: FlipWatch
-    ) -> None:
-        self._scenario, self._watch = scenario, watch
-        self._plant = simulated_car(station).plant
-        self._rate = scenario.simulation.log_rate
+    def __init__(self, builder: DiagramBuilder, station: Diagram, scenario: Scenario, signals: Signals) -> None:
+        self._scenario, self._station = scenario, station
+        self._car = simulated_car(station)
+        self._plant = self._car.plant
+        self._rate, steps = scenario.simulation.log_rate, 1.0 / scenario.simulation.step
         self._sinks: list[tuple[VectorLogSink, Sequence[str]]] = [
-            (self._log(builder, port), names) for port, names in signals if _is_cheap(names)
+            (_log(builder, port, self._rate), names) for port, names in signals if _is_cheap(names)
         ]
-        self._state = self._log(builder, station.GetOutputPort("plant_state_truth"))
-        self._acceleration = self._log(builder, station.GetOutputPort("plant_acceleration_truth"))
-        has_tail = station.HasOutputPort("tail_actuation_truth")
-        self._actuation = self._log(builder, station.GetOutputPort("tail_actuation_truth")) if has_tail else None
+        self._state = _log(builder, station.GetOutputPort("plant_state_truth"), steps)
+        port = "last_tail_torque_truth"
+        self._torques = _log(builder, station.GetOutputPort(port), steps) if station.HasOutputPort(port) else None
+        self._loads = GroundLoads(self._car)
 
-    def table(self, context: Context) -> pd.DataFrame:
-        """One row per log time, columns as in a run log.
+    def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, bool]:
+        """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every row would stop.
+
+        Whether it does so is the second answer.
 
         Args:
             context: of the whole diagram, at the end of the run.
+            stop_after: s; a flipped car ends the table from then on.
         """
-        state_log = self._state.FindLog(context)
-        columns: dict[str, FloatArray] = {TIME: np.rint(state_log.sample_times() * self._rate) / self._rate}
+        state = self._state.FindLog(context).data()
+        held: dict[str, FloatArray] = {}
         for sink, names in self._sinks:
-            columns |= dict(zip(names, sink.FindLog(context).data(), strict=True))
-        state, acceleration = state_log.data(), self._acceleration.FindLog(context).data()
-        columns |= self._body(state, acceleration)
-        if self._actuation is not None:
-            columns |= self._tail(state, self._actuation.FindLog(context).data())
-        else:
-            columns |= {f"tail_{joint}_torque_n_m": np.zeros(state.shape[1]) for joint in ("pitch", "roll")}
-        columns |= dict(zip(CONTACT_COLUMNS, np.array(self._watch.contacts).T, strict=True))
-        return pd.DataFrame(columns)
+            held |= dict(zip(names, sink.FindLog(context).data(), strict=True))
+        count = len(held["steering_command_rad"])
+        time = np.arange(count) / self._rate
+        # Between two steps the plant shows itself after the one that has begun.
+        steps = np.ceil(time / self._scenario.simulation.step - 1e-6).astype(int)
+        q = self._plant.GetBodyByName("chassis").floating_positions_start()
+        over = np.logical_or.accumulate(has_flipped(state[q : q + 4, steps])) & (time >= stop_after)
+        rows = slice(0, int(np.argmax(over)) + 1 if over.any() else count)
+        steps = steps[rows]
+        columns: dict[str, FloatArray] = {TIME: time[rows]} | {name: row[rows] for name, row in held.items()}
+        columns |= self._body(state, steps) | self._tail(state, steps, context)
+        return pd.DataFrame(columns | self._contacts(state, steps)), bool(over.any())
 
-    def _log(self, builder: DiagramBuilder, port: Any) -> VectorLogSink:
-        return LogVectorOutput(port, builder, publish_period=period_of(self._rate, Stage.RECORD))
-
-    def _body(self, state: FloatArray, acceleration: FloatArray) -> dict[str, FloatArray]:
+    def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
         """Motion of the chassis; the definitions of `truth.CarTruth` and `sensors.imu.motion_at_imu`."""
         chassis = self._plant.GetBodyByName("chassis")
-        q, v = chassis.floating_positions_start(), chassis.floating_velocities_start_in_v()
-        start = self._plant.num_positions() + v
+        q = chassis.floating_positions_start()
+        v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
+        state = states[:, steps]
+        acceleration = (state - states[:, np.maximum(steps - 1, 0)]) / self._scenario.simulation.step
         R_WB = _rotations(state[q : q + 4])
-        w_WB, v_WB = (np.einsum("jin,jn->in", R_WB, state[start + part : start + part + 3]) for part in (0, 3))
+        w_WB, v_WB = (np.einsum("jin,jn->in", R_WB, state[v + part : v + part + 3]) for part in (0, 3))
         alpha, a_WB = (np.einsum("jin,jn->in", R_WB, acceleration[v + part : v + part + 3]) for part in (0, 3))
         p_BoImu_B = np.array([[self._scenario.imu.x], [0.0], [self._scenario.imu.z]])
         a_WImu = a_WB + np.cross(alpha, p_BoImu_B, axis=0) + np.cross(w_WB, np.cross(w_WB, p_BoImu_B, axis=0), axis=0)
@@ -178,18 +171,29 @@ class OutcomeRecord:
             named |= {stem.format(axis): values[index] for index, axis in enumerate("xyz")}
         return named
 
-    def _tail(self, state: FloatArray, actuation: FloatArray) -> dict[str, FloatArray]:
-        """Torques of the motors, N m: the actuation of the joints without their friction; and the motors' power."""
-        friction = self._scenario.friction
-        law = np.vectorize(smooth_friction(friction.coulomb, friction.viscous, friction.tanh_gain), otypes=[float])
+    def _tail(self, states: FloatArray, steps: IntArray, context: Context) -> dict[str, FloatArray]:
+        """Torques of the tail motors in the step that begins, N m, and their power, W."""
+        names = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
+        if self._torques is None:
+            return {name: np.zeros(steps.size) for name in names}
+        # At a step the log has what acted in the step before; at the end of the run nobody has stepped yet.
+        port = self._station.GetOutputPort("tail_torque")
+        at_end: Any = port.Eval(self._station.GetMyContextFromRoot(context))
+        torques = np.column_stack((self._torques.FindLog(context).data()[:, 1:], at_end))[:, steps]
         joints = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
-        rates = state[[self._plant.num_positions() + joint.velocity_start() for joint in joints]]
-        torques = actuation - law(rates)
-        return {
-            "tail_pitch_torque_n_m": torques[0],
-            "tail_roll_torque_n_m": torques[1],
-            "tail_power_truth_w": np.sum(torques * rates, axis=0),
-        }
+        rates = states[[self._plant.num_positions() + joint.velocity_start() for joint in joints]][:, steps]
+        return dict(zip(names, torques, strict=True)) | {"tail_power_truth_w": np.sum(torques * rates, axis=0)}
+
+    def _contacts(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
+        """Vertical forces of the ground in the step before each row, N; none before the first step."""
+        positions = states[: self._plant.num_positions()]
+        forces = self._loads.forces(positions[:, np.maximum(steps - 1, 0)], positions[:, steps])
+        forces[:, steps == 0] = 0.0
+        return dict(zip(CONTACT_COLUMNS, forces, strict=True))
+
+
+def _log(builder: DiagramBuilder, port: Any, rate: float) -> VectorLogSink:
+    return LogVectorOutput(port, builder, publish_period=period_of(rate, Stage.RECORD))
 
 
 def _is_cheap(names: Sequence[str]) -> bool:
