@@ -10,9 +10,11 @@ from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.watchdogs import Watchdog
 from aerodima.hardware.devices.bno055 import Bno055Sample
-from aerodima.hardware.devices.motor_group import FramePort
+from aerodima.hardware.devices.device_states import FramePort
+from aerodima.hardware.devices.motor_group import MotorGroup
+from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.devices.radio_link import RadioLink
-from aerodima.hardware.devices.sensor_threads import SensorThread, gps_thread, imu_thread
+from aerodima.hardware.devices.sensor_threads import Bno055Session, GpsSession, SensorThread
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.transport.can_adapter import CanSettings
@@ -26,20 +28,18 @@ class Devices:
     """The open devices of a car.
 
     Attributes:
-        motor_port: where the motors' frames go: the CAN bus, or the Teensy itself in the bridge.
+        group: the motors, on the CAN bus or, in the bridge, on the Teensy itself.
         teensy: servo, throttle, sail. imu, gps, radio: None where it is not fitted.
         closers: called at the end, in order.
         watchdog: None where the Teensy's firmware is the watchdog.
-        radio_serial: under `radio`, to tell a lost port from a silent operator.
         traffic_error: what stopped the log of the CAN traffic; empty while it works, or when there is none.
     """
 
-    motor_port: FramePort
+    group: MotorGroup
     teensy: TeensyLink
     imu: SensorThread[Bno055Sample]
     gps: SensorThread[GpsSample] | None
     radio: RadioLink | None
-    radio_serial: SerialLink | None
     watchdog: Watchdog | None
     closers: list[Callable[[], None]]
     traffic_error: Callable[[], str] = lambda: ""
@@ -80,6 +80,7 @@ def lock_car(ports: CarPorts, say: Say, can: CanSettings | None = None) -> list[
 
 def open_common(
     ports: CarPorts,
+    motors: tuple[MotorSettings, ...],
     safety: DriveSafety,
     closers: list[Callable[[], None]],
     motor_port: Callable[[TeensyLink], FramePort],
@@ -89,24 +90,22 @@ def open_common(
     Raises:
         HardwareError: names the device that cannot be opened.
     """
-    serial = _open("teensy", ports.teensy.settings, closers)
+    serial = _open("teensy", ports.teensy, closers)
     teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
-    port = motor_port(teensy)
-    imu_settings = ports.imu.settings
+    group = MotorGroup(motors, motor_port(teensy))
     with _named("imu"):
-        imu = imu_thread(lambda: open_serial(imu_settings, _SENSOR_TIMEOUT), safety.imu_silence)
+        imu = SensorThread("IMU", lambda: open_serial(ports.imu, _SENSOR_TIMEOUT), Bno055Session(), safety.imu_silence)
     closers.append(imu.close)
     gps = None
-    if ports.gps is not None:
-        gps_settings = ports.gps.settings
+    if (device := ports.gps) is not None:
         with _named("gps"):
-            gps = gps_thread(lambda: open_serial(gps_settings, _SENSOR_TIMEOUT), safety.gps_silence)
+            gps = SensorThread("GPS", lambda: open_serial(device, _SENSOR_TIMEOUT), GpsSession(), safety.gps_silence)
         closers.append(gps.close)
-    radio_serial = None if ports.radio is None else _open("radio", ports.radio.settings, closers)
     radio = None
-    if ports.radio is not None and radio_serial is not None:
-        radio = RadioLink(radio_serial, ports.radio.operator, ports.radio.escaped)
-    return Devices(port, teensy, imu, gps, radio, radio_serial, None, closers)
+    if ports.radio is not None:
+        link = _open("radio", ports.radio, closers)
+        radio = RadioLink(link, safety.operator_silence, ports.radio.operator, ports.radio.escaped)
+    return Devices(group, teensy, imu, gps, radio, None, closers)
 
 
 def _open(name: str, settings: SerialSettings, closers: list[Callable[[], None]]) -> SerialLink:

@@ -21,54 +21,30 @@ from pydantic import Field
 from aerodima.hardware.protocol.ak70 import FirmwareProfile, firmware_profile
 from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.hardware.protocol.xbee import BROADCAST
-from aerodima.hardware.transport.can_adapter import BITRATE, CanSettings
+from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
 from aerodima.workbench.config.checked_files import StrictModel, checked
 from aerodima.workbench.errors import HardwareError
 
 SCHEMA = "aerodima/ports/1"
+Joint = Literal["tail_pitch", "tail_roll"]
+JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
 
 
-class CanPort(StrictModel):
-    """A CAN adapter as python-can names it, see `aerodima.hardware.transport.can_adapter.CanSettings`."""
-
-    interface: str
-    channel: str
-    bitrate: int = Field(BITRATE, gt=0)
-    options: dict[str, Any] = Field(default_factory=dict)
-
-    @property
-    def settings(self) -> CanSettings:
-        """For `CanBus.open`."""
-        return CanSettings(self.interface, self.channel, self.bitrate, self.options)
-
-
-class SerialDevice(StrictModel):
-    """A serial device; rate in bit/s, which a USB port ignores."""
-
-    path: str = Field(min_length=1)
-    rate: int = Field(115_200, gt=0)
-
-    @property
-    def settings(self) -> SerialSettings:
-        """For `SerialLink.open`."""
-        return SerialSettings(self.path, self.rate)
-
-
-class GpsDevice(SerialDevice):
+class GpsDevice(SerialSettings):
     """The receiver's serial port."""
 
     rate: int = Field(38_400, gt=0)
 
 
-class RadioDevice(SerialDevice):
+class RadioDevice(SerialSettings):
     """The XBee module; `operator` is the 64-bit serial number of the operator's module (None: whoever sends)."""
 
     operator: int | None = Field(None, ge=0, lt=2**64)
     escaped: bool = False
 
 
-class ConsoleDevice(SerialDevice):
+class ConsoleDevice(SerialSettings):
     """The operator's own XBee module, where `aerodima console` runs; `receiver` is the serial number of the car's."""
 
     receiver: int = Field(BROADCAST, ge=0, lt=2**64)
@@ -95,9 +71,9 @@ class CarPorts(StrictModel):
     firmware_profile: str = "ak70_10_v1_0_8"
     string_form: StringForm = StringForm.CHECKED
     car: int = Field(0, ge=0, le=255)
-    can: CanPort | None = None
-    teensy: SerialDevice
-    imu: SerialDevice
+    can: CanSettings | None = None
+    teensy: SerialSettings
+    imu: SerialSettings
     gps: GpsDevice | None = None
     radio: RadioDevice | None = None
     console: ConsoleDevice | None = None
@@ -109,7 +85,7 @@ class CarPorts(StrictModel):
         """Of both motors; `HardwareError` for an unknown name."""
         return firmware_profile(self.firmware_profile)
 
-    def adapter(self, wiring: str) -> CanPort:
+    def adapter(self, wiring: str) -> CanSettings:
         """The CAN adapter that a wiring needs; `HardwareError` where there is none."""
         if self.can is None:
             raise HardwareError(f"ports: can: missing; wiring {wiring} needs a CAN adapter")
@@ -146,11 +122,9 @@ def read_ports(path: Path) -> CarPorts:
 def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
     """The ports in plain data; see `read_ports`."""
     ports = checked(CarPorts, data, where, HardwareError, schema=SCHEMA)
-    devices = {"teensy": ports.teensy, "imu": ports.imu, "gps": ports.gps, "radio": ports.radio}
-    if ports.console is not None:
-        devices["console"] = ports.console
     seen: dict[str, str] = {}
-    for name, device in devices.items():
+    for name in ("teensy", "imu", "gps", "radio", "console"):
+        device: SerialSettings | None = getattr(ports, name)
         if device is not None and device.path in seen:
             raise HardwareError(f"{where}: {name}.path: {device.path} is that of {seen[device.path]} too")
         if device is not None:

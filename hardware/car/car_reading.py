@@ -1,41 +1,100 @@
-"""What a wired car remembers of the last cycles and tells the operator: frames, sail angles, reports by radio."""
+"""What a wired car knows after a cycle, in the units and signs of the station, and what of it the operator is told."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
 
+import numpy as np
+
+from aerodima.hardware.car.car_devices import Devices
 from aerodima.hardware.car.mounting import Mounting
 from aerodima.hardware.car.wiring import CarReading
-from aerodima.hardware.devices.motor_group import FramePort, PassingPort
-from aerodima.hardware.devices.radio_link import RadioLink
+from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.radio_link import IDLE, RadioLink
 from aerodima.hardware.devices.teensy_link import TeensyLink
-from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.radio import REPORT_PERIOD, Asks, CarReport, make_report
 from aerodima.workbench.config.signal_table import IMU, STATUS, STATUS_SOURCES, TAIL_STATE, TAIL_TORQUE
 
-_HEARD = 400
-"""Frames that are kept: two seconds of two motors."""
 _RATE_WINDOW = 0.02
 """s; of the sail's rate, as the simulated encoder has it."""
+_REST_FIRST = "put the switch in IDLE first"
+_UNKNOWN_FAULT = 255
+"""Codes of the status port are small; a larger one is still a fault."""
 
 
-class ListeningPort(PassingPort):
-    """A port that keeps the newest frames, for the check of the firmware profile."""
+class CarReader:
+    """Makes the readings; values hold their last sample.
 
-    def __init__(self, port: FramePort) -> None:
-        super().__init__(port)
-        self.heard: deque[tuple[float, CanFrame]] = deque(maxlen=_HEARD)
+    Attributes:
+        imu_time: when the newest sample of the IMU was taken, s on `time.monotonic`; NaN before the first.
+    """
 
-    def poll(self) -> list[tuple[float, CanFrame]]:
-        """The port's frames, which are kept too."""
-        frames = self._port.poll()
-        self.heard.extend(frames)
-        return frames
+    def __init__(self, mounting: Mounting) -> None:
+        self._mounting = mounting
+        self._sail = _SailRate()
+        self._tail = np.zeros((2, 3))
+        self._imu, self._speed = np.zeros(IMU.size), np.zeros(1)
+        self.imu_time = math.nan
+
+    def read(self, devices: Devices, now: float, released: bool) -> CarReading:
+        """The reading of now (s, monotonic); `released` stands for `armed` where there are no motors."""
+        motors = devices.group.motors
+        for index, motor in enumerate(motors):
+            if math.isfinite(motor.position):
+                self._tail[index] = motor.position, motor.speed, motor.torque
+        newest = devices.imu.newest
+        if newest is not None and newest[0] != self.imu_time:
+            self.imu_time, self._imu = newest[0], self._mounting.imu_reading(newest[1])
+        solution = None if devices.gps is None else devices.gps.newest
+        if solution is not None and solution[1].fix:
+            self._speed = np.array([solution[1].speed])
+        sail, sail_rate = self._sail.of(devices.teensy, self._mounting)
+        pitch, roll = self._tail
+        sources = _sources(devices, now)
+        status = {"armed": float(devices.group.ready if motors else released)}
+        for source in STATUS_SOURCES:
+            age, fault, _ = sources.get(source, (0.0, SourceFault.NOT_FITTED, ""))
+            status |= {f"{source}_age": age, f"{source}_fault": float(fault)}
+        return CarReading(
+            tail_state=np.array([pitch[0], roll[0], sail, pitch[1], roll[1], sail_rate]),
+            tail_torque=self._tail[:, 2].copy(),
+            imu=self._imu,
+            speed=self._speed,
+            status=STATUS.write(**status),
+            operator=IDLE if devices.radio is None else devices.radio.command,
+            fault_text=_worst(devices, sources),
+        )
 
 
-class SailRate:
+def _sources(devices: Devices, now: float) -> dict[str, tuple[float, int, str]]:
+    """Age (s), fault, and the fault in words, of every source that is fitted."""
+    teensy, imu, gps, radio = devices.teensy, devices.imu, devices.gps, devices.radio
+    found: dict[str, tuple[float, int, str]] = {
+        "sail": (teensy.age(now), teensy.fault, teensy.fault_text),
+        "imu": (imu.age(now), *imu.fault(now)),
+    }
+    for name, motor in zip(("tail_pitch", "tail_roll"), devices.group.motors, strict=False):
+        found[name] = motor.age(now), motor.fault, motor.fault_text
+    if gps is not None:
+        fault, text = gps.fault(now)
+        if fault is SourceFault.NONE and gps.newest is not None and not gps.newest[1].fix:
+            fault, text = SourceFault.NO_FIX, "the GPS has no fix"
+        found["speed"] = gps.age(now), fault, text
+    if radio is not None:
+        found["operator"] = radio.age(now), *radio.fault(now)
+    return found
+
+
+def _worst(devices: Devices, sources: dict[str, tuple[float, int, str]]) -> str:
+    """The fault that is told: an emergency stop before all others, then motors, Teensy, operator, IMU, GPS."""
+    operator, imu, speed = (sources.get(name, (0.0, 0, ""))[2] for name in ("operator", "imu", "speed"))
+    stop = operator if devices.radio is not None and devices.radio.stopped else ""
+    texts = (stop, devices.group.fault_text, devices.teensy.fault_text, operator, imu, speed)
+    return next((text for text in texts if text), "")
+
+
+class _SailRate:
     """Sail angle and its rate from the Teensy's replies, each with the time at which the Teensy sent it."""
 
     def __init__(self) -> None:
@@ -55,11 +114,6 @@ class SailRate:
         rate = math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span if span > 1e-3 else 0.0
         self._seen = angle, rate
         return self._seen
-
-
-_REST_FIRST = "put the switch in IDLE first"
-_UNKNOWN_FAULT = 255
-"""Codes of the status port are small; a larger one is still a fault."""
 
 
 class CarReporter:
@@ -82,29 +136,28 @@ class CarReporter:
             return
         self._due = now + REPORT_PERIOD
         self._sequence += 1
-        report = replace(report_of(reading, radio.stopped, asks, self._has_tail), car=self._car)
+        report = self._report(reading, radio.stopped, asks)
         radio.report(make_report(report, self._sequence))
 
-
-def report_of(reading: CarReading, stopped: bool, asks: Asks = Asks.NOTHING, has_tail: bool = True) -> CarReport:
-    """What a reading tells the operator; `stopped`: the emergency stop came; `asks`: what is wanted of the operator."""
-    status, tail = STATUS.read(reading.status), TAIL_STATE.read(reading.tail_state)
-    imu, torque = IMU.read(reading.imu), TAIL_TORQUE.read(reading.tail_torque)
-    codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
-    return CarReport(
-        armed=status.armed == 1.0,
-        stopped=stopped,
-        mode=reading.operator.mode,
-        faults=tuple(min(code, _UNKNOWN_FAULT) for code in codes),  # type: ignore[arg-type]
-        yaw_rate=imu.gyro_z,
-        roll=imu.roll,
-        tail_pitch=tail.pitch_angle,
-        tail_roll=tail.roll_angle,
-        torque_pitch=torque.pitch,
-        torque_roll=torque.roll,
-        speed=float(reading.speed[0]),
-        operator_age=status.operator_age,
-        text=reading.fault_text or _REST_FIRST * (asks is Asks.REST),
-        asks=asks,
-        has_tail=has_tail,
-    )
+    def _report(self, reading: CarReading, stopped: bool, asks: Asks) -> CarReport:
+        status, tail = STATUS.read(reading.status), TAIL_STATE.read(reading.tail_state)
+        imu, torque = IMU.read(reading.imu), TAIL_TORQUE.read(reading.tail_torque)
+        codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
+        return CarReport(
+            armed=status.armed == 1.0,
+            stopped=stopped,
+            mode=reading.operator.mode,
+            faults=tuple(min(code, _UNKNOWN_FAULT) for code in codes),  # type: ignore[arg-type]
+            yaw_rate=imu.gyro_z,
+            roll=imu.roll,
+            tail_pitch=tail.pitch_angle,
+            tail_roll=tail.roll_angle,
+            torque_pitch=torque.pitch,
+            torque_roll=torque.roll,
+            speed=float(reading.speed[0]),
+            operator_age=status.operator_age,
+            text=reading.fault_text or _REST_FIRST * (asks is Asks.REST),
+            asks=asks,
+            has_tail=self._has_tail,
+            car=self._car,
+        )

@@ -11,7 +11,7 @@ import time
 from typing import Protocol
 
 from aerodima.hardware.car.safety_settings import WatchdogTiming
-from aerodima.hardware.devices.motor_group import FramePort, PassingPort
+from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
 from aerodima.hardware.protocol.teensy import TeensyStatus
@@ -52,7 +52,7 @@ class Watchdog(Protocol):
         ...
 
 
-class BusWatch(PassingPort):
+class BusWatch:
     """A `FramePort` that takes the Teensy's answers out of what comes from the bus, and a `Watchdog` that counts them.
 
     Args:
@@ -64,14 +64,31 @@ class BusWatch(PassingPort):
     """
 
     def __init__(self, port: FramePort, timing: WatchdogTiming) -> None:
-        super().__init__(port)
-        self._timeout = timing.answer_timeout
+        self._port, self._timeout = port, timing.answer_timeout
         self._state, self._counter = BeatState.OFF, 0
         self._asked: float | None = None
         self._status: TeensyStatus | None = None
         self.answers = 0
 
     # -- as a port
+
+    @property
+    def fault(self) -> int:
+        """Of the port."""
+        return self._port.fault
+
+    @property
+    def fault_text(self) -> str:
+        """Of the port."""
+        return self._port.fault_text
+
+    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
+        """Passes a frame on."""
+        return self._port.send(frame, urgent)
+
+    def flush(self, timeout: float = 0.2) -> bool:
+        """Of the port."""
+        return self._port.flush(timeout)
 
     def poll(self) -> list[tuple[float, CanFrame]]:
         """The port's frames without the answers of the Teensy."""

@@ -16,10 +16,11 @@ from typing import Literal
 from aerodima.hardware.car.car_devices import Devices, closing_on_error, lock_car, open_common
 from aerodima.hardware.car.car_ports import CarPorts, MountedMotor
 from aerodima.hardware.car.mounting import Mounting, load_mounting
-from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety, load_watchdog_timing
+from aerodima.hardware.car.safety_settings import load_drive_safety, load_watchdog_timing
 from aerodima.hardware.car.watchdogs import BusWatch, Watchdog, Watchdogs
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.devices.motor_group import FramePort, check_distinct_ids, exit_frames
+from aerodima.hardware.devices.device_states import FramePort
+from aerodima.hardware.devices.motor_group import check_distinct_ids, exit_frames
 from aerodima.hardware.devices.motor_settings import MotorSettings, load_motor_safety, motor_settings
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID
 from aerodima.hardware.transport.can_adapter import CanSettings
@@ -68,8 +69,6 @@ def direct_can(
     authorise: Callable[[], None],
     start_watchdog: StartWatchdog,
     traffic_log: Path | None = None,
-    mounting: Mounting | None = None,
-    safety: DriveSafety | None = None,
     say: Say = tell_on_stderr,
     name: Literal["direct_can", "watched_can"] = "direct_can",
 ) -> WiredCar:
@@ -85,7 +84,8 @@ def direct_can(
     Raises:
         HardwareError: the ports name no CAN adapter, or the motors' settings do not fit.
     """
-    can, limits = ports.adapter(name).settings, safety or load_drive_safety()
+    can, limits, mounting = ports.adapter(name), load_drive_safety(), load_mounting()
+    motors = tail_motors(scenario, ports, mounting)
 
     def open_devices() -> Devices:
         locks = lock_car(ports, say, can)
@@ -94,15 +94,14 @@ def direct_can(
             closers += [bus.close, lambda: _switch_off(bus, ports)]  # the other way round after a failed start
             watch = BusWatch(bus, load_watchdog_timing())
             port: FramePort = watch if name == "watched_can" else bus
-            devices = open_common(ports, limits, closers, lambda _: port)
+            devices = open_common(ports, motors, limits, closers, lambda _: port)
             devices.traffic_error = lambda: bus.log_error
             process = start_watchdog(can, locks[0])
             devices.watchdog = Watchdogs(process, watch) if name == "watched_can" else process
             closers.append(devices.watchdog.close)
             return devices
 
-    table = mounting or load_mounting()
-    return WiredCar(name, tail_motors(scenario, ports, table), table, limits, open_devices, authorise, ports.car)
+    return WiredCar(name, bool(motors), mounting, open_devices, authorise, ports.car)
 
 
 def _switch_off(bus: CanBus, ports: CarPorts) -> None:
@@ -115,17 +114,14 @@ def teensy_bridge(
     scenario: Scenario,
     ports: CarPorts,
     authorise: Callable[[], None],
-    mounting: Mounting | None = None,
-    safety: DriveSafety | None = None,
     say: Say = tell_on_stderr,
 ) -> WiredCar:
     """The car of a scenario on this wiring; opens nothing yet. Arguments and errors as for `direct_can`."""
-    limits = safety or load_drive_safety()
+    limits, mounting = load_drive_safety(), load_mounting()
+    motors = tail_motors(scenario, ports, mounting)
 
     def open_devices() -> Devices:
         with closing_on_error(*lock_car(ports, say)) as closers:
-            return open_common(ports, limits, closers, lambda teensy: teensy)
+            return open_common(ports, motors, limits, closers, lambda teensy: teensy)
 
-    table = mounting or load_mounting()
-    motors = tail_motors(scenario, ports, table)
-    return WiredCar("teensy_bridge", motors, table, limits, open_devices, authorise, ports.car)
+    return WiredCar("teensy_bridge", bool(motors), mounting, open_devices, authorise, ports.car)

@@ -115,7 +115,8 @@ def drive(
 
 
 def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: str, arm: bool) -> None:
-    from aerodima.hardware.drive.held_car import JOINTS, connect, run_motor_test
+    from aerodima.hardware.car.car_ports import JOINTS
+    from aerodima.hardware.drive.held_car import connect, run_motor_test
     from aerodima.workbench.errors import HardwareError
 
     chosen = next((name for name in JOINTS if name == joint), None)

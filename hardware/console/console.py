@@ -10,36 +10,13 @@ import json
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol, TextIO
+from typing import Any, Final, TextIO
 
+from aerodima.hardware.console.emulated_car import EmulatedCarProcess
 from aerodima.hardware.console.operator_radio import OperatorRadio
 from aerodima.hardware.console.page_messages import Beat, BeatClock, Logging, Message, Stop, radio_state
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.errors import LogError, UserError
-
-
-class ManagedCar(Protocol):
-    """A car whose drive the console starts and ends; the emulated one."""
-
-    view: str | None
-
-    @property
-    def driving(self) -> bool:
-        """Whether a drive runs."""
-        ...
-
-    @property
-    def said(self) -> str:
-        """The last line of the drive."""
-        ...
-
-    def arm(self) -> None:
-        """Starts a drive, which checks the car and arms it; returns at once."""
-        ...
-
-    def disarm(self) -> None:
-        """Ends the drive; returns at once."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -55,7 +32,7 @@ class Console:
     """Pages, radio, record and the car, if it is one that is started here.
 
     Args:
-        car: None where the car is armed beside it.
+        car: whose drive the console starts and ends; None where the car is armed beside it.
 
     Attributes:
         late_beats: heartbeats that were held up on their way and not passed on.
@@ -63,7 +40,7 @@ class Console:
     """
 
     def __init__(
-        self, radio: OperatorRadio, record: ConsoleRecord, limits: Limits, car: ManagedCar | None = None
+        self, radio: OperatorRadio, record: ConsoleRecord, limits: Limits, car: EmulatedCarProcess | None = None
     ) -> None:
         self.radio, self._record, self._limits, self._car = radio, record, limits, car
         self._seats = Seats()

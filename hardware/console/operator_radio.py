@@ -7,7 +7,6 @@ that ends says sooner that the page has gone: the car is sent to rest at once.
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 from aerodima.hardware.devices.radio_link import IDLE
 from aerodima.hardware.protocol.can_frame import FrameError
@@ -21,6 +20,7 @@ from aerodima.hardware.protocol.radio import (
     make_heartbeat,
 )
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_transmit
+from aerodima.hardware.transport.serial_link import SerialLink
 
 _REPEAT = 0.05
 """s between two emergency stops, until the car reports the stop."""
@@ -30,30 +30,6 @@ REPORT_SILENCE = 0.5
 
 _LOST_SHOWN = 1.0
 """s for which a port that was lost counts as lost at least: one that comes back only to fail again is no link."""
-
-
-class Link(Protocol):
-    """What is needed of a `SerialLink`: bytes that are written replace bytes that still wait.
-
-    Attributes:
-        error: why the port was lost last time. losses: how often it was.
-    """
-
-    error: str
-    losses: int
-
-    @property
-    def fault(self) -> str:
-        """Why bytes do not go through now, in words; empty while they do."""
-        ...
-
-    def write(self, data: bytes) -> None:
-        """Hands bytes to the port and returns at once."""
-        ...
-
-    def poll(self) -> list[tuple[float, bytes]]:
-        """Bytes that came, each piece with its time."""
-        ...
 
 
 class OperatorRadio:
@@ -74,7 +50,7 @@ class OperatorRadio:
         rejected: frames that are no report. foreign: reports of other modules or cars.
     """
 
-    def __init__(self, link: Link, receiver: int = BROADCAST, escaped: bool = False, car: int = 0) -> None:
+    def __init__(self, link: SerialLink, receiver: int = BROADCAST, escaped: bool = False, car: int = 0) -> None:
         self._sender = None if receiver == BROADCAST else receiver
         self._car = car
         self._link, self._receiver, self._escaped = link, receiver, escaped

@@ -57,13 +57,31 @@ class MotorFault(IntEnum):
     NOT_FOLLOWING = 14
 
 
-class FrameSink(Protocol):
-    """Where a motor sends its frames: a `CanBus`, the Teensy's bridge, a list in a test."""
+ENERGISED = (MotorState.ENTERING, MotorState.HOLDING, MotorState.RUNNING)
+"""States in which the motor may make torque."""
+
+
+class FramePort(Protocol):
+    """What motors need of a bus: `CanBus` and the Teensy's bridge have it. None of these calls blocks or raises."""
+
+    @property
+    def fault(self) -> int:
+        """0 while the bus can be trusted."""
+        ...
+
+    @property
+    def fault_text(self) -> str:
+        """The fault in words."""
+        ...
 
     def send(self, frame: CanFrame, urgent: bool = False) -> bool:
         """Takes a frame and returns at once; see `CanBus.send`."""
         ...
 
+    def poll(self) -> list[tuple[float, CanFrame]]:
+        """Frames since the last call with their arrival, s, monotonic."""
+        ...
 
-ENERGISED = (MotorState.ENTERING, MotorState.HOLDING, MotorState.RUNNING)
-"""States in which the motor may make torque."""
+    def flush(self, timeout: float = ...) -> bool:
+        """Waits at most `timeout` s until all frames have left."""
+        ...

@@ -6,62 +6,18 @@ As a context manager the group switches the motors off on the way out, whatever 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
-from aerodima.hardware.devices.device_states import ENERGISED, FrameSink, MotorFault, MotorState
+from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
 
-
-class FramePort(FrameSink, Protocol):
-    """What the group needs of a bus: `CanBus` and the Teensy's bridge have it. None of these calls blocks or raises."""
-
-    @property
-    def fault(self) -> int:
-        """0 while the bus can be trusted."""
-        ...
-
-    @property
-    def fault_text(self) -> str:
-        """The fault in words."""
-        ...
-
-    def poll(self) -> list[tuple[float, CanFrame]]:
-        """Frames since the last call with their arrival, s, monotonic."""
-        ...
-
-    def flush(self, timeout: float = ...) -> bool:
-        """Waits at most `timeout` s until all frames have left."""
-        ...
-
-
-class PassingPort:
-    """A `FramePort` that passes everything on to another; `poll` is for its children."""
-
-    def __init__(self, port: FramePort) -> None:
-        self._port = port
-
-    @property
-    def fault(self) -> int:
-        """Of the port."""
-        return self._port.fault
-
-    @property
-    def fault_text(self) -> str:
-        """Of the port."""
-        return self._port.fault_text
-
-    def send(self, frame: CanFrame, urgent: bool = False) -> bool:
-        """Passes a frame on."""
-        return self._port.send(frame, urgent)
-
-    def flush(self, timeout: float = 0.2) -> bool:
-        """Of the port."""
-        return self._port.flush(timeout)
+_HEARD = 400
+"""Frames that are kept: two seconds of two motors."""
 
 
 class MotorGroup:
@@ -74,6 +30,7 @@ class MotorGroup:
     Attributes:
         motors: one per settings.
         foreign: frames that name none of them.
+        heard: the newest frames with their arrival (s), for the check of the firmware profile.
 
     Raises:
         HardwareError: two motors have one id.
@@ -81,10 +38,11 @@ class MotorGroup:
 
     def __init__(self, settings: Sequence[MotorSettings], port: FramePort) -> None:
         check_distinct_ids(settings)
-        self._port = port
+        self.port = port
         self.motors = tuple(Motor(item, port) for item in settings)
         self._by_id = {motor.settings.motor_id: motor for motor in self.motors}
         self.foreign = 0
+        self.heard: deque[tuple[float, CanFrame]] = deque(maxlen=_HEARD)
 
     def __enter__(self) -> MotorGroup:
         return self
@@ -103,10 +61,15 @@ class MotorGroup:
         """Whether every motor takes commands."""
         return all(motor.state in (MotorState.HOLDING, MotorState.RUNNING) for motor in self.motors)
 
+    @property
+    def off_confirmed(self) -> bool:
+        """Whether every motor has answered since it was switched off."""
+        return all(motor.off_confirmed for motor in self.motors)
+
     def set_enter(self, now: float) -> None:
         """Begins to switch all motors on. Raises `HardwareError` if one is not off or the bus has a fault."""
-        if self._port.fault:
-            raise HardwareError(f"the bus has a fault: {self._port.fault_text}")
+        if self.port.fault:
+            raise HardwareError(f"the bus has a fault: {self.port.fault_text}")
         for motor in self.motors:
             if motor.state is not MotorState.OFF:
                 motor.set_enter(now)  # raises, before any other motor is switched on
@@ -130,11 +93,16 @@ class MotorGroup:
 
     def step(self, now: float) -> None:
         """One cycle: hands out what came in, checks the bus, lets every motor send what its state asks for."""
-        for arrival, frame in self._port.poll():
-            self._hand_out(arrival, frame)
-        if self._port.fault:
+        for arrival, frame in self.port.poll():
+            self.heard.append((arrival, frame))
+            motor = self._addressed(frame)
+            if motor is None:
+                self.foreign += 1
+            else:
+                motor.receive(frame, arrival)
+        if self.port.fault:
             for motor in self.motors:
-                motor.set_fault(MotorFault.BUS, self._port.fault_text, now)
+                motor.set_fault(MotorFault.BUS, self.port.fault_text, now)
         for motor in self.motors:
             motor.step(now)
         self._switch_off_together(now)
@@ -145,14 +113,7 @@ class MotorGroup:
         Does not wait for replies. For the end of a program: `step` need not be called any more.
         """
         self.set_exit(now)
-        return self._port.flush(timeout)
-
-    def _hand_out(self, arrival: float, frame: CanFrame) -> None:
-        motor = self._addressed(frame)
-        if motor is None:
-            self.foreign += 1
-        else:
-            motor.receive(frame, arrival)
+        return self.port.flush(timeout)
 
     def _addressed(self, frame: CanFrame) -> Motor | None:
         """The motor of a frame: named in its first byte or as its CAN id, in the last byte of an extended one."""

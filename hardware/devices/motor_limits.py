@@ -114,13 +114,24 @@ class MotorLoad:
         return rated + min(1.0, max(0.0, (1.0 - self.share) / FADE)) * (peak - rated)
 
 
+class Lasting:
+    """For how long something has been so, s."""
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def look(self, is_so: bool, now: float) -> float:
+        """Takes whether it is so at `now`; the time, 0 while it is not."""
+        self._since = (now if self._since is None else self._since) if is_so else None
+        return 0.0 if self._since is None else now - self._since
+
+
 class Following:
     """One motor, looked at with every reply. Joint coordinates."""
 
     def __init__(self, safety: MotorSafety) -> None:
         self._safety = safety
-        self._weak_since: float | None = None
-        self._behind_since: float | None = None
+        self._weak, self._behind = Lasting(), Lasting()
 
     def look(self, asked: MitCommand | None, position: float, speed: float, torque: float, now: float) -> str:
         """Why the motor does not follow, in words; empty while it does.
@@ -130,26 +141,22 @@ class Following:
             position, speed, torque: as measured at `now` (s, monotonic), rad, rad/s, N m.
         """
         if asked is None:
-            self._weak_since = self._behind_since = None
+            self._weak.look(False, now)
+            self._behind.look(False, now)
             return ""
         safety = self._safety
         wanted = pd_torque(asked, position, speed)
         delivered = torque if wanted >= 0 else -torque
         weak = abs(wanted) > safety.follow_torque and delivered < safety.follow_share * abs(wanted)
-        self._weak_since = _since(weak, self._weak_since, now)
+        weak_for = self._weak.look(weak, now)
         error = asked.position - position
         behind = asked.kp > 0 and abs(error) > safety.tracking_error and error * speed <= 0.0
-        self._behind_since = _since(behind, self._behind_since, now)
-        if self._weak_since is not None and now - self._weak_since >= safety.follow_time:
+        behind_for = self._behind.look(behind, now)
+        if weak_for >= safety.follow_time:
             return f"does not follow: {torque:.1f} N m reported where {wanted:.1f} are commanded; is it off?"
-        if self._behind_since is not None and now - self._behind_since >= safety.tracking_time:
+        if behind_for >= safety.tracking_time:
             return f"does not follow: {error:+.2f} rad from its command; allowed is {safety.tracking_error:g}"
         return ""
-
-
-def _since(is_so: bool, since: float | None, now: float) -> float | None:
-    """When a state began; None while it is not so."""
-    return (now if since is None else since) if is_so else None
 
 
 MOST_EXTRA = 2

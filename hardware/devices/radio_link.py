@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.radio import (
     EmergencyStop,
@@ -28,6 +29,7 @@ class RadioLink:
 
     Args:
         link: open serial link; the caller closes it.
+        silent: age of command and heartbeat at which the operator counts as silent, s.
         operator: 64-bit serial number of the operator's module; others are counted and ignored. None: whoever sends.
         escaped: API mode 2.
 
@@ -37,8 +39,8 @@ class RadioLink:
         foreign, rejected: frames of other modules; frames that are no message, with `last_error`.
     """
 
-    def __init__(self, link: SerialLink, operator: int | None = None, escaped: bool = False) -> None:
-        self._link = link
+    def __init__(self, link: SerialLink, silent: float, operator: int | None = None, escaped: bool = False) -> None:
+        self._link, self._silent = link, silent
         self._operator = operator
         self._stream = ApiStream(escaped)
         self._escaped = escaped
@@ -66,6 +68,20 @@ class RadioLink:
         """
         command = math.inf if self._command_time is None else now - self._command_time
         return max(command, self._heartbeat.age(now))
+
+    def fault(self, now: float) -> tuple[SourceFault, str]:
+        """Why the operator cannot be relied on at present, and the same in words."""
+        if self.stopped:
+            return SourceFault.STOPPED, "the operator asked for an emergency stop"
+        if not self._link.healthy:
+            return SourceFault.LOST, f"the radio's port is lost: {self._link.error}"
+        age = self.age(now)
+        if math.isinf(age):
+            rejected = f" ({self.rejected} frames rejected: {self.last_error})" if self.rejected else ""
+            return SourceFault.NO_SAMPLE_YET, f"the operator's radio has not been heard yet{rejected}"
+        if age > self._silent:
+            return SourceFault.SILENT, f"the operator's radio is silent for {age:.2f} s"
+        return SourceFault.NONE, ""
 
     def report(self, data: bytes) -> None:
         """Sends data to the module that was heard last; to nobody before."""

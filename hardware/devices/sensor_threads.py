@@ -9,7 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from aerodima.hardware.devices.bno055 import (
     CHIP_ID,
@@ -36,27 +36,25 @@ _RECONNECT = 0.25
 _CLOSE = 0.5
 
 T = TypeVar("T")
-Found = TypeVar("Found", covariant=True)
 
 
-class Session(Protocol[Found]):
-    """One life of an open device: sets it up, then reads from it once per call."""
+class Session(Generic[T]):
+    """One life of an open device: sets it up, then reads from it once per call.
+
+    Attributes: fault_text: what the device itself reports, empty while it is well.
+    """
+
+    fault_text = ""
 
     def begin(self, port: SerialPort) -> None:
-        """Sets the device up; raises `HardwareError` if it is not what it should be."""
-
-    def read(self, port: SerialPort) -> tuple[float, Found] | None:
-        """The next sample and when it was taken (s, monotonic); None after a short wait without one."""
-        ...
+        """Sets the device up, if there is something to set up; `HardwareError` if it is not what it should be."""
 
     def align(self, due: float) -> None:
         """A sample is wanted at `due` (s, monotonic) and every period after it; for devices that are asked."""
-        ...
 
-    @property
-    def fault_text(self) -> str:
-        """What the device itself reports, empty while it is well."""
-        ...
+    def read(self, port: SerialPort) -> tuple[float, T] | None:
+        """The next sample and when it was taken (s, monotonic); None after a short wait without one."""
+        raise NotImplementedError
 
 
 class SensorThread(Generic[T]):
@@ -163,7 +161,7 @@ _MOST_MISSED = 20
 """Requests in a row without an answer after which the chip is set up anew."""
 
 
-class Bno055Session:
+class Bno055Session(Session[Bno055Sample]):
     """Requests one sample per period; asks once a second what the chip says of itself.
 
     Attributes: missed: requests without a usable answer. last_error: of the last of them.
@@ -176,7 +174,7 @@ class Bno055Session:
         self._next = self._due = 0.0
         self._requests = self._missed_in_a_row = 0
         self.missed = 0
-        self.last_error = self.fault_text = ""
+        self.last_error = ""
 
     def begin(self, port: SerialPort) -> None:
         """Checks the chip and switches its fusion on. Raises `HardwareError` if it is no BNO055 that answers."""
@@ -247,31 +245,14 @@ class Bno055Session:
         return Answer()
 
 
-class GpsSession:
+class GpsSession(Session[GpsSample]):
     """Takes whatever navigation solutions the receiver sends; nothing is configured."""
 
     def __init__(self) -> None:
         self.stream = GpsStream()
-        self.fault_text = ""
-
-    def begin(self, port: SerialPort) -> None:
-        """Nothing to set up."""
-
-    def align(self, due: float) -> None:
-        """The receiver is not asked."""
 
     def read(self, port: SerialPort) -> tuple[float, GpsSample] | None:
         """The newest solution of the bytes at hand, with their arrival; None if there is none."""
         data = port.read(max(1, port.in_waiting))
         samples = self.stream.feed(data) if data else []
         return (time.monotonic(), samples[-1]) if samples else None
-
-
-def imu_thread(open_port: Callable[[], SerialPort], silent: float) -> SensorThread[Bno055Sample]:
-    """The IMU; HardwareError if its port cannot be opened."""
-    return SensorThread("IMU", open_port, Bno055Session(), silent)
-
-
-def gps_thread(open_port: Callable[[], SerialPort], silent: float) -> SensorThread[GpsSample]:
-    """The GPS receiver; HardwareError if its port cannot be opened."""
-    return SensorThread("GPS", open_port, GpsSession(), silent)

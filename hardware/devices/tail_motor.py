@@ -9,8 +9,7 @@ off -- set_enter --> entering -- replies --> holding <-- command --> running
 
 Entering sends zero gains, reads the position, and holds from there with gains that come on slowly: these motors are
 known to jump to their last command. A fault sends exit frames at once and goes on sending them; only `reset`, by hand,
-leads out of it. The frame that sets the zero is never sent. `make_*` builds a frame and touches nothing, `set_*` sends
-it.
+leads out of it. The frame that sets the zero is never sent.
 
 One thread calls `receive` for every frame of this motor and `step` once per cycle, with the same monotonic clock.
 """
@@ -20,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from aerodima.hardware.devices.device_states import ENERGISED, FrameSink, MotorFault, MotorState
+from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
 from aerodima.hardware.devices.motor_limits import (
     Following,
     MotorLoad,
@@ -66,7 +65,7 @@ class Motor:
         bad_frames: frames under this motor's id that were no valid reply.
     """
 
-    def __init__(self, settings: MotorSettings, sink: FrameSink) -> None:
+    def __init__(self, settings: MotorSettings, sink: FramePort) -> None:
         self.settings = settings
         self._sink = sink
         self.state = MotorState.OFF
@@ -181,14 +180,6 @@ class Motor:
         return math.inf if self._reply_time is None else now - self._reply_time
 
     # -- frames
-
-    def make_command_frame(self, command: MitCommand, now: float) -> CanFrame:
-        """The frame of a checked command of the joint, after ramps and limits."""
-        return self._frame(self._limited(self._towards(command, now), now))
-
-    def make_hold_frame(self, now: float) -> CanFrame:
-        """The frame that holds the position of `set_hold` or of the end of entering."""
-        return self._frame(self._limited(self._hold_command(), now))
 
     def _hold_command(self) -> MitCommand:
         return MitCommand(self._hold_position, 0.0, self.settings.hold_kp, self.settings.hold_kd, 0.0)

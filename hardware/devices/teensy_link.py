@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from enum import IntEnum
 
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.protocol.ak70 import NEUTRAL, FirmwareProfile, MitReply, decode_command, is_special, make_reply
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.sail_encoder import signed_angle
@@ -84,16 +84,6 @@ _ACTED = {
 _REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
-class TeensyFault(IntEnum):
-    """Why the Teensy cannot be trusted at present."""
-
-    NONE = 0
-    NO_REPLY_YET = 1
-    SILENT = 2
-    LOST = 3
-    WATCHDOG_ACTED = 4
-
-
 class TeensyLink:
     """Strings to and from the Teensy, one of each per cycle.
 
@@ -134,7 +124,7 @@ class TeensyLink:
         self._clock = ClockAlignment()
         self.sail = self.sent_time = math.nan
         self.status: TeensyStatus | None = None
-        self.fault = TeensyFault.NO_REPLY_YET
+        self.fault = SourceFault.NO_SAMPLE_YET
         self.fault_text = "the Teensy has not answered yet"
 
     @property
@@ -234,15 +224,15 @@ class TeensyLink:
     def _set_fault(self, reply: TeensyReply) -> None:
         self.status = reply.status
         if reply.status in _ACTED:
-            self.fault, self.fault_text = TeensyFault.WATCHDOG_ACTED, _ACTED[reply.status]
+            self.fault, self.fault_text = SourceFault.REPORTED, _ACTED[reply.status]
         else:
-            self.fault, self.fault_text = TeensyFault.NONE, ""
+            self.fault, self.fault_text = SourceFault.NONE, ""
 
     def _check_silence(self, now: float) -> None:
         if not self._link.healthy:
-            self.fault, self.fault_text = TeensyFault.LOST, f"the Teensy's port is lost: {self._link.error}"
+            self.fault, self.fault_text = SourceFault.LOST, f"the Teensy's port is lost: {self._link.error}"
         elif self._reply_time is not None and now - self._reply_time > _SILENT:
-            self.fault = TeensyFault.SILENT
+            self.fault = SourceFault.SILENT
             self.fault_text = f"the Teensy is silent for {now - self._reply_time:.2f} s"
 
 

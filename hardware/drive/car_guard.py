@@ -24,8 +24,11 @@ from array import array
 from dataclasses import replace
 from enum import IntEnum
 
+import numpy as np
+
 from aerodima.hardware.car.safety_settings import DriveSafety
-from aerodima.hardware.car.wiring import CarCommand, CarReading, Wiring
+from aerodima.hardware.car.wired_car import WiredCar
+from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.drive.drive_limits import DriveLimits
 from aerodima.hardware.protocol.radio import Asks, RadioMode
@@ -75,7 +78,7 @@ class CarGuard:
         cycle_times: `time.monotonic` of every cycle since `drive`, s.
     """
 
-    def __init__(self, wiring: Wiring, safety: DriveSafety, has_tail: bool = True) -> None:
+    def __init__(self, wiring: WiredCar, safety: DriveSafety, has_tail: bool = True) -> None:
         self.wiring = wiring
         self._safety = safety
         self._limits = DriveLimits(safety)
@@ -99,6 +102,11 @@ class CarGuard:
         return self.stage is Stage.STOPPED
 
     @property
+    def stopping(self) -> bool:
+        """Whether the car has begun to stop, or has stopped."""
+        return self.stage in (Stage.HOLDING, Stage.EXITING, Stage.STOPPED)
+
+    @property
     def ready(self) -> bool:
         """Whether the car takes commands."""
         return self.stage is Stage.ARMED and (not self._has_tail or self.reading.status[_ARMED] == 1.0)
@@ -109,6 +117,10 @@ class CarGuard:
         if not self.ready or self.reason:
             return Asks.NOTHING
         return Asks.CHOICE if self.rested else Asks.REST
+
+    def link_times(self, start: float) -> np.ndarray:
+        """(3,) `LINK_COLUMNS` of the log, s on the clock of a run that started at `start` (s, monotonic)."""
+        return np.array([self.lateness, self.wiring.imu_time - start, self.wiring.teensy_time - start])
 
     # -- by hand
 

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus, LeafSystem, State
 
 from aerodima.hardware.car.wiring import CarCommand, CarReading
-from aerodima.hardware.drive.car_guard import CarGuard, Stage
+from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.plain_loop import PERIOD, WRITE_DELAY
 from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal
 from aerodima.workbench.config.scenario import Scenario
@@ -20,7 +20,6 @@ from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPU
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder
 from aerodima.workbench.simulate.car_run import assemble
-from aerodima.workbench.stations.car_station import InterfaceFactory
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 
 
@@ -82,14 +81,6 @@ class CarInterface(LeafSystem):
         return np.array(values)
 
 
-def interface_to(guard: CarGuard) -> InterfaceFactory:
-    """The factory that `make_car_station` and `assemble` take."""
-    return lambda scenario: CarInterface(guard)
-
-
-_STOPPING = (Stage.HOLDING, Stage.EXITING, Stage.STOPPED)
-
-
 class LinkTimes(LeafSystem):
     """The columns of a drive that no station has: `LINK_COLUMNS` on one port.
 
@@ -148,7 +139,7 @@ class DiagramRun:
         guard = self._guard
         if self._journal.error:
             guard.stop(self._journal.error, time.monotonic())
-        if math.isnan(self._stopped) and guard.stage in _STOPPING:
+        if math.isnan(self._stopped) and guard.stopping:
             self._stopped = context.get_time()
         if guard.finished:
             return EventStatus.ReachedTermination(self._simulator.get_system(), guard.reason)

@@ -10,6 +10,7 @@ import math
 from aerodima.hardware.car.safety_settings import DriveSafety
 from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.motor_limits import Lasting
 from aerodima.workbench.config.signal_table import IMU, STATUS
 
 _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
@@ -19,23 +20,12 @@ _MOST_SPAN = 0.02
 """s; a loop that stood still does not catch up with a step of the throttle."""
 
 
-class _Lasting:
-    """For how long something has been so, s."""
-
-    def __init__(self) -> None:
-        self._since: float | None = None
-
-    def look(self, is_so: bool, now: float) -> float:
-        self._since = (now if self._since is None else self._since) if is_so else None
-        return 0.0 if self._since is None else now - self._since
-
-
 class DriveLimits:
     """Limits of one car. Times in s, monotonic."""
 
     def __init__(self, safety: DriveSafety) -> None:
         self._safety = safety
-        self._tilted, self._fast = _Lasting(), _Lasting()
+        self._tilted, self._fast = Lasting(), Lasting()
         self._throttle, self._time = 0.0, -math.inf
 
     def rest(self) -> None:

@@ -7,13 +7,14 @@ out, and the log is readable up to there.
 from __future__ import annotations
 
 import math
+import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
+from types import FrameType
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.latency import DRIVE_PRIORITY, prefer_latency, restore_latency
@@ -33,7 +34,6 @@ from aerodima.hardware.drive.drive_checks import (
 )
 from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPilot, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
-from aerodima.hardware.drive.stop_signals import stop_on_signals
 from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATUS
@@ -50,6 +50,7 @@ _SETTLE = 0.5
 RUN_OVER = "the run is over"
 _REST_NOTICE = 0.5
 """s in which a switch that stands in IDLE is heard; after that the drive says what it waits for."""
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 Say = Callable[[str], None]
 
 
@@ -112,7 +113,7 @@ def run_drive(
     def stop(name: str) -> None:
         guard.stop(name, time.monotonic(), hard=True)
 
-    with stop_on_signals(stop) as came:
+    with _stop_on_signals(stop) as came:
         scheduling = prefer_realtime(DRIVE_PRIORITY)
         say(str(Check("scheduling", True if is_realtime() else None, scheduling)))
         try:
@@ -127,6 +128,24 @@ def run_drive(
             restore_latency()
             restore_ordinary()
     return replace(result, traffic_error=car.traffic_error)
+
+
+@contextmanager
+def _stop_on_signals(stop: Callable[[str], None]) -> Iterator[list[int]]:
+    """Calls `stop` with the name of a signal, which asks the loop to stop; the list holds the numbers that came."""
+    came: list[int] = []
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        del frame
+        came.append(number)
+        stop(signal.Signals(number).name)
+
+    before = {number: signal.signal(number, handle) for number in _SIGNALS}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @dataclass
@@ -144,7 +163,7 @@ class _Drive:
 def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
     guard, options = drive.guard, drive.options
     _wait_for_devices(drive)
-    checks = device_checks(guard.reading, _gps_time(drive.car), drive.safety)
+    checks = device_checks(guard.reading, drive.car.gps_time, drive.safety)
     checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
     _tell(checks, drive.say, refuse=not options.dry_run)
     journal = open_run_journal(options.log, drive.scenario, drive.car.name, options.force)
@@ -159,7 +178,8 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
         journal.discard()
         return DriveResult(guard.reason, False, None, came[0] if came else 0)
     log = _logged_run(drive, journal, lambda: run(mode))
-    return DriveResult(guard.reason, not guard.hard and _is_orderly(guard), log, came[0] if came else 0)
+    orderly = not guard.hard and (guard.reason == RUN_OVER or guard.left)
+    return DriveResult(guard.reason, orderly, log, came[0] if came else 0)
 
 
 def _wait_for_devices(drive: _Drive) -> None:
@@ -278,7 +298,7 @@ def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) ->
 def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]:
     """Builds what takes time; the returned function drives in a mode and says when the car began to stop."""
     scenario, guard, with_drake = drive.scenario, drive.guard, drive.options.with_drake
-    links, length = _links_of(drive.car, guard), run_time(drive.scenario)
+    links, length = guard.link_times, run_time(drive.scenario)
     if with_drake:
         from aerodima.hardware.drive.drive_diagram import DiagramRun
 
@@ -297,31 +317,10 @@ def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]
     return run
 
 
-def _links_of(car: WiredCar, guard: CarGuard) -> Callable[[float], np.ndarray]:
-    """Values of `LINK_COLUMNS` on the clock of a run that started at the given time."""
-
-    def links(start: float) -> np.ndarray:
-        return np.array([guard.lateness, car.imu_time - start, car.teensy_time - start])
-
-    return links
-
-
 def _let_stop(guard: CarGuard) -> None:
     """Turns the loop until the motors are off; one that was never armed has nothing to wait for."""
     if guard.stage is not Stage.READY:
         idle_until(guard, lambda: guard.finished, 5.0)
-
-
-def _is_orderly(guard: CarGuard) -> bool:
-    return guard.reason == RUN_OVER or guard.left
-
-
-def _gps_time(car: WiredCar) -> float | None:
-    gps = None if car.devices is None else car.devices.gps
-    newest = None if gps is None else gps.newest
-    if newest is None or newest[1].time_of_day is None:
-        return None
-    return newest[1].time_of_day + time.monotonic() - newest[0]
 
 
 def _tell(checks: list[Check], say: Say, refuse: bool = True) -> None:

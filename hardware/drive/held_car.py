@@ -12,17 +12,16 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
-from aerodima.hardware.car.car_ports import CarPorts, read_ports
+from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint, read_ports
 from aerodima.hardware.car.latency import DRIVE_PRIORITY
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, WiringName, wiring_name
 from aerodima.hardware.car.wirings import direct_can, teensy_bridge
-from aerodima.hardware.devices.motor_group import FramePort
+from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
@@ -119,8 +118,6 @@ def run_cycles(car: WiredCar, command: CarCommand | Callable[[float], CarCommand
         wait_until(begin + (cycle + 1) * PERIOD)
 
 
-Joint = Literal["tail_pitch", "tail_roll"]
-JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
 _WAYS = {"tail_pitch": ("forward", "back"), "tail_roll": ("to the right", "to the left")}
 """Positive, negative (design section 4)."""
 _STEP = math.radians(5.0)
@@ -169,7 +166,7 @@ def run_motor_test(car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str
     place = TAIL_STATE.index(("pitch_angle", "roll_angle")[index])
     with held(car):
         begin = float(car.reading.tail_state[place])
-        high = car.group.motors[index].settings.high if car.group else math.inf
+        high = car.motors[index].settings.high
         step = _STEP if begin + _STEP < high else -_STEP
         way = _WAYS[joint][step < 0.0]
         say(f"{joint}: now 5 degrees {way}")
@@ -186,7 +183,7 @@ def run_motor_test(car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str
             reported.append(float(car.reading.tail_torque[index]))
             wanted.append(float(_KP * (begin + step - angle) - _KD * rate))
         fault, moved = car.reading.fault_text, float(car.reading.tail_state[place] - begin)
-        temperature = None if car.group is None else car.group.motors[index].temperature
+        temperature = car.motors[index].temperature
         run_cycles(car, lambda since: command(_MOVE - since), _MOVE + _SETTLE)
     test = MotorTest(joint, moved, float(np.mean(reported)), float(np.mean(wanted)), temperature)
     _refuse_wrong(test, step, fault, load_motor_safety().temperature_limit)
@@ -204,11 +201,11 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
     Raises:
         HardwareError: a port that cannot be opened, a motor that does not answer, or one that is moved meanwhile.
     """
-    can = None if wiring == "teensy_bridge" else ports.adapter(wiring).settings
+    can = None if wiring == "teensy_bridge" else ports.adapter(wiring)
     device = ports.teensy.path if can is None else can_address(can)
     with closing(lock_devices([device], "the setting of the zero")):
         if can is None:
-            with closing(SerialLink.open(ports.teensy.settings)) as serial:
+            with closing(SerialLink.open(ports.teensy)) as serial:
                 teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
                 return _angles(ports, teensy, teensy.commit)
         with closing(CanBus.open(can, listen={0, *ports.motor_ids})) as bus:
@@ -228,12 +225,7 @@ def write_zeros(path: Path, angles: dict[Joint, float]) -> None:
     for number, (joint, angle) in enumerate(angles.items(), start=1):
         part = data.setdefault(joint, {"motor_id": number})
         part["zero"] = round(angle, 5)
-    text = json.dumps(data, indent=1) + "\n"
-
-    def write(target: Path) -> None:
-        target.write_text(text, encoding="utf-8")
-
-    write_atomically(path, write, True, HardwareError)
+    write_atomically(path, json.dumps(data, indent=1) + "\n", True, HardwareError)
 
 
 def joint_angles(ports: CarPorts, angles: dict[Joint, float]) -> dict[Joint, float]:

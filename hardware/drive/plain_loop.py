@@ -8,18 +8,18 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from aerodima.hardware.car.latency import SWITCH_INTERVAL
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.motor_settings import load_motor_safety
-from aerodima.hardware.drive.car_guard import CarGuard, Stage
+from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.run_journal import RunJournal
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
-from aerodima.workbench.controllers.manoeuvre import DriverInput, make_schedule
+from aerodima.workbench.controllers.manoeuvre import make_schedule
 from aerodima.workbench.controllers.tail_law import TailLaw, observe
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
@@ -115,7 +115,7 @@ def run_loop(
         row.estimate(reading)
         wait(start + time_now + WRITE_DELAY)
         guard.write(step.command, clock())
-        if math.isnan(stopped) and guard.stage in (Stage.HOLDING, Stage.EXITING, Stage.STOPPED):
+        if math.isnan(stopped) and guard.stopping:
             stopped = time_now
         if guard.finished:
             break
@@ -149,85 +149,77 @@ class PilotStep(NamedTuple):
     state: int
 
 
-class Pilot(Protocol):
+class Pilot:
     """Whoever drives the car in the plain loop."""
 
     def start(self) -> PilotStep:
         """What stands on the outputs before the first tick."""
-        ...
+        return PilotStep(CarCommand(), 0.0, 0)
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """One tick, `time` s after the start of the run."""
-        ...
+        raise NotImplementedError
 
 
-class AutoPilot:
+class LawPilot(Pilot):
+    """A pilot whose tail follows its law; that of the scenario when None."""
+
+    def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
+        self._law = law or law_of_scenario(scenario)
+        self._memory = self._law.start()
+
+    def _step(
+        self, time: float, reading: CarReading, seen: tuple[float, float], drive: tuple[float, float], plan: float
+    ) -> PilotStep:
+        """A tick of the law, which has `seen` a planned turn and a steering angle (rad); drive: steering, throttle."""
+        observation = observe(
+            time, reading.tail_state, reading.imu, reading.status, seen[0], reading.speed, steering_angle=seen[1]
+        )
+        self._memory, pitch, roll, state = self._law.step(self._memory, observation)
+        return PilotStep(CarCommand(*drive, pitch, roll), plan, state)
+
+
+class AutoPilot(LawPilot):
     """The schedule of a scenario and its tail law, tick for tick as `TurnDriver` and `TailController` run them.
 
     The law sees the turn that was announced one tick before, as the discrete systems of the diagram do.
     """
 
     def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
+        super().__init__(scenario, law)
         self._schedule = make_schedule(scenario)
-        self._law = law or law_of_scenario(scenario)
-        self._memory = self._law.start()
         self._driver = self._schedule.at(0.0)
 
     def start(self) -> PilotStep:
         """See `Pilot`."""
-        return self._step_of(self._driver, np.zeros(5), np.zeros(5), 0)
+        driver = self._driver
+        return PilotStep(CarCommand(driver.steering_angle, driver.throttle), driver.planned_turn, 0)
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""
-        observation = observe(
-            time,
-            reading.tail_state,
-            reading.imu,
-            reading.status,
-            self._driver.planned_turn,
-            reading.speed,
-            steering_angle=self._driver.steering_angle,
-        )
-        self._memory, pitch, roll, state = self._law.step(self._memory, observation)
-        self._driver = self._schedule.at(time)
-        return self._step_of(self._driver, pitch, roll, state)
-
-    def _step_of(self, driver: DriverInput, pitch: np.ndarray, roll: np.ndarray, state: int) -> PilotStep:
-        return PilotStep(CarCommand(driver.steering_angle, driver.throttle, pitch, roll), driver.planned_turn, state)
+        before, self._driver = self._driver, self._schedule.at(time)
+        drive = self._driver.steering_angle, self._driver.throttle
+        seen = before.planned_turn, before.steering_angle
+        return self._step(time, reading, seen, drive, self._driver.planned_turn)
 
 
-class ControlPilot:
+class ControlPilot(LawPilot):
     """The operator's steering and throttle, and the tail by its law: the turn that is steered counts as announced."""
 
     def __init__(self, scenario: Scenario, law: TailLaw | None = None) -> None:
-        self._law = law or law_of_scenario(scenario)
-        self._memory = self._law.start()
+        super().__init__(scenario, law)
         self._steer = scenario.servo.limit
         self._steering = 0.0
 
-    def start(self) -> PilotStep:
-        """See `Pilot`."""
-        return PilotStep(CarCommand(), 0.0, 0)
-
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""
-        asked = reading.operator
-        plan = float(np.sign(self._steering))
-        observation = observe(
-            time,
-            reading.tail_state,
-            reading.imu,
-            reading.status,
-            plan,
-            reading.speed,
-            steering_angle=self._steering,
-        )
-        self._memory, pitch, roll, state = self._law.step(self._memory, observation)
+        asked, before = reading.operator, self._steering
+        plan = float(np.sign(before))
         self._steering = min(self._steer, max(-self._steer, asked.steering))
-        return PilotStep(CarCommand(self._steering, asked.throttle, pitch, roll), plan, state)
+        return self._step(time, reading, (plan, before), (self._steering, asked.throttle), plan)
 
 
-class ManualPilot:
+class ManualPilot(Pilot):
     """The operator's sticks: steering, throttle, and two tail angles that are held with the gains of the scenario.
 
     The tail follows its stick from where it is, with `ramp_speed` of the motors' safety at most: a stick that jumps
@@ -239,10 +231,6 @@ class ManualPilot:
         self._steer = scenario.servo.limit
         self._tail: np.ndarray | None = None
         self._most = load_motor_safety().ramp_speed / scenario.controller.rate
-
-    def start(self) -> PilotStep:
-        """See `Pilot`."""
-        return PilotStep(CarCommand(), 0.0, 0)
 
     def step(self, time: float, reading: CarReading) -> PilotStep:
         """See `Pilot`."""

@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from aerodima.hardware.emulator.fault_script import EmulatorNumbers, EventLog, Fault, FaultBoard, Joint
+from aerodima.hardware.car.car_ports import Joint
+from aerodima.hardware.emulator.fault_script import EmulatorNumbers, EventLog, Fault, FaultBoard
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     FirmwareProfile,

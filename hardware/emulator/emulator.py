@@ -20,6 +20,7 @@ import numpy as np
 
 from aerodima.hardware.car.car_ports import (
     EVENTS_FILE,
+    JOINTS,
     PORTS_FILE,
     PORTS_FOLDER,
     READY_FILE,
@@ -44,7 +45,6 @@ from aerodima.hardware.emulator.emulated_devices import (
 )
 from aerodima.hardware.emulator.emulated_plant import EmulatedCar
 from aerodima.hardware.emulator.fault_script import (
-    JOINTS,
     Device,
     EventLog,
     Fault,

@@ -26,6 +26,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from aerodima.hardware.car.car_ports import JOINTS
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.quantity import QuantityModel, quantity
@@ -35,9 +36,7 @@ from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/emulation/1"
 Device = Literal["can", "teensy", "imu", "gps", "radio", "console"]
-Joint = Literal["tail_pitch", "tail_roll"]
 Clock = Literal["entered", "driving", "start"]
-JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
 
 
 class Fault(StrEnum):

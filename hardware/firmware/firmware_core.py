@@ -9,7 +9,7 @@ from dataclasses import astuple, dataclass
 from functools import cache
 from typing import Any
 
-from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, MotorLimits, milliseconds
+from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, MotorLimits, profile_fields
 from aerodima.hardware.firmware.firmware_sketch import build_core
 from aerodima.hardware.protocol.ak70 import FirmwareProfile, MitCommand, MitReply
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
@@ -155,29 +155,11 @@ class TeensyCore:
 
     def __init__(self, settings: FirmwareSettings, now: float) -> None:
         self._library = library()
-        timing = settings.timing
-        least, most, start, rate = settings.throttle_pulses
         config = _Config(
-            _profile(settings.profile),
-            (_Limits * 2)(*(_Limits(*astuple(limits)) for limits in settings.last_limits)),
-            settings.safety.attitude_limit,
-            start,
-            rate,
-            settings.owns_can,
-            settings.watches_bus,
-            settings.form is StringForm.CHECKED,
-            milliseconds(timing.watchdog_timeout),
-            timing.exit_burst,
-            timing.exit_cycles,
-            milliseconds(timing.exit_cycle),
-            milliseconds(timing.reminder),
-            milliseconds(timing.reply_wait),
-            milliseconds(timing.attitude_time),
-            milliseconds(timing.attitude_age),
-            settings.encoder.bits,
-            (c_int32 * 2)(*settings.motor_ids),
-            least,
-            most,
+            profile=_profile(settings.profile),
+            limits=(_Limits * 2)(*(_Limits(*astuple(limits)) for limits in settings.last_limits)),
+            motor_ids=(c_int32 * 2)(*settings.motor_ids),
+            **settings.config,
         )
         self._core = self._library.ad_core_new(ctypes.byref(config), _clock(now))
 
@@ -326,16 +308,7 @@ def _clock(now: float) -> int:
 
 
 def _profile(profile: FirmwareProfile) -> _Profile:
-    return _Profile(
-        profile.position,
-        profile.speed,
-        profile.torque,
-        profile.kp,
-        profile.kd,
-        round(profile.temperature_offset),
-        6 in profile.reply_lengths,
-        8 in profile.reply_lengths,
-    )
+    return _Profile(**profile_fields(profile))
 
 
 def _frame(frame: CanFrame) -> _Frame:

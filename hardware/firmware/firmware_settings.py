@@ -105,20 +105,42 @@ class FirmwareSettings:
         return self.limits or (wide, wide)
 
     @property
-    def throttle_pulses(self) -> tuple[int, int, float, float]:
-        """Least and most pulse (us), the part that comes on at once (us), and the rate of the rest (us/ms)."""
+    def config(self) -> dict[str, float]:
+        """Fields of the core's `Config` (`src/core.h`) by name, but for profile, limits and ids."""
         least, idle, most = THROTTLE_PULSES
-        safety, half = self.safety, (THROTTLE_PULSES[2] - THROTTLE_PULSES[0]) / 2
-        share = safety.throttle_limit
-        return (
-            round(idle - share * (idle - least)),
-            round(idle + share * (most - idle)),
-            safety.throttle_start * half,
-            safety.throttle_rate * half / 1000.0,
-        )
+        timing, safety, half = self.timing, self.safety, (most - least) / 2
+        return {
+            "owns_can": self.owns_can,
+            "watches_bus": self.watches_bus,
+            "checked": self.form is StringForm.CHECKED,
+            "watchdog_ms": _milliseconds(timing.watchdog_timeout),
+            "exit_burst": timing.exit_burst,
+            "exit_cycles": timing.exit_cycles,
+            "exit_cycle_ms": _milliseconds(timing.exit_cycle),
+            "reminder_ms": _milliseconds(timing.reminder),
+            "reply_wait_ms": _milliseconds(timing.reply_wait),
+            "attitude_limit": safety.attitude_limit,
+            "attitude_ms": _milliseconds(timing.attitude_time),
+            "attitude_age_ms": _milliseconds(timing.attitude_age),
+            "throttle_least": round(idle - safety.throttle_limit * (idle - least)),
+            "throttle_most": round(idle + safety.throttle_limit * (most - idle)),
+            "throttle_start": safety.throttle_start * half,
+            "throttle_rate": safety.throttle_rate * half / 1000.0,
+            "sail_bits": self.encoder.bits,
+        }
 
 
-def milliseconds(seconds: float) -> int:
+def profile_fields(profile: FirmwareProfile) -> dict[str, float]:
+    """Fields of the core's `Profile` (`src/ak70.h`) by name."""
+    return {
+        **{name: getattr(profile, name) for name in ("position", "speed", "torque", "kp", "kd")},
+        "temperature_offset": round(profile.temperature_offset),
+        "short_replies": 6 in profile.reply_lengths,
+        "long_replies": 8 in profile.reply_lengths,
+    }
+
+
+def _milliseconds(seconds: float) -> int:
     """The firmware's clock counts milliseconds."""
     return round(seconds * 1000.0)
 

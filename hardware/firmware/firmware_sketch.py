@@ -9,8 +9,7 @@ import subprocess
 from dataclasses import asdict
 from pathlib import Path
 
-from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, milliseconds
-from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, profile_fields
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.errors import HardwareError
 
@@ -104,48 +103,17 @@ def export_sketch(settings: FirmwareSettings, folder: Path) -> Path:
 
 def config_header(settings: FirmwareSettings) -> str:
     """Content of `config.h`: the settings as the sketch's configuration."""
-    timing, profile = settings.timing, settings.profile
-    least, most, start, rate = settings.throttle_pulses
-    assignments = {
-        "owns_can": _flag(settings.owns_can),
-        "watches_bus": _flag(settings.watches_bus),
-        "checked": _flag(settings.form is StringForm.CHECKED),
-        "profile.position": repr(profile.position),
-        "profile.speed": repr(profile.speed),
-        "profile.torque": repr(profile.torque),
-        "profile.kp": repr(profile.kp),
-        "profile.kd": repr(profile.kd),
-        "profile.temperature_offset": round(profile.temperature_offset),
-        "profile.short_replies": _flag(6 in profile.reply_lengths),
-        "profile.long_replies": _flag(8 in profile.reply_lengths),
-        "watchdog_ms": milliseconds(timing.watchdog_timeout),
-        "exit_burst": timing.exit_burst,
-        "exit_cycles": timing.exit_cycles,
-        "exit_cycle_ms": milliseconds(timing.exit_cycle),
-        "reminder_ms": milliseconds(timing.reminder),
-        "reply_wait_ms": milliseconds(timing.reply_wait),
-        "attitude_limit": repr(settings.safety.attitude_limit),
-        "attitude_ms": milliseconds(timing.attitude_time),
-        "attitude_age_ms": milliseconds(timing.attitude_age),
-        "throttle_least": least,
-        "throttle_most": most,
-        "throttle_start": repr(start),
-        "throttle_rate": repr(rate),
-        "sail_bits": settings.encoder.bits,
-        "motor_ids[0]": settings.motor_ids[0],
-        "motor_ids[1]": settings.motor_ids[1],
-    }
-    for index, limits in enumerate(settings.last_limits):
-        assignments |= {f"limits[{index}].{name}": repr(value) for name, value in asdict(limits).items()}
-    lines = "\n".join(f"  config.{name} = {value};" for name, value in assignments.items())
+    fields = {f"profile.{name}": value for name, value in profile_fields(settings.profile).items()}
+    fields |= settings.config
+    for index, (motor_id, limits) in enumerate(zip(settings.motor_ids, settings.last_limits, strict=True)):
+        fields[f"motor_ids[{index}]"] = motor_id
+        fields |= {f"limits[{index}].{name}": value for name, value in asdict(limits).items()}
+    lines = "\n".join(f"  config.{name} = {repr(value).lower()};" for name, value in fields.items())
+    made_of = f"{settings.wiring}, {settings.profile.name}, firmware {firmware_hash()[:12]}"
     return (
-        f"// Written by `aerodima firmware`: {settings.wiring}, {profile.name}, firmware {firmware_hash()[:12]}.\n"
+        f"// Written by `aerodima firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
         f"#define AERODIMA_ON_BUS {int(settings.owns_can or settings.watches_bus)}\n"
         f"#define AERODIMA_SAIL_BITS {settings.encoder.bits}\n\n"
         f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  return config;\n}}\n"
     )
-
-
-def _flag(value: bool) -> str:
-    return "true" if value else "false"

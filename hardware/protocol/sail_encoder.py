@@ -1,13 +1,12 @@
 """Absolute encoder of the sail joint: words to angles (thesis 5.4.5).
 
-The thesis reads 12 bits; the part it names, AEAT-6010, has 10 (ERRATA E30). Both are profiles, and a 10-bit part that
-is read as 12 bits can be told from its words.
+The thesis reads 12 bits; the part it names, AEAT-6010, has 10 (ERRATA E30). Both are profiles.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -69,17 +68,3 @@ def signed_angle(degrees: float) -> float:
         raise FrameError(f"sail angle {degrees!r} degrees: allowed is 0 to 360")
     angle = math.radians(degrees)
     return angle if angle <= math.pi else angle - _TURN
-
-
-def unwrap_turn(previous: float, reading: float) -> float:
-    """The angle (rad) nearest to `previous` that differs from `reading` by whole turns."""
-    return reading + _TURN * round((previous - reading) / _TURN)
-
-
-def bits_in_use(words: Iterable[int], encoder: EncoderProfile) -> int:
-    """Bits that change over a slow turn of the sail: fewer than the profile's mean that another part is fitted."""
-    seen = 0
-    for word in words:
-        seen |= word
-    unused = (seen & -seen).bit_length() - 1 if seen else encoder.bits
-    return encoder.bits - unused

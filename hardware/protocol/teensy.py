@@ -19,7 +19,7 @@ motor's frame), pulses in us, sail angle in degrees, clock in ms.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from aerodima.hardware.protocol.ak70 import MitCommand, check_motor_id
@@ -150,7 +150,7 @@ def make_command(command: TeensyCommand, form: StringForm) -> bytes:
 def make_reply(reply: TeensyReply, form: StringForm) -> bytes:
     """The reply string, with its `|`; for emulators and to compare with the firmware. Raises `FrameError` as above."""
     _check_ids(reply.motors[0].motor_id, reply.motors[1].motor_id)
-    fields = [_write_report(report) for report in reply.motors] + [_number("sail", reply.sail, 3)]
+    fields = [_write_report(report) for report in reply.motors] + [_number("sail", reply.sail)]
     if form is StringForm.CHECKED:
         for report in reply.motors:
             fields += [str(report.replies), str(report.temperature), str(report.fault)]
@@ -160,13 +160,15 @@ def make_reply(reply: TeensyReply, form: StringForm) -> bytes:
 
 def decode_command(text: bytes, form: StringForm) -> TeensyCommand:
     """The command in one whole string. Raises `FrameError` for anything else."""
-    first, second, pulses = _three_parts(_open(text, form), text)
-    motors = (_read_order(first), _read_order(second))
+    parts = [_fields(part) for part in _open(text, form).split(END)]
+    if len(parts) != 3 or parts[1][0] or parts[2][0]:
+        raise FrameError(f"Teensy command {text!r}: must be two CAN messages and the pulses")
+    motors, pulses = (_read_order(parts[0]), _read_order(parts[1][1:])), parts[2][1:]
     _check_ids(motors[0].motor_id, motors[1].motor_id)
     expected = 2 if form is StringForm.PUBLISHED else 5
     if len(pulses) != expected:
         raise FrameError(f"Teensy command {text!r}: {len(pulses)} fields behind the motors; allowed are {expected}")
-    servo, throttle = (_read_integer("pulse", field, 0, 9999) for field in pulses[:2])
+    servo, throttle = (_read_integer("pulse", field) for field in pulses[:2])
     _check_pulse("servo", servo, SERVO_PULSES)
     _check_pulse("throttle", throttle, THROTTLE_PULSES)
     return TeensyCommand(motors, servo, throttle, _read_attitude(pulses[2:]) if pulses[2:] else None)
@@ -181,11 +183,11 @@ def decode_reply(text: bytes, form: StringForm) -> TeensyReply:
     extra = [fields[9:12], fields[12:15]] if form is StringForm.CHECKED else [[], []]
     motors = (_read_report(fields[0:4], extra[0]), _read_report(fields[4:8], extra[1]))
     _check_ids(motors[0].motor_id, motors[1].motor_id)
-    sail = _read_number("sail", fields[8], 0.0, 360.0)
+    sail = _read_number("sail", fields[8])
     if form is StringForm.PUBLISHED:
         return TeensyReply(motors, sail)
-    status = _read_integer("status", fields[16], 0, max(TeensyStatus))
-    return TeensyReply(motors, sail, _read_integer("clock", fields[15], 0, 2**32 - 1), TeensyStatus(status))
+    status = _read_integer("status", fields[16])
+    return TeensyReply(motors, sail, _read_integer("clock", fields[15]), TeensyStatus(status))
 
 
 def crc8(data: bytes) -> int:
@@ -207,40 +209,62 @@ _CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
 _MOST_DIGITS = 12
 _UNKNOWN_AGE = 65535
 """Age of an attitude that is not known, ms."""
-_MOST_ANGLE = 3.2
-"""Of roll and pitch, rad."""
-_RANGES = {"position": 100.0, "velocity": 200.0, "kp": 500.0, "kd": 5.0, "torque": 200.0}
-"""Widest values that any firmware profile can carry; the profile's own range is checked where it is known."""
-_DIGITS = {"position": 5, "velocity": 4, "kp": 4, "kd": 5, "torque": 4}
-"""Decimals in a string."""
+_MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
+_NUMBERS = {
+    "position": (-100.0, 100.0, 5),
+    "velocity": (-200.0, 200.0, 4),
+    "kp": (0.0, 500.0, 4),
+    "kd": (0.0, 5.0, 5),
+    "torque": (-200.0, 200.0, 4),
+    "roll": (-3.2, 3.2, 4),
+    "pitch": (-3.2, 3.2, 4),
+    "sail": (0.0, 360.0, 3),
+}
+"""Least and most value that is read, and decimals that are written. Those of the motors are the widest that any
+firmware profile can carry; the profile's own range is checked where it is known."""
+_INTEGERS = {
+    "id": (0, 255),
+    "state": (0, max(MotorRequest)),
+    "pulse": (0, 9999),
+    "age": (0, _UNKNOWN_AGE),
+    "replies": (0, 255),
+    "temperature": (-40, 255),
+    "fault": (0, 255),
+    "clock": (0, 2**32 - 1),
+    "status": (0, max(TeensyStatus)),
+}
 
 
 def _write_order(order: MotorOrder) -> str:
     request = str(int(MotorRequest(order.request)))
-    return ";".join([str(order.motor_id), request, *_numbers(order.command, *_RANGES)])
+    return ";".join(
+        [str(order.motor_id), request, *(_number(name, getattr(order.command, name)) for name in _MOTOR_FIELDS)]
+    )
 
 
 def _write_attitude(attitude: Attitude | None) -> str:
     if attitude is None:
         return f";0.0000;0.0000;{_UNKNOWN_AGE}"
     for name, angle in (("roll", attitude.roll), ("pitch", attitude.pitch)):
-        if not abs(angle) <= _MOST_ANGLE:
-            raise FrameError(f"Teensy {name} {angle!r}: allowed is -{_MOST_ANGLE:g} to {_MOST_ANGLE:g} rad")
+        least, most, _ = _NUMBERS[name]
+        if not least <= angle <= most:
+            raise FrameError(f"Teensy {name} {angle!r}: allowed is {least:g} to {most:g} rad")
     age = min(max(attitude.age, 0), _UNKNOWN_AGE - 1)
-    return f";{_number('roll', attitude.roll, 4)};{_number('pitch', attitude.pitch, 4)};{age}"
+    return f";{_number('roll', attitude.roll)};{_number('pitch', attitude.pitch)};{age}"
 
 
 def _read_attitude(fields: list[str]) -> Attitude | None:
-    roll, pitch = (
-        _read_number(name, field, -_MOST_ANGLE, _MOST_ANGLE)
-        for name, field in zip(("roll", "pitch"), fields[:2], strict=True)
+    roll, pitch, age = (
+        _read_number("roll", fields[0]),
+        _read_number("pitch", fields[1]),
+        _read_integer("age", fields[2]),
     )
-    age = _read_integer("age", fields[2], 0, _UNKNOWN_AGE)
     return None if age == _UNKNOWN_AGE else Attitude(roll, pitch, age)
 
 
 def _write_report(report: MotorReport) -> str:
-    return ";".join([str(report.motor_id), *_numbers(report, "position", "velocity", "torque")])
+    state = (_number(name, getattr(report, name)) for name in ("position", "velocity", "torque"))
+    return ";".join([str(report.motor_id), *state])
 
 
 def _close(text: str, form: StringForm) -> bytes:
@@ -270,65 +294,44 @@ def _fields(body: bytes) -> list[str]:
         raise FrameError(f"Teensy string {body!r}: holds bytes that are not ASCII") from None
 
 
-def _three_parts(body: bytes, text: bytes) -> tuple[list[str], list[str], list[str]]:
-    parts = [_fields(part) for part in body.split(END)]
-    if len(parts) != 3 or parts[1][0] or parts[2][0]:
-        raise FrameError(f"Teensy command {text!r}: must be two CAN messages and the pulses")
-    return parts[0], parts[1][1:], parts[2][1:]
-
-
 def _read_order(fields: list[str]) -> MotorOrder:
     if len(fields) != 7:
         raise FrameError(f"CAN message {';'.join(fields)!r}: {len(fields)} fields; allowed are 7")
-    request = MotorRequest(_read_integer("state", fields[1], 0, max(MotorRequest)))
-    values = [
-        _read_number(name, field, 0.0 if name in ("kp", "kd") else -limit, limit)
-        for (name, limit), field in zip(_RANGES.items(), fields[2:], strict=True)
-    ]
-    return MotorOrder(_read_integer("id", fields[0], 0, 255), request, MitCommand(*values))
+    request = MotorRequest(_read_integer("state", fields[1]))
+    return MotorOrder(
+        _read_integer("id", fields[0]), request, MitCommand(*map(_read_number, _MOTOR_FIELDS, fields[2:]))
+    )
 
 
 def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
-    position, velocity, torque = (
-        _read_number(name, field, -_RANGES[name], _RANGES[name])
-        for name, field in zip(("position", "velocity", "torque"), fields[1:], strict=True)
-    )
-    state = MotorReport(_read_integer("id", fields[0], 0, 255), position, velocity, torque)
-    if not extra:
-        return state
-    ranges = (("replies", 0, 255), ("temperature", -40, 255), ("fault", 0, 255))
-    replies, temperature, fault = (
-        _read_integer(name, field, low, high) for (name, low, high), field in zip(ranges, extra, strict=True)
-    )
-    return replace(state, replies=replies, temperature=temperature, fault=fault)
+    position, velocity, torque = map(_read_number, ("position", "velocity", "torque"), fields[1:])
+    health = map(_read_integer, ("replies", "temperature", "fault"), extra)
+    return MotorReport(_read_integer("id", fields[0]), position, velocity, torque, *health)
 
 
-def _read_number(name: str, field: str, low: float, high: float) -> float:
+def _read_number(name: str, field: str) -> float:
+    least, most, _ = _NUMBERS[name]
     digits = field[1:] if field[:1] in ("-", "+") else field
     whole, _, decimals = digits.partition(".")
     if not whole.isdigit() or not (decimals == "" or decimals.isdigit()) or len(field) > _MOST_DIGITS:
         raise FrameError(f"Teensy {name} {field!r}: is not a decimal number")
-    value = float(field)
-    if not low <= value <= high:
-        raise FrameError(f"Teensy {name} {field}: allowed is {low:g} to {high:g}")
-    return value
+    if not least <= float(field) <= most:
+        raise FrameError(f"Teensy {name} {field}: allowed is {least:g} to {most:g}")
+    return float(field)
 
 
-def _read_integer(name: str, field: str, low: int, high: int) -> int:
+def _read_integer(name: str, field: str) -> int:
+    least, most = _INTEGERS[name]
     digits = field[1:] if field[:1] == "-" else field
-    if not digits.isdigit() or len(field) > _MOST_DIGITS or not low <= int(field) <= high:
-        raise FrameError(f"Teensy {name} {field!r}: allowed is a whole number from {low} to {high}")
+    if not digits.isdigit() or len(field) > _MOST_DIGITS or not least <= int(field) <= most:
+        raise FrameError(f"Teensy {name} {field!r}: allowed is a whole number from {least} to {most}")
     return int(field)
 
 
-def _numbers(source: MitCommand | MotorReport, *names: str) -> list[str]:
-    return [_number(name, getattr(source, name), _DIGITS[name]) for name in names]
-
-
-def _number(name: str, value: float, digits: int) -> str:
+def _number(name: str, value: float) -> str:
     if not math.isfinite(value):
         raise FrameError(f"Teensy {name} {value!r}: must be finite")
-    return f"{value:.{digits}f}"
+    return f"{value:.{_NUMBERS[name][2]}f}"
 
 
 def _check_ids(first: int, second: int) -> None:

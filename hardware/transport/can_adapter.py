@@ -10,22 +10,21 @@ import errno
 import queue
 import socket
 import threading
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from io import RawIOBase
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import can
+from pydantic import Field
 
+from aerodima.workbench.config.checked_files import StrictModel
 from aerodima.workbench.errors import HardwareError
 
 BITRATE = 1_000_000
 """bit/s of the tail motors (manual V1.0.8)."""
 
 
-@dataclass(frozen=True)
-class CanSettings:
+class CanSettings(StrictModel):
     """A CAN bus as python-can names it.
 
     Attributes:
@@ -38,8 +37,8 @@ class CanSettings:
 
     interface: str
     channel: str
-    bitrate: int = BITRATE
-    options: Mapping[str, Any] = field(default_factory=dict)
+    bitrate: int = Field(BITRATE, gt=0)
+    options: dict[str, Any] = Field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"CAN {self.interface or 'configuration'}:{self.channel}"

@@ -7,9 +7,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
+from pydantic import Field
+
+from aerodima.workbench.config.checked_files import StrictModel
 from aerodima.workbench.errors import HardwareError
 
 _READ_TIMEOUT = 0.02
@@ -42,8 +44,7 @@ class SerialPort(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class SerialSettings:
+class SerialSettings(StrictModel):
     """A serial device.
 
     Attributes:
@@ -51,8 +52,8 @@ class SerialSettings:
         rate: bit/s; a USB port ignores it.
     """
 
-    path: str
-    rate: int = 115_200
+    path: str = Field(min_length=1)
+    rate: int = Field(115_200, gt=0)
 
 
 def open_serial(settings: SerialSettings, timeout: float = _READ_TIMEOUT) -> SerialPort:

@@ -85,8 +85,7 @@ def record_path(wiring: WiringName, folder: Path | None = None) -> Path:
 def write_record(record: WatchdogTest, folder: Path | None = None) -> Path:
     """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
     text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
-    path = record_path(record.wiring, folder)
-    return write_atomically(path, lambda target: _write(target, text), True, HardwareError)
+    return write_atomically(record_path(record.wiring, folder), text, True, HardwareError)
 
 
 def read_record(path: Path) -> WatchdogTest:
@@ -168,10 +167,6 @@ def _changed_ports(wiring: WiringName, record: WatchdogTest, ports: CarPorts) ->
 
     changed = [key for key in (*ways, "firmware_profile", "string_form") if record.ports.get(key) != now[key]]
     return changed + [f"{j}.motor_id" for j in ("tail_pitch", "tail_roll") if motor(record.ports, j) != motor(now, j)]
-
-
-def _write(target: Path, text: str) -> None:
-    target.write_text(text, encoding="utf-8")
 
 
 def refuse_unwatched(wiring: WiringName, ports: CarPorts, accepted: bool) -> None:

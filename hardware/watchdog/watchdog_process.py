@@ -16,7 +16,6 @@ import select
 import subprocess
 import sys
 import time
-from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 
@@ -133,7 +132,7 @@ class WatchdogProcess:
         self._asked: float | None = None  # when the first heartbeat without an answer left
         self._answer_timeout = load_watchdog_timing().answer_timeout
         content = {
-            "can": {**asdict(settings), "options": dict(settings.options)},
+            "can": settings.model_dump(),
             "motor_ids": list(motor_ids),
             "report": None if report is None else str(report.resolve()),
         }

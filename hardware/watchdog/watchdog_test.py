@@ -30,8 +30,9 @@ from aerodima.hardware.car.safety_settings import load_watchdog_timing
 from aerodima.hardware.car.watchdogs import BusWatch, Watchdog, Watchdogs
 from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.car.wirings import tail_motors
+from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
-from aerodima.hardware.devices.teensy_link import TeensyFault, TeensyLink
+from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID
 from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
@@ -108,7 +109,7 @@ def _teensy(ports: CarPorts) -> Iterator[TeensyLink]:
     """The Teensy behind its own port, which nobody else uses meanwhile."""
     with (
         closing(lock_devices([ports.teensy.path], "a watchdog test")),
-        closing(SerialLink.open(ports.teensy.settings)) as serial,
+        closing(SerialLink.open(ports.teensy)) as serial,
     ):
         yield TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
 
@@ -183,7 +184,7 @@ def _stop_strings(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
     with _teensy(ports) as teensy:
         group = MotorGroup(tail_motors(scenario, ports, load_mounting()), teensy)
         last = _hold_over_strings(group, teensy)
-        while teensy.fault is not TeensyFault.WATCHDOG_ACTED:
+        while teensy.fault is not SourceFault.REPORTED:
             if time.monotonic() - last > _ACT_TIME:
                 raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
             teensy.poll()
@@ -220,7 +221,7 @@ SETTLING = 50
 def hold(scenario: dict, ports_data: dict, report: Path, wiring: str) -> None:
     """Enters and holds until something fails; raises `HardwareError` then."""
     ports = ports_from_dict(ports_data)
-    settings = ports.adapter(wiring).settings
+    settings = ports.adapter(wiring)
     lock = lock_devices([can_address(settings)], "a watchdog test")
     bus = CanBus.open(settings, listen={0, ANSWER_ID, *ports.motor_ids})
     process = WatchdogProcess(settings, ports.motor_ids, report, lock)

@@ -47,7 +47,7 @@ class VirtualWire(MotorsOnAWire):
     def __init__(self):
         super().__init__()
         self._bus = can.Bus(interface="virtual", channel=self.channel, ignore_config=True)
-        self.settings = CanSettings("virtual", self.channel)
+        self.settings = CanSettings(interface="virtual", channel=self.channel)
         self._running = True
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -69,7 +69,7 @@ class SlcanWire(MotorsOnAWire):
     def __init__(self):
         super().__init__()
         self.adapter = SlcanAdapter(self._on_frame)
-        self.settings = CanSettings("slcan", self.adapter.path, options={"sleep_after_open": 0.0})
+        self.settings = CanSettings(interface="slcan", channel=self.adapter.path, options={"sleep_after_open": 0.0})
 
     def _on_frame(self, arbitration_id, data):
         for reply in self.answer(arbitration_id, data):

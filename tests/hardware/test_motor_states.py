@@ -10,7 +10,6 @@ from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import (
     NEUTRAL,
     MitCommand,
-    decode_command,
     make_enter,
     make_exit,
     make_neutral,
@@ -223,16 +222,6 @@ def test_direction_and_zero_turn_the_joint_into_the_motor():
     assert bench.fakes[0].speed < -0.5
     # the torque of the joint has the sign that accelerates the joint
     assert bench.motors[0].torque * bench.fakes[0].torque < 0
-
-
-def test_make_touches_nothing(bench):
-    bench.to_running(hold(0.2))
-    motor = bench.motors[0]
-    before = (len(bench.port.sent), motor.state, dict(vars(motor)))
-    frame = motor.make_command_frame(hold(0.2), bench.now)
-    motor.make_hold_frame(bench.now)
-    assert (len(bench.port.sent), motor.state, dict(vars(motor))) == before
-    assert decode_command(frame.data, PROFILE).position == pytest.approx(0.2, abs=1e-3)
 
 
 def test_sink_that_raises_is_a_fault_and_no_exception():

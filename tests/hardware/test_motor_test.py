@@ -63,7 +63,7 @@ def test_a_motor_that_is_well(bench, joint):
 
 
 def test_at_the_end_of_its_range_a_joint_goes_the_other_way(bench):
-    bench.roll.position = bench.car._settings[1].motor_angle(math.pi / 2)
+    bench.roll.position = bench.motors[1].motor_angle(math.pi / 2)
     found, asked = bench.tried("tail_roll")
     assert math.degrees(found.moved) == pytest.approx(-5.0, abs=0.5)
     assert asked[-1] == "Did the tail go to the left?"

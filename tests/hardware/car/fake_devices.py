@@ -2,6 +2,7 @@
 
 import math
 import time
+from types import SimpleNamespace
 
 from aerodima.hardware.car.car_devices import Devices
 from aerodima.hardware.car.car_ports import ports_from_dict
@@ -11,8 +12,8 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.devices.teensy_link import TeensyFault
+from aerodima.hardware.devices.motor_group import MotorGroup
+from aerodima.hardware.devices.radio_link import IDLE, RadioLink
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.protocol.radio import Asks, OperatorCommand, RadioMode
 from aerodima.workbench.config.scenario import load_scenario
@@ -24,7 +25,7 @@ PORTS = {"schema": "aerodima/ports/1", "teensy": {"path": "/dev/a"}, "imu": {"pa
 
 class FakeTeensyLink:
     def __init__(self):
-        self.fault, self.fault_text = TeensyFault.NONE, ""
+        self.fault, self.fault_text = SourceFault.NONE, ""
         self.sail, self.sent_time = -0.2, math.nan
         self.pulses, self.noted = [], None
 
@@ -79,13 +80,13 @@ class ImuAtRest(FakeSensor):
         return 0.004
 
 
-class FakeRadio:
+class FakeRadio(RadioLink):
     """An operator who goes to IDLE first when the car asks for it, and then back to what was chosen."""
 
     def __init__(self):
         self.car = None
-        self.command, self.stopped, self.silence = OperatorCommand(RadioMode.AUTO), False, 0.05
-        self.rejected, self.last_error = 0, ""
+        super().__init__(SimpleNamespace(healthy=True, error=""), load_drive_safety().operator_silence)
+        self.command, self.silence = OperatorCommand(RadioMode.AUTO), 0.05
         self.reports = []
 
     @property
@@ -137,18 +138,17 @@ class CarOnTheBench:
         level = Bno055Sample((1.0, 0.0, 0.0, 0.0), (0.1, -0.2, 0.9), (1.0, 2.0, 3.0))
         self.imu, self.gps = FakeSensor(level), FakeSensor(GpsSample(3.3, 0.05, True, 9, 10.0))
         self.closed = []
-        devices = Devices(
-            self.port, self.teensy, self.imu, self.gps, self.radio, None, self.watchdog, [lambda: self.closed.append(1)]
-        )
+        mounting = load_mounting()
+        self.motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
+        group, closers = MotorGroup(self.motors, self.port), [lambda: self.closed.append(1)]
+        devices = Devices(group, self.teensy, self.imu, self.gps, self.radio, self.watchdog, closers)
 
         def authorise():
             if not authorised:
                 raise HardwareError("no watchdog test of direct_can is recorded")
 
         self.devices = devices
-        mounting = load_mounting()
-        motors = tail_motors(self.scenario, ports_from_dict(PORTS), mounting)
-        self.car = WiredCar("direct_can", motors, mounting, load_drive_safety(), lambda: devices, authorise)
+        self.car = WiredCar("direct_can", bool(self.motors), mounting, lambda: devices, authorise)
         self.radio.car = self.car
         self.now = 10.0
 

@@ -9,7 +9,6 @@ import pytest
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.devices.device_states import MotorFault, SourceFault
-from aerodima.hardware.devices.teensy_link import TeensyFault
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.protocol.ak70 import make_exit
@@ -185,7 +184,7 @@ def test_hold_and_disarm_after_the_end_do_nothing(bench):
 
 def test_an_emergency_stop_is_named_before_everything_else_and_needs_a_hand_to_be_forgotten(bench):
     bench.radio.stopped = True
-    bench.teensy.fault, bench.teensy.fault_text = TeensyFault.SILENT, "the Teensy is silent"
+    bench.teensy.fault, bench.teensy.fault_text = SourceFault.SILENT, "the Teensy is silent"
     reading = bench.cycle(CarCommand())
     assert status(reading).operator_fault == SourceFault.STOPPED
     assert status(reading).sail_fault == SourceFault.SILENT

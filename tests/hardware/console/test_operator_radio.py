@@ -221,7 +221,7 @@ def test_a_link_whose_thread_has_died_and_one_whose_device_has_gone_are_faults()
     assert not OperatorRadio(dead).beat(1, REST, 0.0)
     dead.close()
     master, slave = pty.openpty()
-    gone = SerialLink.open(SerialSettings(os.ttyname(slave)))
+    gone = SerialLink.open(SerialSettings(path=os.ttyname(slave)))
     radio = OperatorRadio(gone)
     assert radio.fault(0.0) == ""
     os.close(slave)

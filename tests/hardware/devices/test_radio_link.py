@@ -32,8 +32,8 @@ class Radio:
         self.master, self._slave = pty.openpty()
         tty.setraw(self.master)
         tty.setraw(self._slave)
-        self.serial = SerialLink.open(SerialSettings(os.ttyname(self._slave)))
-        self.link = RadioLink(self.serial, operator)
+        self.serial = SerialLink.open(SerialSettings(path=os.ttyname(self._slave)))
+        self.link = RadioLink(self.serial, 0.25, operator)
 
     def deliver(self, data, sender=OPERATOR):
         os.write(self.master, make_received(ReceivedPacket(sender, data)))

@@ -13,7 +13,7 @@ import pytest
 
 from aerodima.hardware.devices.bno055 import Bno055Chip, Bno055Sample
 from aerodima.hardware.devices.device_states import SourceFault
-from aerodima.hardware.devices.sensor_threads import gps_thread, imu_thread
+from aerodima.hardware.devices.sensor_threads import Bno055Session, GpsSession, SensorThread
 from aerodima.hardware.devices.ublox import GpsSample, make_nav_pvt
 from aerodima.hardware.transport.serial_link import SerialSettings, open_serial
 from tests.hardware.fake_can import wait_until
@@ -45,7 +45,7 @@ class Terminal:
         self.link.unlink()
 
     def open(self):
-        return open_serial(SerialSettings(str(self.link)), 0.01)
+        return open_serial(SerialSettings(path=str(self.link)), 0.01)
 
     def _serve(self, master):
         try:
@@ -67,7 +67,7 @@ def imu(tmp_path):
     chip.set_sample(LEVEL)
     terminal = Terminal(tmp_path, chip.feed)
     terminal.chip = chip
-    thread = imu_thread(terminal.open, 0.1)
+    thread = SensorThread("IMU", terminal.open, Bno055Session(), 0.1)
     yield terminal, thread
     thread.close()
 
@@ -128,7 +128,7 @@ def test_a_plug_that_was_pulled_is_told_and_the_chip_is_set_up_again(imu):
 
 def test_what_is_no_bno055_is_named(tmp_path):
     terminal = Terminal(tmp_path, lambda data: b"\xbb\x01\x55")
-    thread = imu_thread(terminal.open, 0.1)
+    thread = SensorThread("IMU", terminal.open, Bno055Session(), 0.1)
     assert wait_until(lambda: "chip id 55" in thread.error)
     assert fault(thread) is not SourceFault.NONE
     thread.close()
@@ -136,7 +136,7 @@ def test_what_is_no_bno055_is_named(tmp_path):
 
 def test_gps_samples_have_an_age(tmp_path):
     terminal = Terminal(tmp_path)
-    thread = gps_thread(terminal.open, 0.3)
+    thread = SensorThread("GPS", terminal.open, GpsSession(), 0.3)
     assert thread.age(time.monotonic()) == math.inf
     os.write(terminal.master, b"noise" + make_nav_pvt(GpsSample(3.2)))
     assert wait_until(lambda: thread.count == 1)

@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from aerodima.hardware.devices.device_states import MotorFault, MotorState
+from aerodima.hardware.devices.device_states import MotorFault, MotorState, SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
-from aerodima.hardware.devices.teensy_link import TeensyFault, TeensyLink, pulse
+from aerodima.hardware.devices.teensy_link import TeensyLink, pulse
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit, make_neutral, make_zero
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES, MotorRequest, StringForm, TeensyStatus
@@ -25,7 +25,7 @@ class Car:
 
     def __init__(self, form=StringForm.CHECKED):
         self.teensy = FakeTeensy(form)
-        self.serial = SerialLink(lambda: open_serial(SerialSettings(self.teensy.path)))
+        self.serial = SerialLink(lambda: open_serial(SerialSettings(path=self.teensy.path)))
         self.link = TeensyLink(self.serial, (1, 2), PROFILE, form)
         self.group = MotorGroup((settings("tail pitch", 1), settings("tail roll", 2)), self.link)
 
@@ -163,11 +163,11 @@ def test_silent_or_damaged_teensy_switches_the_motors_off(car, damage):
     car.teensy.damage = damage
     car.turn(40, hold(0.0))
     assert {motor.state for motor in car.group.motors} == {MotorState.FAULTED}
-    assert car.link.fault is TeensyFault.SILENT
+    assert car.link.fault is SourceFault.SILENT
     assert max(car.first_exit(0, start), car.first_exit(1, start)) < 7 * PERIOD + 0.05
     car.teensy.damage = lambda text: text
     car.turn(20, hold(0.0))
-    assert car.link.fault is TeensyFault.NONE
+    assert car.link.fault is SourceFault.NONE
     assert {motor.state for motor in car.group.motors} == {MotorState.FAULTED}  # nothing is re-armed by itself
 
 
@@ -175,7 +175,7 @@ def test_watchdog_of_the_teensy_is_a_fault(car):
     car.run()
     car.teensy.status = TeensyStatus.WATCHDOG_ACTED
     car.turn(5, hold(0.0))
-    assert car.link.fault is TeensyFault.WATCHDOG_ACTED
+    assert car.link.fault is SourceFault.REPORTED
     assert {motor.fault for motor in car.group.motors} == {MotorFault.BUS}
 
 
@@ -194,13 +194,13 @@ def test_cable_pulled_and_put_back_reconnects_and_re_arms_nothing(car):
     start = time.monotonic()
     car.turn(20, hold(0.0))
     assert time.monotonic() - start < 0.5  # the loop was not held up
-    assert car.link.fault is TeensyFault.LOST
+    assert car.link.fault is SourceFault.LOST
     assert {motor.state for motor in car.group.motors} == {MotorState.FAULTED}
     car.teensy.plug_in()
     before = len(car.teensy.commands)
     car.turn(60, hold(0.0))
     assert car.serial.losses == 1
-    assert car.link.fault is TeensyFault.NONE
+    assert car.link.fault is SourceFault.NONE
     after = [order.request for _, command in car.teensy.commands[before:] for order in command.motors]
     assert after
     assert set(after) == {MotorRequest.EXIT}
@@ -217,12 +217,12 @@ def test_motors_are_not_entered_before_the_teensy_has_answered():
 
 def test_missing_device_is_one_line():
     with pytest.raises(HardwareError, match=r"/dev/ttyNOT_THERE: cannot be opened: there is no such device"):
-        SerialLink.open(SerialSettings("/dev/ttyNOT_THERE"))
+        SerialLink.open(SerialSettings(path="/dev/ttyNOT_THERE"))
 
 
 def test_port_in_use_is_one_line(car):
     with pytest.raises(HardwareError, match="cannot be opened"):
-        open_serial(SerialSettings(car.teensy.path))
+        open_serial(SerialSettings(path=car.teensy.path))
 
 
 @pytest.mark.parametrize(
@@ -249,5 +249,5 @@ def test_share_out_of_range_is_refused(share):
 def test_motors_that_never_answered_have_no_position(car):
     car.teensy.deaf = {1, 2}
     car.turn(20)
-    assert car.link.fault is TeensyFault.NONE
+    assert car.link.fault is SourceFault.NONE
     assert [motor.age(time.monotonic()) for motor in car.group.motors] == [math.inf, math.inf]

@@ -15,7 +15,7 @@ from aerodima.hardware.car.wiring import CarReading
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
-from aerodima.hardware.drive.drive_diagram import DiagramRun, interface_to
+from aerodima.hardware.drive.drive_diagram import CarInterface, DiagramRun
 from aerodima.hardware.drive.plain_loop import PERIOD, AutoPilot, ManualPilot, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import LINK_COLUMNS, RunJournal, drive_columns, open_run_journal
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
@@ -82,7 +82,7 @@ def diagram(path, wiring, scenario=SCENARIO, length=2.0):
 
 def test_ports_are_those_of_the_simulated_station():
     simulated = make_car_station(SCENARIO)
-    real = make_car_station(SCENARIO, interface=interface_to(CarGuard(FakeWiring(), SAFETY)))
+    real = make_car_station(SCENARIO, interface=lambda _: CarInterface(CarGuard(FakeWiring(), SAFETY)))
 
     def ports(station):
         inputs = [station.get_input_port(index) for index in range(station.num_input_ports())]

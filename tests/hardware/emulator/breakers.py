@@ -210,5 +210,5 @@ class ReceiverDies(Breaker):
         super().strike()
         devices = self.car.devices
         assert devices is not None
-        port = devices.teensy._link if devices.motor_port is devices.teensy else devices.motor_port
+        port = devices.teensy._link if devices.group.port is devices.teensy else devices.group.port
         port._inbox = _DeadEnd()  # type: ignore[union-attr]

@@ -17,13 +17,12 @@ from pathlib import Path
 import can
 import numpy as np
 
-from aerodima.hardware.car.car_ports import CarPorts
+from aerodima.hardware.car.car_ports import JOINTS, CarPorts
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.car.wirings import direct_can, teensy_bridge
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
-from aerodima.hardware.emulator.fault_script import JOINTS
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess

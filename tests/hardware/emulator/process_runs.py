@@ -13,10 +13,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from aerodima.hardware.car.car_ports import PORTS_FILE
+from aerodima.hardware.car.car_ports import JOINTS, PORTS_FILE
 from aerodima.hardware.car.safety_settings import load_teensy_timing, load_watchdog_timing
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.emulator.fault_script import JOINTS
 from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess

@@ -8,12 +8,10 @@ from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.sail_encoder import (
     AEAT_6010,
     AEAT_6012,
-    bits_in_use,
     decode_word,
     encode_angle,
     encoder_profile,
     signed_angle,
-    unwrap_turn,
 )
 from aerodima.workbench.errors import HardwareError
 
@@ -58,19 +56,6 @@ def test_degrees_of_the_string_become_signed_radians(degrees, expected):
 def test_degrees_out_of_range_are_refused(degrees):
     with pytest.raises(FrameError, match="0 to 360"):
         signed_angle(degrees)
-
-
-def test_sail_that_turns_through_the_seam_stays_continuous():
-    angle = 0.0
-    for reading in (2.0, 3.0, -2.5, -1.5, 0.0, 1.5):
-        angle = unwrap_turn(angle, reading)
-    assert angle == pytest.approx(2 * math.pi + 1.5)
-
-
-def test_ten_bit_part_behind_a_twelve_bit_reader_is_noticed():
-    assert bits_in_use(range(4096), AEAT_6012) == 12
-    assert bits_in_use((word << 2 for word in range(1024)), AEAT_6012) == 10
-    assert bits_in_use([], AEAT_6012) == 0
 
 
 def test_unknown_part_lists_the_known_ones():

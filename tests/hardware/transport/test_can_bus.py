@@ -310,7 +310,9 @@ def test_full_disk_stops_the_log_and_not_the_bus(adapter):
 
 def test_log_folder_that_is_not_there_is_one_line(tmp_path):
     with pytest.raises(HardwareError, match="cannot be written: No such file or directory"):
-        CanBus.open(CanSettings("virtual", "log_test"), traffic_log=tmp_path / "nowhere" / "traffic.blf")
+        CanBus.open(
+            CanSettings(interface="virtual", channel="log_test"), traffic_log=tmp_path / "nowhere" / "traffic.blf"
+        )
 
 
 # -- python-can's interfaces
@@ -318,7 +320,7 @@ def test_log_folder_that_is_not_there_is_one_line(tmp_path):
 
 def test_virtual_bus_end_to_end():
     motor = can.Bus(interface="virtual", channel="test_can_bus", ignore_config=True)
-    bus = CanBus.open(CanSettings("virtual", "test_can_bus"))
+    bus = CanBus.open(CanSettings(interface="virtual", channel="test_can_bus"))
     bus.send(COMMAND)
     assert bytes(motor.recv(1.0).data) == COMMAND.data
     motor.send(can.Message(arbitration_id=0, data=REPLY.data, is_extended_id=False))
@@ -330,7 +332,7 @@ def test_virtual_bus_end_to_end():
 @pytest.fixture
 def slcan():
     adapter = SlcanAdapter()
-    bus = CanBus.open(CanSettings("slcan", adapter.path, options={"sleep_after_open": 0.0}))
+    bus = CanBus.open(CanSettings(interface="slcan", channel=adapter.path, options={"sleep_after_open": 0.0}))
     yield bus, adapter
     bus.close()
 
@@ -411,7 +413,7 @@ class Socketcand:
 def test_socketcand_end_to_end_and_its_server_gone():
     server = Socketcand()
     options = {"host": "127.0.0.1", "port": server.port}
-    bus = CanBus.open(CanSettings("socketcand", "can0", options=options))
+    bus = CanBus.open(CanSettings(interface="socketcand", channel="can0", options=options))
     bus.send(COMMAND)
     assert wait_until(lambda: "< send 001 8 80 0 80 0 0 0 8 0 >" in server.received)
     server.client.sendall(b"< frame 000 1.5 0180008008001900 >")
@@ -428,17 +430,17 @@ def test_socketcand_end_to_end_and_its_server_gone():
 
 def test_unknown_interface_lists_the_known_ones():
     with pytest.raises(HardwareError, match=r"CAN interface 'can0' is unknown; allowed: .*slcan.*socketcan"):
-        open_bus(CanSettings("can0", "can0"))
+        open_bus(CanSettings(interface="can0", channel="can0"))
 
 
 def test_missing_device_is_one_line():
     with pytest.raises(HardwareError, match=r"CAN slcan:/dev/ttyNOT_THERE: cannot be opened: there is no such device"):
-        open_bus(CanSettings("slcan", "/dev/ttyNOT_THERE"))
+        open_bus(CanSettings(interface="slcan", channel="/dev/ttyNOT_THERE"))
 
 
 def test_socketcan_interface_that_is_not_there_is_one_line():
     with pytest.raises(HardwareError, match=r"CAN socketcan:can77: cannot be opened: ") as caught:
-        open_bus(CanSettings("socketcan", "can77"))
+        open_bus(CanSettings(interface="socketcan", channel="can77"))
     assert "\n" not in str(caught.value)
 
 
@@ -448,7 +450,7 @@ def test_missing_permission_names_the_group(monkeypatch):
 
     monkeypatch.setattr("serial.serial_for_url", refused)
     with pytest.raises(HardwareError, match=r"permission denied; .* dialout"):
-        open_bus(CanSettings("slcan", "/dev/ttyACM0"))
+        open_bus(CanSettings(interface="slcan", channel="/dev/ttyACM0"))
 
 
 def test_server_that_is_not_there_is_refused_quickly():
@@ -456,17 +458,17 @@ def test_server_that_is_not_there_is_refused_quickly():
         port = free.getsockname()[1]
     start = time.monotonic()
     with pytest.raises(HardwareError, match=r"no socketcand at 127\.0\.0\.1"):
-        open_bus(CanSettings("socketcand", "can0", options={"host": "127.0.0.1", "port": port}))
+        open_bus(CanSettings(interface="socketcand", channel="can0", options={"host": "127.0.0.1", "port": port}))
     assert time.monotonic() - start < 2.5
 
 
 def test_socketcand_without_host_is_refused():
     with pytest.raises(HardwareError, match="host"):
-        open_bus(CanSettings("socketcand", "can0"))
+        open_bus(CanSettings(interface="socketcand", channel="can0"))
 
 
 def test_wrong_bitrate_is_refused():
     adapter = SlcanAdapter()
     with pytest.raises(HardwareError, match="bitrate"):
-        open_bus(CanSettings("slcan", adapter.path, bitrate=123, options={"sleep_after_open": 0.0}))
+        open_bus(CanSettings(interface="slcan", channel=adapter.path, bitrate=123, options={"sleep_after_open": 0.0}))
     adapter.unplug()

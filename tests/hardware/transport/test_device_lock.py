@@ -124,12 +124,12 @@ def test_a_drive_that_gives_the_device_back_while_its_watchdog_lives_is_not_name
 
 def test_an_adapter_that_is_no_device_of_this_computer_is_locked_by_its_address():
     def address(**options):
-        return can_address(CanSettings("socketcand", "can0", options=options))
+        return can_address(CanSettings(interface="socketcand", channel="can0", options=options))
 
     assert address(host="localhost", port=29536) == address(host="127.0.0.1", port=29536)
     assert address(host="127.0.0.1", port=29536) != address(host="127.0.0.1", port=29537)
-    assert can_address(CanSettings("socketcan", "can0")) == "socketcan:can0"
-    assert can_address(CanSettings("slcan", "/dev/ttyACM0@1000000")) == "/dev/ttyACM0"
+    assert can_address(CanSettings(interface="socketcan", channel="can0")) == "socketcan:can0"
+    assert can_address(CanSettings(interface="slcan", channel="/dev/ttyACM0@1000000")) == "/dev/ttyACM0"
     lock = lock_devices([address(host="127.0.0.1", port=1)], "a drive")
     with pytest.raises(HardwareError, match=r"socketcand:127\.0\.0\.1:1:can0: is in use by a drive"):
         lock_devices([address(host="localhost", port=1)], "a drive")

@@ -27,7 +27,7 @@ import sys, time
 from pathlib import Path
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
-watchdog = WatchdogProcess(CanSettings("slcan", sys.argv[1]), (1, 2), Path(sys.argv[2]))
+watchdog = WatchdogProcess(CanSettings(interface="slcan", channel=sys.argv[1]), (1, 2), Path(sys.argv[2]))
 watchdog.arm()
 print(watchdog.pid, flush=True)
 while True:
@@ -50,7 +50,7 @@ def report(tmp_path):
 
 
 def settings(adapter):
-    return CanSettings("slcan", adapter.path)
+    return CanSettings(interface="slcan", channel=adapter.path)
 
 
 @pytest.fixture
@@ -206,7 +206,7 @@ def test_a_line_that_the_dead_process_did_not_finish_does_not_spoil_the_exit_fra
 def test_an_adapter_that_was_unplugged_gets_its_exit_frames_when_it_is_back(adapter, tmp_path):
     link = tmp_path / "can"
     link.symlink_to(adapter.path)
-    watchdog = WatchdogProcess(CanSettings("slcan", str(link)), (1, 2))
+    watchdog = WatchdogProcess(CanSettings(interface="slcan", channel=str(link)), (1, 2))
     watchdog.arm()
     adapter.unplug()
     watchdog.trip()
@@ -222,11 +222,14 @@ def test_an_adapter_that_was_unplugged_gets_its_exit_frames_when_it_is_back(adap
 @pytest.mark.parametrize(
     ("can", "message"),
     [
-        (CanSettings("slcan", "/dev/nowhere"), "No such file"),
-        (CanSettings("slcan", "/dev/null"), "is no serial device"),
-        (CanSettings("virtual", "x"), "inside one process"),
-        (CanSettings("slcan", "/dev/nowhere", bitrate=123), "bit rate 123; allowed: 10000"),
-        (CanSettings("socketcand", "can0", options={"host": "127.0.0.1", "port": 1}), "no socketcand at 127.0.0.1:1"),
+        (CanSettings(interface="slcan", channel="/dev/nowhere"), "No such file"),
+        (CanSettings(interface="slcan", channel="/dev/null"), "is no serial device"),
+        (CanSettings(interface="virtual", channel="x"), "inside one process"),
+        (CanSettings(interface="slcan", channel="/dev/nowhere", bitrate=123), "bit rate 123; allowed: 10000"),
+        (
+            CanSettings(interface="socketcand", channel="can0", options={"host": "127.0.0.1", "port": 1}),
+            "no socketcand at 127.0.0.1:1",
+        ),
     ],
 )
 def test_an_adapter_that_cannot_be_opened_is_one_line(can, message):
