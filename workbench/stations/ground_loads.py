@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.geometry import Ellipsoid, Sphere
-from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint
+from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
@@ -106,6 +106,8 @@ class GroundLoads:
 def _through(joint: Joint, up: FloatArray, height: FloatArray, positions: FloatArray) -> _Height:
     """From the parent of a joint to its child."""
     X_PF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
+    if isinstance(joint, WeldJoint):
+        X_PF = X_PF.multiply(joint.X_FM())
     X_MC = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
     height, up = height + X_PF.translation() @ up, X_PF.rotation().matrix().T @ up
     start = joint.position_start()

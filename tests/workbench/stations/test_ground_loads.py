@@ -35,3 +35,22 @@ def test_loads_are_those_of_the_contact_solver(name, settings, parts):
         assert expected.max() > 1.0 or part not in parts, part
         # The log has the whole force, here is its vertical part: who touches is the same.
         assert (found[part] > LOADED_FORCE).any() == (expected > LOADED_FORCE).any(), part
+
+
+@pytest.mark.parametrize("sail", ["facing", "locked", "free"])
+def test_heights_are_those_of_the_plant_wherever_it_stands(sail):
+    car = simulated_car(assemble(load_scenario("turn_swing", [f"tail.sail={sail}"])).station)
+    plant, loads = car.plant, GroundLoads(car)
+    context, rng = plant.CreateDefaultContext(), np.random.default_rng(1)
+    positions = rng.uniform(-1.0, 1.0, (plant.num_positions(), 5))
+    positions[:4] /= np.linalg.norm(positions[:4], axis=0)
+    known = {}
+    bodies = {shape.body for shape in loads._shapes}
+    assert {"chassis", "tail_sail"} <= {plant.get_body(body).name() for body in bodies}
+    for body in bodies:
+        up, height = loads._height(body, positions, known)
+        for column in range(positions.shape[1]):
+            plant.SetPositions(context, positions[:, column])
+            X_WB = plant.EvalBodyPoseInWorld(context, plant.get_body(body))
+            np.testing.assert_allclose(height[column], X_WB.translation()[2], rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(up[:, column], X_WB.rotation().matrix()[2], rtol=0.0, atol=1e-12)
