@@ -10,13 +10,15 @@ import getpass
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.latency import WATCHDOG_PRIORITY
 from aerodima.workbench.errors import HardwareError
+
+if TYPE_CHECKING:
+    from aerodima.hardware.car.car_ports import CarPorts
 
 
 def firmware(

@@ -49,6 +49,7 @@ SIDE_BLEND = 0.1
 CORNER_ROUNDING = 1e-4
 """Under the root that keeps the height of the lower corner smooth, so 0.01 of a half width."""
 COMPLEX_STEP = 1e-30
+"""Of values and torques alike: derivatives without a difference of close numbers, exact to rounding."""
 
 
 @dataclass(slots=True)

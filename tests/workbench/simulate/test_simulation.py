@@ -13,6 +13,7 @@ from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.outcome_record import CONTACT_COLUMNS, STOPPED
+from tests.workbench.simulate.outcome_study import differences, scenarios
 
 SHORT = ["manoeuvre.speed_ramp=0.8", "manoeuvre.turn_start=1.0", "manoeuvre.duration=2.1"]
 """Turn after 1 s instead of 2 s: the run of a test costs half."""
@@ -76,6 +77,13 @@ def test_flipped_run_stops_once_the_turn_is_over_with_the_metrics_of_the_turn():
     )
     rows = len(runs[0].table)
     np.testing.assert_array_equal(runs[0].table.to_numpy(), runs[1].table.to_numpy()[:rows])
+
+
+@pytest.mark.slow
+def test_trials_near_the_limit_say_what_full_runs_on_separate_systems_say():
+    compared = [differences(scenario) for scenario in scenarios(seed=3, cars=2)]
+    assert {flipped for _, flipped in compared} == {True, False}
+    assert [wrong for wrong, _ in compared if wrong] == []
 
 
 def test_another_law_takes_the_place_of_the_scenarios():
