@@ -66,7 +66,7 @@ def swing(
 ) -> None:
     """The swing with which the car survives most friction or speed, rolls least, or asks least of its motors.
 
-    With --polish the full car has the last word: most friction, turning at least 95 % as far as the published swing.
+    With --polish the full model refines it: most friction, turning at least 95 % as far as the published swing.
     An interrupted search goes on when the same command is given again.
 
     Example: aerodima optimise swing turn_swing --set manoeuvre.speed=4.5 --threshold 0.5 --out swing.yaml

@@ -138,7 +138,7 @@ class TailPosterior:
 
     @property
     def effective_samples(self) -> float:
-        """Equally likely tails that the weights are worth."""
+        """Effective sample size of the weights."""
         return float(1.0 / np.sum(self.weights**2))
 
     def moment(self, power: int) -> FloatArray:
