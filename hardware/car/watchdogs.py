@@ -14,7 +14,7 @@ from aerodima.hardware.car.safety_settings import WatchdogTiming
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
-from aerodima.hardware.protocol.teensy import TeensyStatus
+from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.errors import HardwareError
 
 
@@ -102,7 +102,7 @@ class BusWatch:
 
     @property
     def healthy(self) -> bool:
-        """Whether the Teensy answers and has not acted while the motors were armed."""
+        """Whether the Teensy answers and has not switched everything off."""
         return not self.reason
 
     @property
@@ -112,18 +112,13 @@ class BusWatch:
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
         if self._status is None:
-            return "the Teensy has not answered on the CAN bus yet"
-        if self._state is BeatState.ARMED and self._status is not TeensyStatus.RUNNING:
-            return f"the Teensy has switched the motors off: {self._status.name.lower().replace('_', ' ')}"
-        return ""
+            return "the Teensy has not answered on the CAN bus yet; was it built with --wiring watched_can?"
+        return SWITCHED_OFF.get(self._status, "")
 
     def arm(self) -> None:
         """From now on the Teensy waits for heartbeats. Raises `HardwareError` if it does not answer, or has acted."""
-        reason = self.reason
-        if not reason and self._status is not TeensyStatus.RUNNING:
-            reason = "the watchdog of the Teensy has acted"
-        if reason:
-            raise HardwareError(f"{reason}; was it built with --wiring watched_can, is it on the bus?")
+        if not self.healthy:
+            raise HardwareError(self.reason)
         self._send(BeatState.ARMED)
 
     def beat(self) -> None:

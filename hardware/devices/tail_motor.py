@@ -210,6 +210,9 @@ class Motor:
 
     def receive(self, frame: CanFrame, time: float) -> None:
         """Takes a frame that names this motor, which arrived at `time` (s, monotonic)."""
+        if frame == make_exit(self.settings.motor_id):  # of the Teensy, or of another program: it is answered too
+            self._cycle_frames += 1
+            return
         try:
             reply = decode_reply(frame, self.settings.profile)
         except FrameError as error:

@@ -18,6 +18,7 @@ from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.sail_encoder import signed_angle
 from aerodima.hardware.protocol.teensy import (
     SERVO_PULSES,
+    SWITCHED_OFF,
     THROTTLE_PULSES,
     Attitude,
     MotorOrder,
@@ -76,11 +77,6 @@ _SILENT = 0.1
 """Without a reply string for that long the Teensy counts as silent, s: ten cycles."""
 _MOST_REPEATS = 20
 """Cycles in which an order is repeated when its motor asks for nothing; a motor that runs asks at least every tenth."""
-_ACTED = {
-    TeensyStatus.WATCHDOG_ACTED: "the watchdog of the Teensy has acted",
-    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude is not known",
-    TeensyStatus.BEATS_STOPPED: "the Teensy has switched the motors off: no heartbeat on the bus",
-}
 _REQUESTS = {0xFC: MotorRequest.ENTER, 0xFD: MotorRequest.EXIT}
 
 
@@ -223,8 +219,8 @@ class TeensyLink:
 
     def _set_fault(self, reply: TeensyReply) -> None:
         self.status = reply.status
-        if reply.status in _ACTED:
-            self.fault, self.fault_text = SourceFault.REPORTED, _ACTED[reply.status]
+        if reply.status in SWITCHED_OFF:
+            self.fault, self.fault_text = SourceFault.REPORTED, SWITCHED_OFF[reply.status]
         else:
             self.fault, self.fault_text = SourceFault.NONE, ""
 

@@ -63,6 +63,14 @@ class TeensyStatus(IntEnum):
     BEATS_STOPPED = 3
 
 
+SWITCHED_OFF = {
+    TeensyStatus.WATCHDOG_ACTED: "the watchdog of the Teensy has acted",
+    TeensyStatus.ATTITUDE: "the Teensy has stopped the car: it lies on its side, or its attitude is not known",
+    TeensyStatus.BEATS_STOPPED: "the Teensy has switched the motors off: no heartbeat on the bus",
+}
+"""What the Teensy has done and why, in words, by its status."""
+
+
 @dataclass(frozen=True, slots=True)
 class MotorOrder:
     """One CAN message of the command string.

@@ -430,6 +430,12 @@ def test_a_second_motor_is_found_while_entering_before_any_gain():
     assert all(command.kp == 0 for _, command in bench.commands(2))
 
 
+def test_answers_to_exit_frames_of_others_are_no_second_motor(bench):
+    bench.fakes[1].respond = lambda frame: [make_exit(2), frame, frame]
+    bench.cycle(RUN, count=40)
+    assert bench.group.ready, bench.group.fault_text
+
+
 def test_a_second_motor_is_found_although_replies_were_lost_before(bench):
     bench.fakes[1].respond = mute(4)
     bench.cycle(RUN, count=4)

@@ -57,13 +57,20 @@ class EmulatorProcess:
 
     def __enter__(self) -> EmulatorProcess:
         self.process.start()
+        try:
+            self._wait_until_ready()
+            self.operator = ConsoleOperator(self.ports) if self._console else None
+        except BaseException:
+            self.end()
+            raise
+        return self
+
+    def _wait_until_ready(self) -> None:
         end = time.monotonic() + _READY_TIME
         while not (self.folder / READY_FILE).exists():
             assert self.process.is_alive(), "the emulator ended"
             assert time.monotonic() < end, "the emulator is not ready"
             time.sleep(0.01)
-        self.operator = ConsoleOperator(self.ports) if self._console else None
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.end()
