@@ -6,13 +6,13 @@ chassis, x of the hub, z of the rod.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 Vector = tuple[float, float, float]
 
 
-def rotation_rows(quaternion: Sequence[float]) -> tuple[Vector, Vector, Vector]:
-    """Rows of the rotation matrix of a quaternion w, x, y, z of any length."""
+def rotation_rows(quaternion: Any) -> tuple[Any, Any, Any]:
+    """Rows (3) of the rotation matrix of a quaternion w, x, y, z of any length; of arrays (n) each entry is one (n)."""
     w, x, y, z = quaternion
     scale = 2.0 / (w * w + x * x + y * y + z * z)
     return (

@@ -18,6 +18,7 @@ import numpy as np
 from pydrake.geometry import Ellipsoid, Sphere
 from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 
+from aerodima.workbench.aero.sail_motion import rotation_rows
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.plants.car import GROUND_STIFFNESS, CarPlant
@@ -118,9 +119,7 @@ def _through(joint: Joint, up: FloatArray, height: FloatArray, positions: FloatA
     elif isinstance(joint, PrismaticJoint):
         height = height + positions[start] * (joint.translation_axis() @ up)
     elif joint.num_positions() == 7:
-        w, x, y, z = positions[start : start + 4]
-        scale = 2.0 / (w * w + x * x + y * y + z * z)
-        up = np.array([scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)])
+        up = np.array(rotation_rows(positions[start : start + 4])[2])
         height = positions[start + 6]
     return X_MC.rotation().matrix().T @ up, height + X_MC.translation() @ up
 

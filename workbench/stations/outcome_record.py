@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
+from aerodima.workbench.aero.sail_motion import rotation_rows
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
@@ -144,13 +145,13 @@ class OutcomeRecord:
         return pd.DataFrame(columns | self._contacts(state, steps)), bool(over.any())
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
-        """Motion of the chassis; the definitions of `truth.CarTruth` and `sensors.imu.motion_at_imu`."""
+        """Motion of the chassis; the definitions of `ground_truth.CarTruth` and `sensors.imu.motion_at_imu`."""
         chassis = self._plant.GetBodyByName("chassis")
         q = chassis.floating_positions_start()
         v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
         state = states[:, steps]
         acceleration = (state - states[:, np.maximum(steps - 1, 0)]) / self._scenario.simulation.step
-        R_WB = _rotations(state[q : q + 4])
+        R_WB: FloatArray = np.array(rotation_rows(state[q : q + 4]))
         w_WB, v_WB = (np.einsum("jin,jn->in", R_WB, state[v + part : v + part + 3]) for part in (0, 3))
         alpha, a_WB = (np.einsum("jin,jn->in", R_WB, acceleration[v + part : v + part + 3]) for part in (0, 3))
         p_BoImu_B = np.array([[self._scenario.imu.x], [0.0], [self._scenario.imu.z]])
@@ -198,16 +199,3 @@ def _log(builder: DiagramBuilder, port: Any, rate: float) -> VectorLogSink:
 
 def _is_cheap(names: Sequence[str]) -> bool:
     return not (names[0].startswith(COSTLY) or any("_truth_" in name or "plant_" in name for name in names))
-
-
-def _rotations(quaternions: FloatArray) -> FloatArray:
-    """Rotation matrices, shape (3, 3, n), of quaternions w, x, y, z, shape (4, n), of any length."""
-    w, x, y, z = quaternions
-    scale = 2.0 / np.sum(quaternions**2, axis=0)
-    return np.array(
-        [
-            [1.0 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)],
-            [scale * (x * y + w * z), 1.0 - scale * (x * x + z * z), scale * (y * z - w * x)],
-            [scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)],
-        ]
-    )
