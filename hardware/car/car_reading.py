@@ -147,7 +147,7 @@ class CarReporter:
             armed=status.armed == 1.0,
             stopped=stopped,
             mode=reading.operator.mode,
-            faults=tuple(min(code, _UNKNOWN_FAULT) for code in codes),  # type: ignore[arg-type]
+            faults=tuple(min(code, _UNKNOWN_FAULT) for code in codes),
             yaw_rate=imu.gyro_z,
             roll=imu.roll,
             tail_pitch=tail.pitch_angle,

@@ -27,7 +27,7 @@ from aerodima.hardware.drive.plain_loop import PERIOD
 from aerodima.hardware.protocol.ak70 import PROFILES, FirmwareProfile, decode_reply
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE
+from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_STATE, UNARMED_SOURCES
 from aerodima.workbench.errors import HardwareError
 
 _MB = 1e6
@@ -73,7 +73,7 @@ def device_checks(reading: CarReading, gps_time: float | None, safety: DriveSafe
     """What every device says of itself, and what nobody says: the battery."""
     status = STATUS.read(reading.status)._asdict()
     checks = []
-    for source in ("sail", "imu", "speed", "operator"):
+    for source in UNARMED_SOURCES:
         fault, age = status[f"{source}_fault"], status[f"{source}_age"]
         text = f"answers, {age * 1000:.0f} ms old" if fault == 0.0 else reading.fault_text or f"fault {fault:g}"
         checks.append(Check(source, fault == 0.0 or (None if source == "speed" else False), text))

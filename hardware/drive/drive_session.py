@@ -36,7 +36,7 @@ from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPi
 from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import STATUS
+from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import HardwareError
@@ -183,8 +183,8 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
 
 
 def _wait_for_devices(drive: _Drive) -> None:
-    """Until sail, IMU, GPS, operator and watchdog are heard; what is still silent then is named by the checks."""
-    faults = [STATUS.index(f"{source}_fault") for source in ("sail", "imu", "speed", "operator")]
+    """Until `UNARMED_SOURCES` and the watchdog are heard; what is still silent then is named by the checks."""
+    faults = [STATUS.index(f"{source}_fault") for source in UNARMED_SOURCES]
     # A Teensy that heard nothing yet reports that its watchdog has acted; an IMU that is being set up counts as lost.
     waiting = (SourceFault.NO_SAMPLE_YET, SourceFault.SILENT, SourceFault.REPORTED, SourceFault.LOST)
     idle_until(

@@ -4,10 +4,10 @@ To the car: class, mode, throttle, steering, pitch tail, roll tail. The publishe
 little-endian here, 18 bytes. With native alignment it has 20 (ERRATA E30): that form is refused by name, since its
 floats begin two bytes later. XBee modules guard a frame by their own checksum.
 
-From the car, 20 times per second, class 4, packed little-endian: class, sequence, flags (1 armed, 2 the emergency stop
-came, 4 and 8 what the car asks the operator for, 16 the car has no tail), number of the car, mode last heard, fault
-codes of `aerodima.workbench.config.signal_table.STATUS_SOURCES`, eight 32-bit floats, then the worst fault in words.
-43 to 100 bytes, as many as the smallest modules carry.
+From the car, 20 times per second, packed little-endian: class (4; another layout has another), sequence, flags
+(1 armed, 2 the emergency stop came, 4 and 8 what the car asks the operator for, 16 the car has no tail), number of the
+car, mode last heard, fault codes of `aerodima.workbench.config.signal_table.STATUS_SOURCES`, eight 32-bit floats, then
+the worst fault in words. 43 to 100 bytes, as many as the smallest modules carry.
 """
 
 from __future__ import annotations
@@ -149,9 +149,12 @@ def _names(kind: type[IntEnum]) -> str:
 
 
 REPORT_CLASS = 4
+"""First byte, and version of the layout: another layout has another, or a console of before would read wrong values."""
+FAULT_CODES = 6
+"""In a report, one per source of `aerodima.workbench.config.signal_table.STATUS_SOURCES`."""
 REPORT_PERIOD = 0.05
 """s between two reports."""
-_HEAD = struct.Struct("<BBBBB6B8f")
+_HEAD = struct.Struct(f"<BBBBB{FAULT_CODES}B8f")
 _MOST_BYTES = 100
 _ARMED, _STOPPED = 1, 2
 _ASKS_SHIFT = 2
@@ -176,7 +179,7 @@ class CarReport:
     Attributes:
         armed: the car takes commands. stopped: the operator's emergency stop came and stays.
         mode: of the last command that the car heard.
-        faults: codes of tail pitch, tail roll, sail, imu, speed, operator; 0 for none.
+        faults: codes of the sources in their order, `FAULT_CODES` of them; 0 for none.
         yaw_rate: rad/s. roll: of the chassis, rad. tail_pitch, tail_roll: rad. torque_pitch, torque_roll: N m.
         speed: m/s. operator_age: s since the operator was heard alive, infinite before.
         text: the worst fault in words, cut to what the frame holds.
@@ -188,7 +191,7 @@ class CarReport:
     armed: bool
     stopped: bool
     mode: RadioMode
-    faults: tuple[int, int, int, int, int, int] = (0, 0, 0, 0, 0, 0)
+    faults: tuple[int, ...] = (0,) * FAULT_CODES
     yaw_rate: float = 0.0
     roll: float = 0.0
     tail_pitch: float = 0.0

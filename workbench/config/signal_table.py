@@ -27,7 +27,9 @@ PLANT_POSITION_PREFIX = "plant_position_"
 RIG_KINDS = ("static", "swing", "bar_swing", "robot_swing")
 """Kinds of rig log: tail held by the motor, tail let go, bar let go without a tail, tail of the robot swung."""
 TIME = "time_s"
-STATUS_SOURCES = ("tail_pitch", "tail_roll", "sail", "imu", "speed", "operator")
+UNARMED_SOURCES = ("sail", "imu", "speed", "operator")
+"""Sources of `status` that are heard before the motors are armed."""
+STATUS_SOURCES = ("tail_pitch", "tail_roll", *UNARMED_SOURCES)
 RIG_STATUS_SOURCES = ("motor", "force", "operator")
 _AXES = ("x", "y", "z")
 
@@ -72,11 +74,17 @@ class PortFields:
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a run log: its exact name, its unit ("" for a pure number) and what it means."""
+    """One column of a run log.
+
+    Attributes:
+        name: exact. unit: "" for a pure number. meaning: in words.
+        optional: came after logs were written without it; where it is not in a file it is read as NaN.
+    """
 
     name: str
     unit: str
     meaning: str
+    optional: bool = False
 
 
 def _vector(stem: str, suffix: str, unit: str, meaning: str) -> list[Column]:

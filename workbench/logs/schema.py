@@ -228,7 +228,11 @@ def read_run_log(path: Path | str) -> RunLog:
         hint = _journal_hint(path) or "; a run that was cut off leaves a *.journal for `aerodima log recover`"
         raise LogError(f"{path}: cut off, damaged or not a Parquet file{hint}") from cause
     refuse_missing(table.column_names, metadata, str(path))
-    return run_log_from_metadata(table.to_pandas(ignore_metadata=True), metadata, source=str(path))
+    frame = table.to_pandas(ignore_metadata=True)
+    if metadata["kind"] == "car_run":
+        absent = [column.name for column in sensor_columns() if column.optional and column.name not in frame]
+        frame[absent] = math.nan
+    return run_log_from_metadata(frame, metadata, source=str(path))
 
 
 def encode_metadata(metadata: Mapping[str, Any]) -> bytes:
@@ -278,14 +282,14 @@ def refuse_missing(names: Sequence[str], metadata: Mapping[str, Any], source: st
 def missing_columns(names: Iterable[str], kind: str, has_tail: bool) -> list[str]:
     """Names that a log of this kind must have and has not.
 
-    A `car_run` has every sensor column; if it has one truth column it has all of them, apart from those of the tail
-    when the car has none. A rig log needs time and angle: what its force sensor did not give, a fit goes without. Other
-    kinds need their time. Further columns are welcome.
+    A `car_run` has every sensor column that is not optional; if it has one truth column it has all of them, apart from
+    those of the tail when the car has none. A rig log needs time and angle: what its force sensor did not give, a fit
+    goes without. Other kinds need their time. Further columns are welcome.
     """
     present = set(names)
     required = [TIME, "angle_rad"] if kind in RIG_KINDS else [TIME]
     if kind == "car_run":
-        required = names_of(sensor_columns())
+        required = [column.name for column in sensor_columns() if not column.optional]
         if any("_truth_" in name for name in present):
             required += [name for name in names_of(truth_columns()) if has_tail or name not in _TAIL_TRUTH]
     return [name for name in required if name not in present]

@@ -7,6 +7,9 @@ import pytest
 
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.radio import (
+    FAULT_CODES,
+    REPORT_CLASS,
+    CarReport,
     EmergencyStop,
     Heartbeat,
     HeartbeatMonitor,
@@ -16,7 +19,9 @@ from aerodima.hardware.protocol.radio import (
     make_command,
     make_emergency_stop,
     make_heartbeat,
+    make_report,
 )
+from aerodima.workbench.config.signal_table import STATUS_SOURCES
 
 COMMAND = OperatorCommand(RadioMode.MANUAL, throttle=0.5, steering=-0.25, pitch_tail=1.0, roll_tail=-1.5)
 
@@ -25,6 +30,15 @@ def test_command_is_eighteen_bytes_little_endian():
     expected = "01 01 0000003F 000080BE 0000803F 0000C0BF"
     assert make_command(COMMAND) == bytes.fromhex(expected.replace(" ", ""))
     assert decode(make_command(COMMAND)) == COMMAND
+
+
+def test_report_has_a_code_for_every_source_and_its_layout_is_that_of_its_class():
+    message = (
+        "another number of STATUS_SOURCES is another radio report: change FAULT_CODES and take the next REPORT_CLASS"
+    )
+    assert len(STATUS_SOURCES) == FAULT_CODES, message
+    report = make_report(CarReport(armed=False, stopped=False, mode=RadioMode.IDLE))
+    assert (REPORT_CLASS, len(report)) == (4, 43), message
 
 
 def test_heartbeat_and_stop_have_their_own_class():

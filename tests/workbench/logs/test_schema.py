@@ -8,7 +8,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from aerodima.workbench.config.signal_table import CAR_TRUTH, car_run_columns, sensor_columns, truth_columns
+from aerodima.workbench.config.signal_table import (
+    CAR_PORTS,
+    CAR_TRUTH,
+    Column,
+    car_run_columns,
+    sensor_columns,
+    truth_columns,
+)
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import METADATA_KEY, encode_metadata, read_run_log, signals_equal, write_run_log
 from tests.workbench.made_up_runs import made_up_run
@@ -198,6 +205,19 @@ def test_missing_columns_are_named_on_writing_and_reading(tmp_path: Path) -> Non
     pq.write_table(table, tmp_path / "other.parquet")
     with pytest.raises(LogError, match="imu_yaw_rad, tilt_truth_rad"):
         read_run_log(tmp_path / "other.parquet")
+
+
+def test_optional_column_that_a_log_lacks_is_read_as_nan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_run_log(made_up_run(), tmp_path / "before.parquet")
+    later = Column("speed_accuracy_m_per_s", "m/s", "accuracy of the speed", optional=True)
+    monkeypatch.setitem(CAR_PORTS, "speed", [*CAR_PORTS["speed"], later])
+    run = read_run_log(path)
+    assert np.isnan(run.signal(later.name)).all()
+    run.table[later.name] = 0.5
+    assert (read_run_log(write_run_log(run, tmp_path / "after.parquet")).signal(later.name) == 0.5).all()
+    monkeypatch.setitem(CAR_PORTS, "speed", [*CAR_PORTS["speed"][:1], dataclasses.replace(later, optional=False)])
+    with pytest.raises(LogError, match=later.name):
+        read_run_log(path)
 
 
 def test_a_car_without_a_tail_needs_no_tail_truth(tmp_path: Path) -> None:
