@@ -18,6 +18,7 @@ from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.run_journal import RunJournal
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_OUTPUTS
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import make_schedule
 from aerodima.workbench.controllers.tail_law import TailLaw, observe
@@ -58,22 +59,12 @@ class Row:
     def make(self, tick: float, step: PilotStep, reading: CarReading, links: np.ndarray) -> np.ndarray:
         """The row (columns,) of a tick (s)."""
         command = step.command
-        row = np.concatenate(
-            (
-                [tick, command.steering_angle, command.throttle, step.planned_turn],
-                command.tail_pitch,
-                command.tail_roll,
-                [step.state],
-                reading.tail_state,
-                reading.tail_torque,
-                reading.imu,
-                reading.speed,
-                reading.status,
-                [self._estimate.roll, self._estimate.roll_rate],
-                links,
-            )
-        )
-        return self._unwrap.apply(row)
+        values: dict[str, np.ndarray | float] = {name: getattr(reading, name) for name in STATION_OUTPUTS}
+        values |= {"steering_angle": command.steering_angle, "throttle": command.throttle}
+        values |= {"tail_pitch_command": command.tail_pitch, "tail_roll_command": command.tail_roll}
+        values |= {"planned_turn": step.planned_turn, "state": step.state}
+        values |= {"roll_estimate": self._estimate.roll, "roll_rate_estimate": self._estimate.roll_rate}
+        return self._unwrap.apply(np.hstack([tick, *(values[port] for port in CAR_PORTS), links]))
 
     def estimate(self, reading: CarReading) -> None:
         """One tick of the roll estimator."""

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from aerodima.hardware.drive.run_journal import RunJournal
 from aerodima.hardware.protocol.ak70 import MitCommand
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS
+from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
@@ -24,7 +24,6 @@ from aerodima.workbench.stations.car_station import make_car_station, simulated_
 from aerodima.workbench.systems.event_order import Stage
 
 _INPUTS = ("steering_angle", "throttle", "planned_turn", "tail_pitch_command", "tail_roll_command", "state")
-_OUTPUTS = ("tail_state", "tail_torque", "imu", "speed", "status")
 
 
 class EmulatedCar:
@@ -72,7 +71,8 @@ class EmulatedCar:
         self._context: Any = self._simulator.get_mutable_context()
         self._simulator.Initialize()
         self._station_context: Any = station.GetMyContextFromRoot(self._context)
-        self._ports: dict[str, Any] = {name: station.GetOutputPort(name) for name in (*_OUTPUTS, "plant_state_truth")}
+        read = (*STATION_OUTPUTS, "plant_state_truth")
+        self._ports: dict[str, Any] = {name: station.GetOutputPort(name) for name in read}
         self.has_tail = scenario.tail.mode != "none"
         self._joints = self._joint_places(simulated_car(station).plant) if self.has_tail else []
 
