@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pydrake.math import arctan2
 
@@ -36,7 +36,13 @@ def cross(a: Vector, b: Vector) -> tuple[Scalar, Scalar, Scalar]:
 
 
 class SectionLaw(ABC):
-    """What `TailForce` asks of a law."""
+    """What `TailForce` asks of a law.
+
+    Attributes:
+        knows_normal: the force depends on the normal n, so that the air can turn a sail about its axis.
+    """
+
+    knows_normal: ClassVar[bool] = True
 
     @abstractmethod
     def line_force(
@@ -207,8 +213,8 @@ class CrossedPlatesLaw(SectionLaw):
         side: of the plate whose normal is the chord.
     """
 
-    normal: NormalForceLaw | TwoSidedLaw
-    side: NormalForceLaw
+    normal: SectionLaw
+    side: SectionLaw
 
     def line_force(
         self,
@@ -230,7 +236,7 @@ class CrossedPlatesLaw(SectionLaw):
         return self.normal.covers(speed, angle) and self.side.covers(speed, angle)
 
 
-def facing_law(law: NormalForceLaw | TwoSidedLaw) -> CrossedPlatesLaw:
+def facing_law(law: SectionLaw) -> CrossedPlatesLaw:
     """Law of a sail that shows the same side to the wind whatever its direction: of two sides the hollow one."""
     drag = NormalForceLaw(law.along_normal) if isinstance(law, TwoSidedLaw) else law
     return CrossedPlatesLaw(drag, drag)

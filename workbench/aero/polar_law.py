@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 from pydrake.math import arctan2
 
@@ -33,6 +33,7 @@ class PolarLaw(SectionLaw):
         lift_end: rad; within it of gamma = 90 degrees the lift fades to zero, because its direction is undefined there.
     """
 
+    knows_normal: ClassVar[bool] = False
     drag: float | Coefficient
     lift: float | Coefficient = 0.0
     lift_blend: float = _ONE_DEGREE

@@ -39,7 +39,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, RigidBody, SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
+from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH
@@ -72,7 +72,7 @@ class FreeSail:
     inertia: float
     start: float = 0.0
     bearing_damping: float = 0.0
-    law: NormalForceLaw | TwoSidedLaw = NormalForceLaw(2.0)  # noqa: RUF009 (frozen)
+    law: SectionLaw = NormalForceLaw(2.0)  # noqa: RUF009 (frozen)
     side_coefficient: float = 2.0
     number: int = 5
 

@@ -165,7 +165,8 @@ CONSTANT = "constant"
 """Word for the plain number of `tail.normal_force_coefficient`."""
 
 FILE_ENDINGS = (".yaml", ".yml", ".csv")
-_SAIL_LAWS = ("normal_force", "two_sided")
+SAIL_LAWS = ("normal_force", "two_sided")
+"""Laws of coefficient files that know the normal of a sail (`SectionLaw.knows_normal`)."""
 
 
 @cache
@@ -173,7 +174,7 @@ def robot_tail_sets() -> tuple[str, ...]:
     """Embedded sets (`models/coefficients`) whose law knows the normal of a sail, sorted."""
     files = sorted((models_dir() / "coefficients").glob("*.yaml"))
     return tuple(
-        path.stem for path in files if yaml.safe_load(path.read_text(encoding="utf-8")).get("law") in _SAIL_LAWS
+        path.stem for path in files if yaml.safe_load(path.read_text(encoding="utf-8")).get("law") in SAIL_LAWS
     )
 
 

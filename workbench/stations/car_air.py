@@ -11,14 +11,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw, facing_law
+from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, facing_law
 from aerodima.workbench.aero.published_coefficients import ROBOT_LIMIT
 from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.config.car_parameters import TailParameters
-from aerodima.workbench.config.checked_files import CONSTANT
+from aerodima.workbench.config.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import sail_inertial
@@ -65,10 +65,10 @@ def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
         law, limit = chosen.law(), chosen.quasi_steady_limit
     if tail.sail == "locked":
         return law, limit
-    if not isinstance(law, NormalForceLaw | TwoSidedLaw):
+    if not law.knows_normal:
         raise ModelError(
-            f"tail.coefficients: {tail.coefficients} has a polar law; allowed with tail.sail {tail.sail!r}: "
-            "normal_force, two_sided"
+            f"tail.coefficients: {tail.coefficients} has a {chosen.law_kind} law; allowed with tail.sail "
+            f"{tail.sail!r}: {', '.join(SAIL_LAWS)}"
         )
     return facing_law(law) if tail.sail == "facing" else law, limit
 
@@ -89,7 +89,6 @@ def sail_layout(tail: TailParameters) -> SectionLayout:
 
 def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
     """The sail on its bearing, with the mass and inertia of `plants.tail.tail_sdf`."""
-    assert isinstance(law, NormalForceLaw | TwoSidedLaw)  # `sail_law` refuses others
     inertial = sail_inertial(tail)
     return FreeSail(
         length=tail.sail_length,

@@ -6,9 +6,10 @@ import sys
 
 import pytest
 
+from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw, TwoSidedLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.config.checked_files import robot_tail_sets
+from aerodima.workbench.config.checked_files import SAIL_LAWS, robot_tail_sets
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import ModelError, ScenarioError
 from aerodima.workbench.stations.car_air import free_sail, sail_law, sail_layout, wind_model
@@ -115,6 +116,12 @@ def test_turning_sail_refuses_a_law_that_does_not_know_its_normal(tmp_path, sail
     path.write_text(POLAR)
     with pytest.raises(ModelError, match=rf"tail\.coefficients: .*polar.*'{sail}': normal_force, two_sided"):
         sail_law(tail(coefficients=str(path), sail=sail))
+
+
+@pytest.mark.parametrize("name", embedded_sets())
+def test_sets_for_a_sail_are_those_whose_law_knows_its_normal(name):
+    chosen = load_coefficients(name)
+    assert chosen.law().knows_normal == (chosen.law_kind in SAIL_LAWS)
 
 
 def test_wind_of_the_scenario_in_world_axes():
