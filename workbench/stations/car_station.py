@@ -32,6 +32,7 @@ from aerodima.workbench.systems.connections import (
     constant,
     export_interface,
     export_outputs,
+    refuse_other_ports,
     select,
     stacked,
     transformed,
@@ -65,7 +66,7 @@ def make_car_station(
 
     Raises:
         ModelError: a model does not load with the numbers of the scenario.
-        UserError: the interface has other ports than the station must have.
+        UserError: the interface, or the simulated car, has other ports than the station must have.
     """
     builder = DiagramBuilder()
     if interface is None:
@@ -74,6 +75,7 @@ def make_car_station(
         export_interface(builder, interface(scenario), STATION_INPUTS, STATION_OUTPUTS)
     station = builder.Build()
     station.set_name("car_station")
+    refuse_other_ports(station, STATION_INPUTS, STATION_OUTPUTS, besides=("_truth",))
     return station
 
 
@@ -120,6 +122,7 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
     ages = {"tail_pitch_age": tail.motor_age, "tail_roll_age": tail.motor_age, "sail_age": tail.sail_age}
     ages |= {"imu_age": imu.GetOutputPort("age"), "speed_age": gps.GetOutputPort("age")}
     faults = {f"{part}_fault": tail_fault for part in ("tail_pitch", "tail_roll", "sail")}
+    healthy = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
     export_outputs(
         builder,
         {
@@ -127,7 +130,7 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
             "tail_torque": tail.torque,
             "imu": imu.GetOutputPort("imu"),
             "speed": gps.GetOutputPort("speed"),
-            "status": add_status(builder, STATUS, ages | faults),
+            "status": add_status(builder, STATUS, ages | faults, healthy),
             "plant_state_truth": car.plant.get_state_output_port(),
             **driven.truth,
             **({} if driven.drive is None else _add_truth(builder, scenario, car, driven)),

@@ -88,7 +88,12 @@ def _simulate(builder: DiagramBuilder, scenario: RigScenario, meshcat: Meshcat |
             "rig_state": reported,
             "motor_current": current.GetOutputPort("reading"),
             "force_torque": force.GetOutputPort("reading"),
-            "status": add_status(builder, RIG_STATUS, {"motor_age": age, "force_age": force.GetOutputPort("age")}),
+            "status": add_status(
+                builder,
+                RIG_STATUS,
+                {"motor_age": age, "force_age": force.GetOutputPort("age")},
+                healthy=("motor_fault", "force_fault", "operator_age", "operator_fault"),
+            ),
             "state_truth": state,
             "wrench_truth": rig.wrench,
             "motor_torque_truth": motor.GetOutputPort("torque"),

@@ -38,11 +38,20 @@ def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort
     return builder.AddNamedSystem(name, ConstantVectorSource(np.array(value, dtype=float))).get_output_port()
 
 
-def add_status(builder: DiagramBuilder, fields: PortFields, sources: Mapping[str, OutputPort]) -> OutputPort:
-    """The port `status` of a simulated station: armed; what `sources` do not name is healthy and of this instant."""
-    known = {"armed": constant(builder, "armed", [1.0]), **sources}
-    healthy = constant(builder, "no_fault", [0.0])
-    return stacked(builder, "status", [known.get(name, healthy) for name in fields.fields])
+def add_status(
+    builder: DiagramBuilder, fields: PortFields, sources: Mapping[str, OutputPort], healthy: Sequence[str]
+) -> OutputPort:
+    """The port `status` of a simulated station: armed, ages and faults from `sources`, 0 for the `healthy` fields.
+
+    Raises:
+        ValueError: a field of the port is in neither, or in both; names it.
+    """
+    known = ["armed", *sources, *healthy]
+    if wrong := [name for name in {*fields.fields, *known} if known.count(name) != 1 or name not in fields.fields]:
+        raise ValueError(f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}")
+    ports = {"armed": constant(builder, "armed", [1.0]), **sources}
+    zero = constant(builder, "no_fault", [0.0])
+    return stacked(builder, "status", [ports.get(name, zero) for name in fields.fields])
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:
@@ -55,17 +64,24 @@ def export_interface(
     builder: DiagramBuilder, system: System, inputs: Mapping[str, PortFields], outputs: Mapping[str, PortFields]
 ) -> None:
     """Adds a hardware interface and exports its ports; UserError unless names and sizes are those of the contract."""
-    found_inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
-    found_outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
-    for kind, found, contract in (("inputs", found_inputs, inputs), ("outputs", found_outputs, outputs)):
-        sizes = {port.get_name(): port.size() for port in found}
-        allowed = {name: fields.size for name, fields in contract.items()}
-        if sizes != allowed:
-            raise UserError(f"interface {system.get_name()!r}: {kind} {_sizes(sizes)}; allowed: {_sizes(allowed)}")
+    refuse_other_ports(system, inputs, outputs)
     builder.AddSystem(system)
     for name in inputs:
         builder.ExportInput(system.GetInputPort(name), name)
     export_outputs(builder, {name: system.GetOutputPort(name) for name in outputs})
+
+
+def refuse_other_ports(
+    system: System, inputs: Mapping[str, PortFields], outputs: Mapping[str, PortFields], besides: tuple[str, ...] = ()
+) -> None:
+    """Raises UserError unless the ports have names and sizes of the contract; names that end in `besides` are free."""
+    found_inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
+    found_outputs = [system.get_output_port(index) for index in range(system.num_output_ports())]
+    for kind, found, contract in (("inputs", found_inputs, inputs), ("outputs", found_outputs, outputs)):
+        sizes = {port.get_name(): port.size() for port in found if not port.get_name().endswith(besides)}
+        allowed = {name: fields.size for name, fields in contract.items()}
+        if sizes != allowed:
+            raise UserError(f"interface of {system.get_name()!r}: {kind} {_sizes(sizes)}; allowed: {_sizes(allowed)}")
 
 
 def _sizes(ports: dict[str, int]) -> str:

@@ -6,13 +6,21 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from aerodima.workbench.actuators.servo import knuckle_angles
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
-from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
+from aerodima.workbench.config.signal_table import (
+    RIG_STATUS,
+    SPEED,
+    STATION_INPUTS,
+    STATION_OUTPUTS,
+    STATUS,
+    TAIL_STATE,
+)
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.manoeuvre import make_schedule
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
 from aerodima.workbench.stations.ground_truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH
+from aerodima.workbench.systems.connections import add_status
 from tests.workbench.stands import CarStand
 
 INPUTS = {"steering_angle": 1, "throttle": 1, "tail_pitch_command": 5, "tail_roll_command": 5}
@@ -86,8 +94,20 @@ def test_driver_and_controller_connect_to_an_interface_as_to_the_simulation():
     ],
 )
 def test_interface_with_other_ports_is_refused_by_name(changes, wrong, allowed):
-    with pytest.raises(UserError, match=rf"interface 'dummy_car': .*{wrong}.*allowed: .*{allowed}"):
+    with pytest.raises(UserError, match=rf"interface of 'dummy_car': .*{wrong}.*allowed: .*{allowed}"):
         make_car_station(scenario_from_dict({}), lambda scenario: DummyInterface(**changes))
+
+
+def test_simulation_without_a_port_of_the_contract_is_refused(monkeypatch):
+    monkeypatch.setitem(STATION_OUTPUTS, "wheel_speed", SPEED)
+    with pytest.raises(UserError, match=r"outputs .* allowed: .*wheel_speed \(1\)"):
+        make_car_station(load_scenario("turn_held"))
+
+
+def test_status_needs_every_field_once():
+    healthy = ("motor_age", "motor_fault", "force_age", "operator_age", "operator_fault")
+    with pytest.raises(ValueError, match="status: force_fault; needed once each: motor_age, motor_fault, force_age"):
+        add_status(DiagramBuilder(), RIG_STATUS, {}, healthy)
 
 
 def test_controller_and_driver_stand_outside_the_station():

@@ -60,7 +60,7 @@ def test_cheetah_rig_has_no_hardware() -> None:
 
 def test_interface_with_other_ports_is_refused_by_name() -> None:
     short = {name: fields for name, fields in RIG_OUTPUTS.items() if name != "force_torque"}
-    with pytest.raises(UserError, match=r"interface 'fake_interface': outputs .* allowed: .*force_torque"):
+    with pytest.raises(UserError, match=r"interface of 'fake_interface': outputs .* allowed: .*force_torque"):
         make_rig_station(load_rig_scenario("robot"), interface=lambda scenario: FakeInterface(outputs=short))
     with pytest.raises(UserError, match=r"inputs .* allowed: .*tail_command"):
         make_rig_station(
