@@ -68,10 +68,9 @@ def lock_car(ports: CarPorts, say: Say, can: CanSettings | None = None) -> list[
 
     Raises `HardwareError` as `lock_devices` does, with nothing locked.
     """
-    fitted = (ports.teensy, ports.imu, ports.gps, ports.radio)
     locks = [] if can is None else [lock_devices([can_address(can)], "a drive", say)]
     try:
-        return [*locks, lock_devices([device.path for device in fitted if device is not None], "a drive", say)]
+        return [*locks, lock_devices(list(ports.serial_paths.values()), "a drive", say)]
     except BaseException:
         for lock in locks:
             lock.close()

@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import Field
 
@@ -29,6 +29,9 @@ from aerodima.workbench.errors import HardwareError
 SCHEMA = "aerodima/ports/1"
 Joint = Literal["tail_pitch", "tail_roll"]
 JOINTS: tuple[Joint, Joint] = ("tail_pitch", "tail_roll")
+SerialDevice = Literal["teensy", "imu", "gps", "radio"]
+SERIAL_DEVICES: tuple[SerialDevice, ...] = get_args(SerialDevice)
+"""Fields of `CarPorts` with the serial devices on the car; the operator's `console` is not one."""
 
 
 class GpsDevice(SerialSettings):
@@ -85,6 +88,12 @@ class CarPorts(StrictModel):
         """Of both motors; `HardwareError` for an unknown name."""
         return firmware_profile(self.firmware_profile)
 
+    @property
+    def serial_paths(self) -> dict[str, str]:
+        """Name of `SERIAL_DEVICES` -> path, of those that are fitted."""
+        devices: dict[str, SerialSettings | None] = {name: getattr(self, name) for name in SERIAL_DEVICES}
+        return {name: device.path for name, device in devices.items() if device is not None}
+
     def adapter(self, wiring: str) -> CanSettings:
         """The CAN adapter that a wiring needs; `HardwareError` where there is none."""
         if self.can is None:
@@ -123,12 +132,10 @@ def ports_from_dict(data: Any, where: str = "ports") -> CarPorts:
     """The ports in plain data; see `read_ports`."""
     ports = checked(CarPorts, data, where, HardwareError, schema=SCHEMA)
     seen: dict[str, str] = {}
-    for name in ("teensy", "imu", "gps", "radio", "console"):
-        device: SerialSettings | None = getattr(ports, name)
-        if device is not None and device.path in seen:
-            raise HardwareError(f"{where}: {name}.path: {device.path} is that of {seen[device.path]} too")
-        if device is not None:
-            seen[device.path] = name
+    for name, path in (ports.serial_paths | ({} if ports.console is None else {"console": ports.console.path})).items():
+        if path in seen:
+            raise HardwareError(f"{where}: {name}.path: {path} is that of {seen[path]} too")
+        seen[path] = name
     firmware_profile(ports.firmware_profile)
     return ports
 

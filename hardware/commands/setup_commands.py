@@ -123,8 +123,7 @@ class SystemFile:
 
 def udev_rules(ports: CarPorts) -> str:
     """Fixed names for the serial devices of a car, by maker, product and serial number of what is plugged in now."""
-    devices = {"teensy": ports.teensy, "imu": ports.imu, "gps": ports.gps, "radio": ports.radio}
-    paths = {name: device.path for name, device in devices.items() if device is not None}
+    paths = ports.serial_paths
     if ports.can is not None and ports.can.interface == "slcan":
         paths["can"] = ports.can.channel.partition("@")[0]
     lines = ["# Devices of the car under names that stay: /dev/aerodima-teensy and so on, for the group dialout."]

@@ -25,6 +25,7 @@ from aerodima.hardware.car.car_ports import (
     PORTS_FOLDER,
     READY_FILE,
     READY_SCHEMA,
+    SERIAL_DEVICES,
     TRAFFIC_FILE,
     TRUTH_FILE,
     bare_ports,
@@ -160,7 +161,9 @@ class Emulator:
         entries = () if settings.console else settings.script.operator
         self._operator = EmulatedOperator(entries, self._numbers.operator_rate, board)
         self._air = EmulatedAir(board)
-        names: list[Device] = ["teensy", "imu", "gps", "radio", *(["can"] if direct else [])]  # type: ignore[list-item]
+        names: list[Device] = [*SERIAL_DEVICES]
+        if direct:
+            names.append("can")
         if settings.console:
             names.append("console")
         self._ports = {name: PtyPort(self._folder / PORTS_FOLDER / name) for name in names}

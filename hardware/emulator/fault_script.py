@@ -22,11 +22,11 @@ import math
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from aerodima.hardware.car.car_ports import JOINTS
+from aerodima.hardware.car.car_ports import JOINTS, SERIAL_DEVICES, SerialDevice
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.quantity import QuantityModel, quantity
@@ -35,26 +35,40 @@ from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/emulation/1"
-Device = Literal["can", "teensy", "imu", "gps", "radio", "console"]
+Device = SerialDevice | Literal["can", "console"]
 Clock = Literal["entered", "driving", "start"]
+_PLUGS = ("can", *SERIAL_DEVICES)
 
 
 class Fault(StrEnum):
-    """What can go wrong. The first group is of one motor, `part` names its joint."""
+    """What can go wrong.
 
-    REPLY_LOST = "reply_lost"
-    REPLY_CORRUPTED = "reply_corrupted"
-    REPLY_SHORT = "reply_short"
-    REPLY_LONG = "reply_long"
-    FOREIGN_ID = "foreign_id"
-    DOUBLE_ID = "double_id"
-    V3_FRAME = "v3_frame"
-    OVER_TEMPERATURE = "over_temperature"
-    MOTOR_FAULT = "motor_fault"
-    ENCODER_JUMP = "encoder_jump"
-    OUT_OF_RANGE = "out_of_range"
-    MOTOR_OFF = "motor_off"
-    BLOCKED = "blocked"
+    Attributes:
+        parts: what it may happen to, as `part` of a script names it; none where there is no choice.
+    """
+
+    parts: tuple[str, ...]
+
+    def __new__(cls, name: str, parts: tuple[str, ...] = ()) -> Self:
+        """The member `name`; see the attributes."""
+        member = str.__new__(cls, name)
+        member._value_ = name
+        member.parts = parts
+        return member
+
+    REPLY_LOST = "reply_lost", JOINTS
+    REPLY_CORRUPTED = "reply_corrupted", JOINTS
+    REPLY_SHORT = "reply_short", JOINTS
+    REPLY_LONG = "reply_long", JOINTS
+    FOREIGN_ID = "foreign_id", JOINTS
+    DOUBLE_ID = "double_id", JOINTS
+    V3_FRAME = "v3_frame", JOINTS
+    OVER_TEMPERATURE = "over_temperature", JOINTS
+    MOTOR_FAULT = "motor_fault", JOINTS
+    ENCODER_JUMP = "encoder_jump", JOINTS
+    OUT_OF_RANGE = "out_of_range", JOINTS
+    MOTOR_OFF = "motor_off", JOINTS
+    BLOCKED = "blocked", JOINTS
     BUS_OFF = "bus_off"
     TEENSY_HUNG = "teensy_hung"
     TEENSY_OFF_BUS = "teensy_off_bus"
@@ -62,13 +76,9 @@ class Fault(StrEnum):
     OVER_SPEED = "over_speed"
     IMU_FROZEN = "imu_frozen"
     FOREIGN_MODULE = "foreign_module"
-    SILENT = "silent"
-    UNPLUGGED = "unplugged"
-    SERIAL_NOISE = "serial_noise"
-
-
-_OF_A_MOTOR = tuple(Fault)[: tuple(Fault).index(Fault.BUS_OFF)]
-_OF_A_DEVICE = (Fault.SILENT, Fault.UNPLUGGED, Fault.SERIAL_NOISE)
+    SILENT = "silent", _PLUGS
+    UNPLUGGED = "unplugged", _PLUGS
+    SERIAL_NOISE = "serial_noise", _PLUGS
 
 
 class _Entry(StrictModel):
@@ -86,11 +96,7 @@ class FaultEntry(_Entry):
 
     @model_validator(mode="after")
     def _has_its_part(self) -> FaultEntry:
-        allowed: tuple[str, ...] = ()
-        if self.fault in _OF_A_MOTOR:
-            allowed = JOINTS
-        elif self.fault in _OF_A_DEVICE:
-            allowed = ("can", "teensy", "imu", "gps", "radio")
+        allowed = self.fault.parts
         if (self.part is None) != (not allowed) or (self.part is not None and self.part not in allowed):
             raise ValueError(f"part of {self.fault}: {self.part!r}; allowed: {', '.join(allowed) or 'none'}")
         return self

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from aerodima import hardware
+from aerodima.hardware.emulator.fault_script import Fault
 from tests.hardware.emulator.breakers import ReceiverDies
 from tests.hardware.emulator.emulator_process import undisturbed
 from tests.hardware.emulator.fault_cases import CASES
@@ -26,7 +27,12 @@ def test_a_fault_ends_in_a_safe_car(case, tmp_path):
     print(row(case, found), found.reason)
 
 
-def test_every_fault_has_its_row_in_the_table():
+def test_every_fault_of_a_script_has_a_case():
+    entries = [case.fault for case in (*CASES, *REFUSED)] + [entry for case in PROCESS_CASES for entry in case.faults]
+    assert {entry["fault"] for entry in entries if entry} == set(Fault)
+
+
+def test_every_case_has_its_row_in_the_table():
     readme = Path(hardware.__file__).with_name("README.md").read_text(encoding="utf-8")
     rows = [tuple(cell.strip() for cell in line.split("|")[1:3]) for line in readme.splitlines() if line[:2] == "| "]
     assert not {(case.name, case.wiring) for case in (*CASES, *PROCESS_CASES, *REFUSED)} - set(rows)
