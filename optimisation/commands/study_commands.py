@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from aerodima.optimisation.studies.named_studies import STUDIES, named_study
 from aerodima.workbench.cli.options import (
     SWINGS,
     Anew,
@@ -29,16 +30,6 @@ if TYPE_CHECKING:
 
 
 Out = Annotated[Path, typer.Option(help="Folder for tables, plots and index.html; a stopped study goes on in it.")]
-STUDIES = {
-    "turn": "Speed x tail mode x tail speed: 20 runs without tail, 48 with it (thesis Figures 7.8 and 7.10 to 7.13).",
-    "tail": "What tail is worth building: critical friction over its length, width, mass and C_N; inertial tails "
-    "beside.",
-    "mount": "The yaw penalty of a swing, and its remedies: place of the tail, ballast in front, longer steering "
-    "(Figure 7.9).",
-    "trigger": "When the swing should begin: yaw rate, lateral acceleration or delayed steering; delay and travel "
-    "(6.3.4).",
-}
-"""Studies without options of their own, and what they say of themselves."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +48,13 @@ def register(app: typer.Typer) -> None:
     sweep = typer.Typer(no_args_is_help=True, help="Run studies of many runs, on this computer or a cluster.")
     sweep.callback()(_studies)
     sweep.command()(run)
-    for name, about in STUDIES.items():
-        sweep.command(name, help=f"{about}\n\nExample: aerodima sweep {name} --out sweeps/{name}")(_command(name))
-    sweep.command()(shapes)
-    sweep.command("monte-carlo")(monte_carlo)
+    own: dict[str, Callable[..., None]] = {"shapes": shapes, "monte-carlo": monte_carlo}
+    for name, make in STUDIES.items():
+        if name in own:
+            sweep.command(name)(own[name])
+        else:
+            about = f"{make.__doc__}\n\nExample: aerodima sweep {name} --out sweeps/{name}"
+            sweep.command(name, help=about)(_command(name))
     threshold = typer.Typer(no_args_is_help=True, help="Find where a car begins to roll over.")
     threshold.callback()(_thresholds)
     threshold.command()(speed)
@@ -152,7 +146,6 @@ def monte_carlo(
 
 
 def _run_named(name: str, out: Path, cases: CaseOptions, work: WorkOptions, **own: Any) -> None:
-    from aerodima.optimisation.studies.named_studies import named_study
     from aerodima.optimisation.studies.study_report import make_report
     from aerodima.optimisation.sweep.study import check_factors, plan_runs
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,12 +20,32 @@ if TYPE_CHECKING:
     Factory = Callable[..., tuple[Study, Reader]]
 
 
-def _read_from(module: str, name: str) -> Factory:
-    def make(settings: Sequence[str], ensemble: str | None, members: int | None) -> tuple[Study, Reader]:
-        found = import_module(f"aerodima.optimisation.studies.{module}")
-        return getattr(found, f"{name}_study")(settings, ensemble, members), getattr(found, f"read_{name}")
+def _turn(settings: Sequence[str], ensemble: str | None, members: int | None) -> tuple[Study, Reader]:
+    """Speed x tail mode x tail speed: 20 runs without tail, 48 with it (thesis Figures 7.8 and 7.10 to 7.13)."""
+    from aerodima.optimisation.studies.turn_study import read_turn, turn_study
 
-    return make
+    return turn_study(settings, ensemble, members), read_turn
+
+
+def _tail(settings: Sequence[str], ensemble: str | None, members: int | None) -> tuple[Study, Reader]:
+    """What tail is worth building: critical friction over its length, width, mass and C_N; inertial tails beside."""
+    from aerodima.optimisation.studies.grip_study import read_tail, tail_study
+
+    return tail_study(settings, ensemble, members), read_tail
+
+
+def _mount(settings: Sequence[str], ensemble: str | None, members: int | None) -> tuple[Study, Reader]:
+    """Yaw penalty of a swing and its remedies: place of the tail, ballast in front, longer steering (Figure 7.9)."""
+    from aerodima.optimisation.studies.mount_study import mount_study, read_mount
+
+    return mount_study(settings, ensemble, members), read_mount
+
+
+def _trigger(settings: Sequence[str], ensemble: str | None, members: int | None) -> tuple[Study, Reader]:
+    """When the swing should begin: yaw rate, lateral acceleration or delayed steering; delay and travel (6.3.4)."""
+    from aerodima.optimisation.studies.grip_study import read_trigger, trigger_study
+
+    return trigger_study(settings, ensemble, members), read_trigger
 
 
 def _shapes(
@@ -49,14 +68,15 @@ def _monte_carlo(
 
 
 STUDIES: dict[str, Factory] = {
-    "turn": _read_from("turn_study", "turn"),
-    "tail": _read_from("grip_study", "tail"),
-    "mount": _read_from("mount_study", "mount"),
-    "trigger": _read_from("grip_study", "trigger"),
+    "turn": _turn,
+    "tail": _tail,
+    "mount": _mount,
+    "trigger": _trigger,
     "shapes": _shapes,
     "monte-carlo": _monte_carlo,
 }
-"""Name -> what makes the study, and what reads its table."""
+"""Name -> what makes the study, and what reads its table. Its text is the help of `aerodima sweep NAME`, unless that
+has options of its own (`aerodima.optimisation.commands.study_commands`)."""
 
 
 def named_study(
