@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,7 +177,7 @@ def speed(
     """
     from aerodima.optimisation.sweep.rollover_threshold import SPEED, Search
 
-    _print_threshold(scenario, settings, Search(SPEED, low, high, scan, tolerance), "m/s", workers, scheduler)
+    _print_threshold(scenario, settings or (), Search(SPEED, low, high, scan, tolerance), "m/s", workers, scheduler)
 
 
 def friction(
@@ -196,7 +196,7 @@ def friction(
     """
     from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 
-    _print_threshold(scenario, settings, Search(FRICTION, low, high, scan, tolerance), "", workers, scheduler)
+    _print_threshold(scenario, settings or (), Search(FRICTION, low, high, scan, tolerance), "", workers, scheduler)
 
 
 def survival(
@@ -232,13 +232,13 @@ def survival(
 
 
 def _print_threshold(
-    scenario: str, settings: list[str] | None, search: Search, unit: str, workers: int, scheduler: str | None
+    scenario: str, settings: Sequence[str], search: Search, unit: str, workers: int, scheduler: str | None
 ) -> None:
     from aerodima.optimisation.sweep.rollover_threshold import Case, find_thresholds
     from aerodima.workbench.config.scenario import load_scenario
 
     load_scenario(scenario, settings)
-    cases = [Case(scenario, scenario, tuple(settings or ()))]
+    cases = [Case(scenario, scenario, tuple(settings))]
     with engine_for(None, workers, scheduler) as (engine, progress):
         (found,) = find_thresholds(cases, search, engine, lambda done, known: progress(f"[{done}/{known}] runs"))
     print("\n".join(describe(found, unit)))

@@ -101,7 +101,7 @@ def swing(
         ensemble=ensemble, members=members,
         polish=polish, feedback=feedback, wall_time=wall_time,
     )  # fmt: skip
-    turn = load_scenario(scenario, list(settings or []))
+    turn = load_scenario(scenario, settings or ())
     record = out.with_suffix(".workers.jsonl")
     with open_engine(workers, record=record) if polish else nullcontext(SerialEngine()) as engine:
         found = optimise_swing(

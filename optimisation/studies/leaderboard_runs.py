@@ -92,7 +92,7 @@ class Measurer:
         return (*member.settings, *numerics, *contestant.at(speed), f"{SPEED}={speed!r}")
 
     def _own_friction(self, member: Member) -> float:
-        return load_scenario(SCENARIO, list(member.settings)).car.tyre_friction
+        return load_scenario(SCENARIO, member.settings).car.tyre_friction
 
     def best_fixed_speed(self) -> Contestant:
         """By speed the roll rate and release of the highest critical friction that keep to the heading rule."""

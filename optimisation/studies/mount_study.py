@@ -64,7 +64,7 @@ def mount_study(settings: Sequence[str] = (), ensemble: str | None = None, membe
 
 def ballast(mass: float, settings: Sequence[str] = ()) -> tuple[str, ...]:
     """Settings of the car with a mass (kg) at `BALLAST_PLACE`: mass and centre of mass; gyration radii are kept."""
-    car = load_scenario("turn_swing", list(settings)).car
+    car = load_scenario("turn_swing", settings).car
     total = car.mass + mass
     ahead, above = (
         (car.mass * own + mass * place) / total

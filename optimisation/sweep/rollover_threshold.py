@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -174,7 +175,7 @@ class Case:
 
 
 def critical_friction(
-    scenario: str, settings: Sequence[str] = (), engine: Engine | None = None, **changes: Any
+    scenario: str | Path, settings: Sequence[str] = (), engine: Engine | None = None, **changes: Any
 ) -> Threshold:
     """Highest tyre friction that is survived at the scenario's speed, and the lowest that is not.
 
@@ -184,7 +185,7 @@ def critical_friction(
         engine: where to run; None runs here, one after the other.
         changes: of `FRICTION_SEARCH`: `low`, `high`, `scan`, `tolerance`.
     """
-    case = Case("", scenario, tuple(settings))
+    case = Case("", str(scenario), tuple(settings))
     return find_thresholds([case], replace(FRICTION_SEARCH, **changes), engine)[0]
 
 
@@ -231,7 +232,7 @@ def find_thresholds(
         return runner.rows(tasks, one_more)
 
     for case in cases if starts is None else ():
-        load_scenario(case.scenario, list(case.settings))
+        load_scenario(case.scenario, case.settings)
     judge = _survival if starts is None else is_clean
     return search_rows(search, ["scan"] * len(cases) if starts is None else starts, run, judge)
 

@@ -146,12 +146,13 @@ class PlannedRun:
     place: dict[str, Value | None]
 
 
-def load_study(path: Path) -> Study:
+def load_study(path: str | Path) -> Study:
     """Reads a study file.
 
     Raises:
         SweepError: no such file, wrong key, value or factor; names the place, the value and what is allowed.
     """
+    path = Path(path)
     data = {"schema": STUDY_SCHEMA, "name": path.stem} | read_yaml(path, SweepError)
     _refuse_empty_factors(path, data)
     study = checked(Study, _in_blocks(data), str(path), SweepError, schema=STUDY_SCHEMA)
@@ -178,7 +179,7 @@ def check_factors(study: Study, where: str) -> None:
         if block.sample is not None and (twice := sorted(set(block.grid) & set(block.sample.factors))):
             raise SweepError(f"{label}: {twice[0]}: is in the grid and in the sample; allowed: one of them")
         try:
-            load_scenario(block.scenario, list(block.settings))
+            load_scenario(block.scenario, block.settings)
         except ScenarioError as error:
             raise SweepError(f"{label}: {error}") from None
 

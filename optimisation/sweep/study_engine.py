@@ -57,7 +57,7 @@ def evaluate(task: RunTask) -> dict[str, Any]:
     without outcome, with one line in `error`. Units are at the end of the names.
     """
     try:
-        scenario = load_scenario(task.scenario, list(task.settings))
+        scenario = load_scenario(task.scenario, task.settings)
     except UserError as error:
         return failed_row(task, str(error))
     try:
@@ -195,7 +195,7 @@ def open_engine(
     scheduler: str | None = None,
     *,
     progress: ProgressLine = on_stderr,
-    record: Path | None = None,
+    record: str | Path | None = None,
     memory: float | None = None,
 ) -> Iterator[RunEngine]:
     """`aerodima.workbench.batch.open_engine`, ready to simulate."""
@@ -261,7 +261,7 @@ class RememberingEngine:
 def run_key(task: RunTask) -> str:
     """The same for the same run, whatever it is called: of everything that determines its row, swing file included."""
     try:
-        scenario = load_scenario(task.scenario, list(task.settings))
+        scenario = load_scenario(task.scenario, task.settings)
         content = [scenario.resolved(), _swing(scenario.controller.swing_file)]
     except UserError as error:
         content = [str(error)]

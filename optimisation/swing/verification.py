@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -91,7 +92,7 @@ class Verification:
 
 def verify_swing(
     swing: SwingFile,
-    swing_path: str,
+    swing_path: str | Path,
     scenario_name: str,
     settings: Sequence[str],
     ensemble: Ensemble,
@@ -121,7 +122,7 @@ def verify_swing(
     fine = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
     playing = ("tail.mode=swing", f"controller.swing_file={swing_path}", f"controller.tracking={tracking}")
     own = (*settings, *fine, *playing)
-    scenario = load_scenario(scenario_name, list(own))
+    scenario = load_scenario(scenario_name, own)
     run = simulate(scenario, stop_when_flipped=True)
     summary = summarise(run, scenario.name)
     if summary.trigger_time is None:

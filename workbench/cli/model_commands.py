@@ -140,7 +140,7 @@ def diagram(
     kinds = (".svg", ".png", ".pdf", ".dot")
     if out.suffix not in kinds:
         raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(kinds)}")
-    text = assemble(load_scenario(scenario, settings)).builder.Build().GetGraphvizString(max_depth=depth)
+    text = assemble(load_scenario(scenario, settings or ())).builder.Build().GetGraphvizString(max_depth=depth)
     program = shutil.which("dot")
     if program is None and out.suffix != ".dot":
         out = out.with_suffix(".dot")
@@ -169,7 +169,7 @@ def export(
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.controllers.law_of_scenario import make_bundle
 
-    text = json.dumps(make_bundle(load_scenario(scenario, settings)), indent=2) + "\n"
+    text = json.dumps(make_bundle(load_scenario(scenario, settings or ())), indent=2) + "\n"
     if out is None:
         typer.echo(text, nl=False)
         return

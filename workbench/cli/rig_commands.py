@@ -116,7 +116,7 @@ def campaign(
     from aerodima.workbench.simulate.campaign_run import run_campaign
 
     start = time.monotonic()
-    tasks = campaign_tasks(load_campaign(name), seed, repeats, settings)
+    tasks = campaign_tasks(load_campaign(name), seed, repeats, settings or ())
     result = run_campaign(tasks, out, workers=workers, force=force, progress=terminal())
     if result.reused:
         typer.echo(f"{result.reused} of {len(tasks)} logs were there before")

@@ -170,14 +170,14 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
 
 def _scenario(name: str, flags: Flags, options: RunOptions) -> Scenario:
     """The scenario with what the flags set, whose run has a whole turn if it has one: another has no metrics."""
-    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.config.scenario import Scenario
 
     flags = {"--speed": ("manoeuvre.speed", options.speed), "--tail": ("tail.mode", options.tail), **flags}
     given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
     settings = options.settings or []
     said = [*(f"{flag} {value}" for flag, (_, value) in given.items()), *(f"--set {setting}" for setting in settings)]
     changes = [*(f"{key}={value}" for key, value in given.values()), *settings]
-    scenario = load_scenario(name, changes, said=" ".join(said))
+    scenario = Scenario.load(name, changes, source_label=" ".join(said))
     manoeuvre = scenario.manoeuvre
     end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
     if manoeuvre.kind == "turn" and manoeuvre.duration < end:

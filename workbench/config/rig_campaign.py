@@ -5,7 +5,7 @@ repeated, and what differs from log to log: `draw` sets a key to a number drawn 
 adds one to it. The numbers of a log depend on the campaign's seed and the log's place alone.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -89,7 +89,7 @@ def load_campaign(name_or_path: str | Path) -> RigCampaign:
 
 
 def campaign_tasks(
-    campaign: RigCampaign, seed: int = 1, repeats: int | None = None, settings: list[str] | None = None
+    campaign: RigCampaign, seed: int = 1, repeats: int | None = None, settings: Sequence[str] = ()
 ) -> list[RigTask]:
     """The logs of a campaign, in the order of its grid.
 
@@ -108,7 +108,7 @@ def campaign_tasks(
         raise ScenarioError(
             f"campaign {campaign.name!r}: {count} repeats of {len(cells)} experiments; allowed: 1 to {MOST_LOGS} logs"
         )
-    base = load_rig_scenario(campaign.scenario, [*campaign.set_, *(settings or [])])
+    base = load_rig_scenario(campaign.scenario, [*campaign.set_, *settings])
     tasks = []
     for number, (cell, repeat) in enumerate(product(cells, range(1, count + 1))):
         generator = np.random.default_rng([seed, number])

@@ -6,6 +6,7 @@ same on car and rig.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -94,9 +95,9 @@ default_values = Scenario.defaults
 scenario_from_dict = Scenario.from_dict
 
 
-def load_scenario(name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> Scenario:
+def load_scenario(name_or_path: str | Path, settings: Sequence[str] = ()) -> Scenario:
     """Loads a scenario of the car; arguments and errors are those of `ScenarioFile.load`."""
-    return Scenario.load(name_or_path, settings, said=said)
+    return Scenario.load(name_or_path, settings)
 
 
 class RigScenario(ScenarioFile):
@@ -188,6 +189,6 @@ RIG_SECTIONS = RigScenario.sections()
 rig_scenario_from_dict = RigScenario.from_dict
 
 
-def load_rig_scenario(name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> RigScenario:
+def load_rig_scenario(name_or_path: str | Path, settings: Sequence[str] = ()) -> RigScenario:
     """Loads a scenario of a rig; arguments and errors are those of `ScenarioFile.load`."""
-    return RigScenario.load(name_or_path, settings, said=said)
+    return RigScenario.load(name_or_path, settings)

@@ -4,7 +4,7 @@ A parameter file holds the numbers of one section, each with unit and source (de
 differs from them.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -181,23 +181,23 @@ class ScenarioFile(StrictModel):
         return cls._resolve(cls.defaults(), cls._as_named_now(overrides), where)
 
     @classmethod
-    def load(cls, name_or_path: str | Path, settings: list[str] | None = None, *, said: str = "") -> Self:
+    def load(cls, name_or_path: str | Path, settings: Sequence[str] = (), *, source_label: str = "") -> Self:
         """Loads a scenario by path, or by name from `models/scenarios`, with overrides such as `car.com_height=0.21`.
 
         Args:
             name_or_path: a YAML file, or the name of a scenario that ships.
             settings: overrides, `section.key=value`.
-            said: how the user wrote these, for error messages; `--set ...` by default.
+            source_label: what error messages call these; `--set ...` by default.
 
         Raises:
             ScenarioError: no such file or name; or as `from_dict`.
         """
         path = find_file(name_or_path, cls.folder, "scenario")
         data = read_yaml(path)
-        for setting in settings or []:
+        for setting in settings:
             cls.apply_setting(data, setting)
-        said = said or f"--set {' '.join(settings or [])}"
-        return cls.from_dict(data, f"{path} with {said}" if settings else str(path))
+        source_label = source_label or f"--set {' '.join(settings)}"
+        return cls.from_dict(data, f"{path} with {source_label}" if settings else str(path))
 
     @classmethod
     def names(cls) -> list[str]:

@@ -7,6 +7,7 @@ it. A law of one's own is a class in a Python file, named as `my_law.py:MyLaw`. 
 import importlib.util
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def make_bundle(scenario: Scenario) -> dict[str, Any]:
     return data
 
 
-def load_drive(name_or_path: str, settings: list[str] | None = None) -> tuple[Scenario, TailLaw]:
+def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenario, TailLaw]:
     """Scenario and tail law of a bundle (`.json`), a scenario file or the name of one that ships.
 
     Args:
