@@ -113,14 +113,14 @@ def bare_ports(profile: str, motor_ids: tuple[int, int]) -> dict[str, Any]:
     return {"schema": SCHEMA, "firmware_profile": profile, "teensy": {"path": "-"}, "imu": {"path": "+"}, **motors}
 
 
-def read_ports(path: Path) -> CarPorts:
+def read_ports(path: str | Path) -> CarPorts:
     """Reads a ports file.
 
     Raises:
         HardwareError: no such file, not JSON, unknown key, value not allowed, one device named twice; names the place.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise HardwareError(f"{path}: no such ports file") from None
     except (OSError, ValueError) as error:

@@ -98,9 +98,9 @@ def drive(
     refuse_existing(log, force, LogError)
     make_folder(log.parent, LogError)
     law_name = "" if law is None else type(tail_law).__name__
-    options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, tail_law=law_name)
+    options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
     car = connect(car_ports, chosen, name, traffic, typer.echo)
-    result = run_drive(car, chosen, tail_law, car_ports, options, typer.echo)
+    result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law)
     if result.log is not None:
         typer.echo(f"log: {result.log}")
     typer.echo(f"ended: {result.reason}", err=not result.orderly)

@@ -26,7 +26,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from aerodima.hardware.car.safety_settings import DriveSafety
+from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.device_states import SourceFault
@@ -63,7 +63,7 @@ class CarGuard:
 
     Args:
         wiring: started.
-        safety: limits.
+        safety: limits; those of `models/parameters` by default.
         has_tail: the car has tail motors, so it drives only while they are armed.
 
     Attributes:
@@ -78,10 +78,10 @@ class CarGuard:
         cycle_times: `time.monotonic` of every cycle since `drive`, s.
     """
 
-    def __init__(self, wiring: WiredCar, safety: DriveSafety, has_tail: bool = True) -> None:
+    def __init__(self, wiring: WiredCar, safety: DriveSafety | None = None, has_tail: bool = True) -> None:
         self.wiring = wiring
-        self._safety = safety
-        self._limits = DriveLimits(safety)
+        self._safety = safety or load_drive_safety()
+        self._limits = DriveLimits(self._safety)
         self._has_tail = has_tail
         self.stage = Stage.READY
         self.reason = ""

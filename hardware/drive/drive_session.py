@@ -35,8 +35,10 @@ from aerodima.hardware.drive.drive_checks import (
 from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPilot, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
+from aerodima.hardware.transport.device_lock import Say, tell_on_stderr
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import HardwareError
@@ -51,7 +53,6 @@ RUN_OVER = "the run is over"
 _REST_NOTICE = 0.5
 """s in which a switch that stands in IDLE is heard; after that the drive says what it waits for."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -83,29 +84,39 @@ class DriveOptions:
         with_drake: the diagram in Drake's simulator, otherwise the plain loop.
         confirm: asks somebody beside the car whether it may be armed; None arms without asking.
         wait_for_operator: s until the operator must have chosen AUTO or MANUAL, out of IDLE.
-        tail_law: name for the log of a tail law that the scenario does not name; empty for one that it names.
+        law_name: for the log, of a tail law that the scenario does not name; empty for one that it names.
     """
 
-    log: Path
+    log: str | Path
     force: bool = False
     dry_run: bool = False
     with_drake: bool = True
     confirm: Callable[[], bool] | None = None
     wait_for_operator: float = _HOUR
-    tail_law: str = ""
+    law_name: str = ""
 
 
 def run_drive(
-    car: WiredCar, scenario: Scenario, law: TailLaw, ports: CarPorts, options: DriveOptions, say: Say
+    car: WiredCar,
+    scenario: Scenario,
+    ports: CarPorts,
+    options: DriveOptions,
+    say: Say = tell_on_stderr,
+    *,
+    law: TailLaw | None = None,
 ) -> DriveResult:
-    """Drives a scenario with a tail law on a car that is not started yet.
+    """Drives a scenario on a car of `connect` that is not started yet.
+
+    Args:
+        say: is told every check and what is waited for.
+        law: of the tail; by default the one that the scenario names.
 
     Raises:
         UserError: a check failed, a device is missing, the log cannot be written; the motors are off by then.
     """
-    safety = load_drive_safety()
+    safety, law = load_drive_safety(), law or law_of_scenario(scenario)
     make_schedule(scenario)
-    _tell(desk_checks(scenario, options.log.parent, safety), say)
+    _tell(desk_checks(scenario, Path(options.log).parent, safety), say)
     if not options.dry_run:
         car.authorise()
     guard = CarGuard(car, safety, has_tail=scenario.tail.mode != "none")
@@ -166,7 +177,7 @@ def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
     checks = device_checks(guard.reading, drive.car.gps_time, drive.safety)
     checks.append(watchdog_check(drive.car.name, drive.car.unwatched))
     _tell(checks, drive.say, refuse=not options.dry_run)
-    journal = open_run_journal(options.log, drive.scenario, drive.car.name, options.force)
+    journal = open_run_journal(Path(options.log), drive.scenario, drive.car.name, options.force)
     try:
         run = _prepare(drive, journal)
         mode = RadioMode.AUTO if options.dry_run else _arm_and_choose(drive)
@@ -289,8 +300,8 @@ def _logged_run(drive: _Drive, journal: RunJournal, run: Callable[[], float]) ->
     finally:
         share = (time.process_time() - busy) / (time.monotonic() - begin)
         journal.add_facts({**log_facts(guard.reason, stopped, guard.cycle_times, guard.overruns), "cpu_share": share})
-        if drive.options.tail_law:
-            journal.add_facts({TAIL_LAW: drive.options.tail_law})
+        if drive.options.law_name:
+            journal.add_facts({TAIL_LAW: drive.options.law_name})
         path = journal.close()
     return path
 

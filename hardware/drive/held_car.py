@@ -45,9 +45,9 @@ _HEARD = 0.5
 
 def connect(
     ports: str | Path | CarPorts,
-    scenario: str | Scenario,
+    scenario: str | Path | Scenario,
     wiring: str = "teensy_bridge",
-    traffic: Path | None = None,
+    traffic: str | Path | None = None,
     say: Say = tell_on_stderr,
 ) -> WiredCar:
     """The car of a scenario with its watchdog, to be armed after a recorded watchdog test only; opens nothing yet.
@@ -63,8 +63,8 @@ def connect(
         HardwareError: unknown wiring, a ports file that cannot be read, and as `direct_can`.
     """
     name = wiring_name(wiring)
-    there = ports if isinstance(ports, CarPorts) else read_ports(Path(ports))
-    chosen = load_scenario(scenario) if isinstance(scenario, str) else scenario
+    there = ports if isinstance(ports, CarPorts) else read_ports(ports)
+    chosen = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
 
     def authorise() -> None:
         require_watchdog_test(name, there)
@@ -75,7 +75,9 @@ def connect(
     def start_watchdog(can: CanSettings, lock: DeviceLock) -> WatchdogProcess:
         return WatchdogProcess(can, there.motor_ids, lock=lock)
 
-    return direct_can(chosen, there, authorise, start_watchdog, traffic, say=say, name=name)
+    return direct_can(
+        chosen, there, authorise, start_watchdog, None if traffic is None else Path(traffic), say=say, name=name
+    )
 
 
 @contextmanager

@@ -240,7 +240,7 @@ class EventLog:
         self._file.close()
 
 
-def read_events(path: Path) -> list[dict[str, Any]]:
+def read_events(path: str | Path) -> list[dict[str, Any]]:
     """The events so far, also while the emulator runs; a line that is not complete is left out."""
-    lines = path.read_text(encoding="utf-8").split("\n")[:-1]
+    lines = Path(path).read_text(encoding="utf-8").split("\n")[:-1]
     return [json.loads(line) for line in lines]

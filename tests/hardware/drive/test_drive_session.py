@@ -54,7 +54,7 @@ class Drive:
         scenario = self.bench.scenario
         chosen = DriveOptions(self.log, with_drake=self.with_drake, **options)
         law = LawThatBreaks(scenario, fail)
-        return run_drive(self.bench.car, scenario, law, ports_from_dict(PORTS), chosen, self.said.append)
+        return run_drive(self.bench.car, scenario, ports_from_dict(PORTS), chosen, self.said.append, law=law)
 
     def assert_safe(self):
         assert not any(motor.entered for motor in self.bench.port.motors)
@@ -137,7 +137,7 @@ def test_a_signal_before_arming_switches_nothing_on(drive, number):
 
     scenario = drive.bench.scenario
     chosen = DriveOptions(drive.log, with_drake=drive.with_drake)
-    result = run_drive(drive.bench.car, scenario, law_of_scenario(scenario), ports_from_dict(PORTS), chosen, say)
+    result = run_drive(drive.bench.car, scenario, ports_from_dict(PORTS), chosen, say)
     assert (result.signal, result.reason) == (number, signal.Signals(number).name)
     assert not [frame for _, frame in drive.bench.port.sent if frame.data.endswith(b"\xfc")]
     drive.assert_safe()

@@ -40,8 +40,8 @@ class Upright:
 def test_law_drives_the_car_and_is_named_in_the_log(tmp_path: Path, with_drake: bool) -> None:
     bench, path = CarOnTheBench(*QUICK), tmp_path / "run.parquet"
     bench.devices.imu = ImuAtRest()
-    options = DriveOptions(path, with_drake=with_drake, tail_law="Upright")
-    result = run_drive(bench.car, bench.scenario, Upright(), ports_from_dict(PORTS), options, lambda line: None)
+    options = DriveOptions(path, with_drake=with_drake, law_name="Upright")
+    result = run_drive(bench.car, bench.scenario, ports_from_dict(PORTS), options, lambda line: None, law=Upright())
     assert result.orderly
     log = read_run_log(path)
     assert log.extra["tail_law"] == "Upright"
