@@ -2,6 +2,7 @@
 
 from .calibration.calibration import Calibration as Calibration
 from .calibration.calibration import calibrate as calibrate
+from .calibration.calibration_output import write_calibration as write_calibration
 from .calibration.calibration_plan import load_plan as load_plan
 from .calibration.calibration_runs import RunStore as RunStore
 from .fit.fit_figures import plot_curves as plot_curves
@@ -10,13 +11,18 @@ from .fit.fit_parameters import Parameters as Parameters
 from .fit.fit_pipeline import Estimate as Estimate
 from .fit.fit_pipeline import FitResult as FitResult
 from .fit.fit_pipeline import fit as fit
-from .fit.fit_report import in_words as in_words
+from .fit.fit_report import format_estimate as format_estimate
+from .fit.least_squares import Problem as Problem
+from .fit.least_squares_solvers import solve_formula as solve_formula
+from .fit.least_squares_solvers import solve_rollout as solve_rollout
+from .fit.residual_noise import independent_noise as independent_noise
+from .fit.residual_noise import serial_noise as serial_noise
 from .identify.added_mass import fit_added_mass_log as fit_added_mass_log
 from .identify.log_rig import FitOptions as FitOptions
 from .identify.static_fit import fit_static_log as fit_static_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
-from .studies.reproduction_report import write_report as write_report
+from .studies.reproduction_report import write_reproduction_report as write_reproduction_report
 from .studies.survival_study import survival_figure as survival_figure
 from .studies.survival_study import survival_study as survival_study
 from .sweep.rollover_threshold import critical_friction as critical_friction

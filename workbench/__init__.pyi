@@ -25,6 +25,9 @@ from .config.swing_curve import swing_at as swing_at
 from .config.swing_file import SwingFile as SwingFile
 from .config.swing_file import read_swing as read_swing
 from .config.swing_file import write_swing as write_swing
+from .controllers.controller_systems import TailController as TailController
+from .controllers.controller_systems import TurnDriver as TurnDriver
+from .controllers.manoeuvre import make_schedule as make_schedule
 from .controllers.tail_law import Observation as Observation
 from .controllers.tail_law import TailLaw as TailLaw
 from .errors import UserError as UserError

@@ -18,7 +18,7 @@ from aerodima.optimisation.calibration.car_prior import Prior, normalised, syste
 from aerodima.optimisation.calibration.member_draw import Draw, draw_cars
 from aerodima.optimisation.calibration.tail_draw import TailSampling, run_tails
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.workbench.batch.engine import ProgressLine
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import load_scenario
@@ -85,14 +85,16 @@ def calibrate(
     plan: CalibrationPlan,
     store: RunStore,
     engine: Engine,
-    progress: ProgressLine,
+    progress: ProgressLine = silent,
     data: Sequence[Datum] | None = None,
 ) -> Calibration:
-    """Carries out a plan; what the store holds already is not run again.
+    """Carries out a plan; what the store holds already is not run again. `write_calibration` writes the ensemble.
+
+    With other numbers of BLAS threads the last digits differ, so that other cars are drawn: `OMP_NUM_THREADS=1`.
 
     Args:
         plan: to be carried out.
-        store: of its runs.
+        store: of its runs, `RunStore.for_plan`.
         engine: that runs them.
         progress: told how it goes.
         data: figures instead of the published ones.

@@ -17,7 +17,7 @@ from aerodima.optimisation.calibration.car_prior import systematic_sample
 from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
 from aerodima.optimisation.calibration.validation import LEVELS, Shipped, as_table, shipped_car, validate
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.workbench.batch.engine import ProgressLine
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.report.report_page import write_files
@@ -27,9 +27,11 @@ PRIOR_SAMPLE = 4096
 """Draws from the prior that its quantiles rest on."""
 
 
-def write_calibration(result: Calibration, out: Path, store: RunStore, engine: Engine, progress: ProgressLine) -> Path:
+def write_calibration(
+    result: Calibration, out: str | Path, store: RunStore, engine: Engine, progress: ProgressLine = silent
+) -> Path:
     """Writes `<plan>.yaml` (the ensemble), `members.parquet`, five tables as CSV and `index.html`; the page's path."""
-    shipped = shipped_car(result, Runner(store, engine, progress))
+    out, shipped = Path(out), shipped_car(result, Runner(store, engine, progress))
     (path,) = write_files(out, {f"{result.plan.name}.yaml": ensemble_text(result)})
     ensemble = load_ensemble(path)
     progress("validation: Tables 7.1 to 7.4 ...")

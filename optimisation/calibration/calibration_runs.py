@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -233,10 +233,15 @@ class RunStore(RowStore):
         UserError: as `RowStore`.
     """
 
-    def __init__(self, folder: Path, varied: Iterable[str], *, force: bool = False):
+    def __init__(self, folder: str | Path, varied: Iterable[str], *, force: bool = False):
         bases = {name: _digest(load_scenario(name), tuple(varied)) for name in SCENARIOS}
         identity = {"schema": RUNS_SCHEMA, "versions": software_versions(), "scenarios": bases}
-        super().__init__(folder / RUNS, identity, force=force)
+        super().__init__(Path(folder) / RUNS, identity, force=force)
+
+    @classmethod
+    def for_plan(cls, folder: str | Path, plan: CalibrationPlan, *, force: bool = False) -> Self:
+        """The store of a calibration: what its plan varies differs from car to car."""
+        return cls(folder, (*plan.car, *plan.tail), force=force)
 
     def run(
         self, wanted: Sequence[Wanted], engine: Engine, progress: ProgressLine = silent, what: str = ""

@@ -124,10 +124,10 @@ _MOST_SHOWN = 20
 
 def show(results: list[FitResult]) -> None:
     """The first results in words."""
-    from aerodima.optimisation.fit.fit_report import in_words
+    from aerodima.optimisation.fit.fit_report import format_estimate
 
     for result in results[:_MOST_SHOWN]:
-        values = ", ".join(f"{e.name} {in_words(e, unit=True)}" for e in result.free)
+        values = ", ".join(f"{e.name} {format_estimate(e, unit=True)}" for e in result.free)
         typer.echo(f"{Path(result.name).name}: {values}")
         for warning in result.warnings:
             typer.echo(f"  warning: {warning}")

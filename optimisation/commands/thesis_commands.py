@@ -41,7 +41,7 @@ def calibrate(
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
     with (
-        RunStore(out, (*chosen.car, *chosen.tail), force=work.force) as store,
+        RunStore.for_plan(out, chosen, force=work.force) as store,
         engine_for(out, work.workers, work.scheduler) as (engine, progress),
         saying_how_to_go_on(progress, lambda: f"{len(store)} runs"),
     ):
@@ -63,12 +63,12 @@ def report(
     work: WorkOptions,
 ) -> None:
     """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
-    from aerodima.optimisation.studies.reproduction_report import write_report
+    from aerodima.optimisation.studies.reproduction_report import write_reproduction_report
     from aerodima.workbench.config.ensemble import load_ensemble
 
     chosen = load_ensemble(ensemble)
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
-        page = write_report(
+        page = write_reproduction_report(
             chosen, members, out, engine, progress, replays=replays, force=work.force, survival=survival
         )
         typer.echo(page)

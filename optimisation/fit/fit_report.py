@@ -209,7 +209,7 @@ def _results_table(results: Sequence[FitResult]) -> Table:
     """A row per fit; of a few fits a row per parameter, which needs no scrolling."""
     if len(results) <= _FEW:
         rows = [
-            [short_name(result.name), e.name, in_words(e), "" if e.unit == "1" else e.unit]
+            [short_name(result.name), e.name, format_estimate(e), "" if e.unit == "1" else e.unit]
             for result in results
             for e in result.estimates
         ]
@@ -224,7 +224,10 @@ def _results_table(results: Sequence[FitResult]) -> Table:
     rows = []
     for result in results:
         by_name = {e.name: e for e in result.estimates}
-        cells = [short_name(result.name), *(in_words(by_name[name]) if name in by_name else "" for name in names)]
+        cells = [
+            short_name(result.name),
+            *(format_estimate(by_name[name]) if name in by_name else "" for name in names),
+        ]
         rows.append([*cells, *(_short(result.facts.get(fact, "")) for fact in facts), result.status])
     return Table(heads, rows)
 
@@ -233,7 +236,7 @@ def _short(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def in_words(estimate: Estimate, unit: bool = False) -> str:
+def format_estimate(estimate: Estimate, unit: bool = False) -> str:
     """Value and interval in one cell; with the unit on request."""
     if not estimate.identifiable:
         return "not determined"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -189,7 +190,7 @@ def _refusal(model: SwingModel, low: float, high: float, value: float) -> str:
 
 
 def fit_added_mass_log(
-    path: str,
+    path: str | Path,
     *,
     seeds: tuple[str, ...] = ("zero", "table-4.12"),
     bounds: Bounds = "wide",

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -274,7 +275,7 @@ def _against_logged_current(result: FitResult, data: StaticData) -> list[str]:
 
 
 def fit_static_log(
-    path: str,
+    path: str | Path,
     *,
     bounds: Bounds = "wide",
     frozen: tuple[str, ...] = (),

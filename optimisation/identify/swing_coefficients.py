@@ -7,6 +7,7 @@ by hand (section 6.3.3).
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -31,7 +32,7 @@ _NODE = "cn_at_"
 _SEED, _LOW, _HIGH = 2.0, 0.0, 10.0
 
 
-def fit_friction_log(path: str, *, stribeck: bool = False, options: FitOptions = FREE) -> FitResult:
+def fit_friction_log(path: str | Path, *, stribeck: bool = False, options: FitOptions = FREE) -> FitResult:
     """Coulomb and viscous friction of a free swing, see `fit_friction`; of a bar swing or a robot swing.
 
     Raises:
@@ -42,7 +43,7 @@ def fit_friction_log(path: str, *, stribeck: bool = False, options: FitOptions =
     return fit_friction(swing_data(log, kind, options=options), stribeck, options)
 
 
-def fit_robot_tail_log(path: str, *, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
+def fit_robot_tail_log(path: str | Path, *, shape: Shape = "constant", options: FitOptions = FREE) -> FitResult:
     """Normal-force coefficient of a robot swing as a function of the relative speed, see `fit_robot_tail`."""
     return fit_robot_tail(swing_data(read_run_log(path), "robot_swing", options=options), shape, options)
 

@@ -27,7 +27,7 @@ from aerodima.optimisation.studies.reproduction_evidence import (
     survival_table,
 )
 from aerodima.optimisation.sweep.study_engine import Engine
-from aerodima.workbench.batch.engine import ProgressLine
+from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
@@ -226,12 +226,12 @@ def _number(value: float | None) -> str:
 PAGE, TABLE, FIGURES, SURVIVAL = "index.html", "rows.csv", "figures.csv", "survival.csv"
 
 
-def write_report(
+def write_reproduction_report(
     ensemble: Ensemble,
     number: int,
-    out: Path,
+    out: str | Path,
     engine: Engine,
-    progress: ProgressLine,
+    progress: ProgressLine = silent,
     *,
     replays: bool = True,
     force: bool = False,
@@ -244,12 +244,12 @@ def write_report(
         number: of members; all of them if there are fewer.
         out: folder; runs that are in it are not run again.
         settings: overrides that all runs share, such as a shorter run.
-        survival: also runs every tail mode at every speed of `survival.SPEEDS` and writes `survival.csv`.
+        survival: also runs every tail mode at every speed of `reproduction_evidence.SPEEDS`; writes `survival.csv`.
 
     Raises:
         UserError: wrong number of members, one that makes no car, or the folder holds runs of other parameters.
     """
-    members = ensemble.drawn(number)
+    out, members = Path(out), ensemble.drawn(number)
     for member in members:
         ensemble.scenario(member, "turn_swing")
     varied = {key for member in ensemble.members for key in member.values}

@@ -30,9 +30,9 @@ from aerodima.workbench.report.report_page import Plot
 SURVIVED_COLOURS = "cividis"
 
 
-def survival_study(scenario: str, settings: Sequence[str], speeds: Range, frictions: Range) -> Study:
+def survival_study(scenario: str | Path, settings: Sequence[str], speeds: Range, frictions: Range) -> Study:
     """Every speed with every friction."""
-    block = Block(scenario=scenario, settings=tuple(settings), grid={SPEED: speeds, FRICTION: frictions})
+    block = Block(scenario=str(scenario), settings=tuple(settings), grid={SPEED: speeds, FRICTION: frictions})
     return Study(name=f"Survival over speed and friction: {Path(scenario).stem}", blocks=(block,))
 
 

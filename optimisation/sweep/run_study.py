@@ -31,7 +31,7 @@ STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
 
 
 def run_study(
-    study: Study, out: Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
+    study: Study, out: str | Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
 ) -> pd.DataFrame:
     """The table of a study; one that was stopped goes on where it was.
 
@@ -49,7 +49,7 @@ def run_study(
         SweepError: unknown factor; the folder is in use, holds another study, or its disk is full.
     """
     check_factors(study, study.name)
-    runs = plan_runs(study)
+    out, runs = Path(out), plan_runs(study)
     tasks, identity = [run.task for run in runs], _identity(study, runs)
     with open_store(out, identity, force=force) as store:
         there = len(store.rows)

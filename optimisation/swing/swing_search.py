@@ -58,7 +58,7 @@ def optimise_swing(
     scenario_name: str = "",
     settings: tuple[str, ...] = (),
     warm_start: SwingFile | None = None,
-    checkpoint: Path | None = None,
+    checkpoint: str | Path | None = None,
     engine: Engine | None = None,
     progress: ProgressLine = silent,
 ) -> SwingFile:
@@ -81,6 +81,7 @@ def optimise_swing(
         EnsembleError: the ensemble of `options.members` cannot be read.
     """
     work = _Work.of(scenario, options, name, scenario_name, settings, progress)
+    checkpoint = None if checkpoint is None else Path(checkpoint)
     if not options.rounds and not options.polish and warm_start is None:
         raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --polish")
     if not options.rounds and warm_start is None:

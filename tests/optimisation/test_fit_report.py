@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from aerodima.optimisation.fit.fit_figures import figures_of
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names
-from aerodima.optimisation.fit.fit_report import in_words, write_report
+from aerodima.optimisation.fit.fit_report import format_estimate, write_report
 from aerodima.optimisation.identify.coefficient_averages import write_sets
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.errors import ModelError
@@ -39,13 +39,13 @@ def cells(page: str) -> list[list[str]]:
     ],
 )
 def test_an_interval_keeps_two_digits_of_its_width(value: float, lower: float, upper: float, words: str) -> None:
-    assert in_words(Estimate("mass", "kg", value, 1.0, lower, upper), unit=True) == words
+    assert format_estimate(Estimate("mass", "kg", value, 1.0, lower, upper), unit=True) == words
 
 
 def test_what_is_not_determined_or_frozen_has_no_interval() -> None:
     unseen = Estimate("mass", "kg", 1.0, math.inf, -math.inf, math.inf, identifiable=False)
-    assert in_words(unseen, unit=True) == "not determined"
-    assert in_words(Estimate("mass", "kg", 1.5, 0.0, 1.5, 1.5, frozen=True), unit=True) == "1.5 kg (frozen)"
+    assert format_estimate(unseen, unit=True) == "not determined"
+    assert format_estimate(Estimate("mass", "kg", 1.5, 0.0, 1.5, 1.5, frozen=True), unit=True) == "1.5 kg (frozen)"
 
 
 def test_nodes_of_a_table_stand_in_the_order_of_their_speed() -> None:

@@ -203,7 +203,7 @@ def open_engine(
     scheduler: str | None = None,
     *,
     progress: ProgressLine = on_stderr,
-    record: Path | None = None,
+    record: str | Path | None = None,
     memory: float | None = None,
     module: str | None = None,
 ) -> Iterator[Engine]:
@@ -226,7 +226,7 @@ def open_engine(
     if scheduler is None:
         check_workers(workers)
     start = time.monotonic()
-    kept = WorkerRecord(progress, record)
+    kept = WorkerRecord(progress, None if record is None else Path(record))
     client_of = local_cluster(workers, memory) if scheduler is None else remote_cluster(scheduler)
     with quiet_logs(), client_of as client:
         engine = DaskEngine(client, kept, is_local=scheduler is None, module=module)

@@ -45,7 +45,7 @@ def small_plan(**changes: object) -> CalibrationPlan:
 
 def store_in(folder: Path) -> RunStore:
     plan = small_plan()
-    return RunStore(folder, (*plan.car, *plan.tail))
+    return RunStore.for_plan(folder, plan)
 
 
 def carried_out(

@@ -11,7 +11,7 @@ from scipy.stats import norm, t
 
 from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.fit_report import in_words
+from aerodima.optimisation.fit.fit_report import format_estimate
 from aerodima.optimisation.fit.least_squares import Problem, Solution, solve
 from aerodima.optimisation.fit.least_squares_solvers import solve_algebraic, solve_rollout
 from aerodima.optimisation.fit.residual_noise import Noise, correlation_time, independent_noise, serial_noise
@@ -154,7 +154,7 @@ def test_what_stopped_at_a_bound_is_one_sided_and_the_others_are_given_it() -> N
     assert bound.covariance[1][1] < free.covariance[1][1]
     assert any("slope stopped at its upper bound 1.9 N/m, 1 standard deviations" in w for w in bound.warnings)
     assert "the intervals of the others take slope to lie within bounds" in bound.warnings
-    assert "one-sided: at its upper bound" in in_words(slope)
+    assert "one-sided: at its upper bound" in format_estimate(slope)
     assert not free["slope"].bound
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from aerodima.optimisation.calibration.calibration_plan import fitted_names, load_plan
 from aerodima.optimisation.studies.reproduction_evidence import change_row, figure_row, share_row
-from aerodima.optimisation.studies.reproduction_report import write_report
+from aerodima.optimisation.studies.reproduction_report import write_reproduction_report
 from aerodima.workbench.config.ensemble import Ensemble, load_ensemble
 from aerodima.workbench.errors import UserError
 from tests.optimisation.calibration.made_up_car import MadeUpEngine
@@ -50,7 +50,7 @@ def test_an_outcome_needs_nine_tenths_of_the_weight() -> None:
 
 
 def test_the_report_has_a_row_per_claim_and_says_what_is_missing(tmp_path: Path) -> None:
-    page = write_report(load_ensemble("car"), 3, tmp_path, TailedToo(), lambda line: None, replays=False)
+    page = write_reproduction_report(load_ensemble("car"), 3, tmp_path, TailedToo(), lambda line: None, replays=False)
     rows = pd.read_csv(tmp_path / "rows.csv").fillna({"evidence": ""})
     assert set(rows.verdict) <= {"reproduced", "direction only", "not reproduced", "not computable"}
     assert (rows.place == "Table 7.4").sum() == 8
@@ -79,7 +79,9 @@ def test_a_row_that_the_cars_were_calibrated_to_is_never_counted_as_a_prediction
         ("all", replace(plain, provenance=plain.provenance | {"fitted": []})),
         ("plan", calibrated(plain)),
     ):
-        page = write_report(ensemble, 3, tmp_path / name, HoldsTheBracket(), lambda line: None, replays=False)
+        page = write_reproduction_report(
+            ensemble, 3, tmp_path / name, HoldsTheBracket(), lambda line: None, replays=False
+        )
         rows = pd.read_csv(tmp_path / name / "rows.csv", keep_default_na=False)
         predicted = (rows.basis == "prediction").sum()
         kept = rows[(rows.basis == "prediction") & (rows.verdict == "reproduced")]
@@ -102,7 +104,7 @@ def test_no_row_says_more_than_its_evidence(tmp_path: Path) -> None:
 
     plain = load_ensemble("car")
     heavy_tails = {f"tail.mass={m.values['tail.mass']}" for m in plain.members if m.values["tail.mass"] > 0.15}
-    write_report(
+    write_reproduction_report(
         calibrated(plain), len(plain.members), tmp_path, SomeFlipWithTheirTail(), lambda line: None, replays=False
     )
     rows = pd.read_csv(tmp_path / "rows.csv", keep_default_na=False)
@@ -142,7 +144,9 @@ def test_a_row_says_when_the_car_never_reached_its_turn(tmp_path: Path) -> None:
             fast = row["commanded_speed_m_per_s"] > 5.0
             return row | {"outcome": "flipped", "speed_m_per_s": 0.1} if fast else row
 
-    write_report(load_ensemble("car"), 2, tmp_path, TipsOverBackwardsWhenFast(), lambda line: None, replays=False)
+    write_reproduction_report(
+        load_ensemble("car"), 2, tmp_path, TipsOverBackwardsWhenFast(), lambda line: None, replays=False
+    )
     rows = pd.read_csv(tmp_path / "rows.csv", keep_default_na=False)
     fast = rows[rows.evidence.str.contains("100% of the weight tipped over before its turn")]
     assert (fast.place == "Table 7.4").sum() == 7
@@ -159,7 +163,7 @@ def test_survival_over_speed_says_who_flips_and_who_never_reached_the_turn(tmp_p
             return row | {"outcome": "flipped" if speed > 5.0 else "survived", "clean": speed < 5.0} | reached
 
     engine, ensemble = TipsAtTheFastestFlipsBelow(), load_ensemble("car")
-    page = write_report(ensemble, 2, tmp_path, engine, lambda line: None, replays=False, survival=True)
+    page = write_reproduction_report(ensemble, 2, tmp_path, engine, lambda line: None, replays=False, survival=True)
     rows = pd.read_csv(tmp_path / "survival.csv").set_index(["tail", "speed_m_per_s"])
     assert len(rows) == 21
     assert rows.loc[("held", 4.72)].survived == pytest.approx(1.0)
@@ -172,12 +176,12 @@ def test_survival_over_speed_says_who_flips_and_who_never_reached_the_turn(tmp_p
 
 def test_a_wrong_number_of_members_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="0 members of"):
-        write_report(load_ensemble("car"), 0, tmp_path, TailedToo(), lambda line: None, replays=False)
+        write_reproduction_report(load_ensemble("car"), 0, tmp_path, TailedToo(), lambda line: None, replays=False)
 
 
 def test_a_member_that_is_no_possible_car_is_refused_before_anything_runs(tmp_path: Path) -> None:
     plain = load_ensemble("car")
     wrong = replace(plain.members[0], values={"car.gyration_roll": 0.45})
     with pytest.raises(UserError, match=rf"member '{wrong.name}': .*gyration_roll: 0\.45"):
-        write_report(replace(plain, members=(wrong,)), 1, tmp_path / "out", TailedToo(), lambda line: None)
+        write_reproduction_report(replace(plain, members=(wrong,)), 1, tmp_path / "out", TailedToo(), lambda line: None)
     assert not (tmp_path / "out").exists()
