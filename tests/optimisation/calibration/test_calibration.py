@@ -44,8 +44,7 @@ def small_plan(**changes: object) -> CalibrationPlan:
 
 
 def store_in(folder: Path) -> RunStore:
-    plan = small_plan()
-    return RunStore.for_plan(folder, plan)
+    return RunStore.for_plan(folder, small_plan())
 
 
 def carried_out(
