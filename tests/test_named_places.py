@@ -1,4 +1,4 @@
-"""Modules and files that texts name exist: in the documentation, notebooks, comments, docstrings, messages and data."""
+"""Modules, files and commands that texts name exist: in documentation, notebooks, comments, docstrings and data."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.main
+
+from aerodima.workbench.cli.program import build_app
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULE = re.compile(r"\baerodima(?:\.(?!md\b)\w+)+")
@@ -35,7 +38,12 @@ KINDS = "|".join(
 FILE = re.compile(
     r"(?<![\w/.$}-])(?:workbench|optimisation|hardware|models|tests|docs|notebooks)/[\w/.-]*\w\.(?:" + KINDS + r")\b"
 )
-PATTERNS = {"models/published/NAME.csv"}
+DOTTED = re.compile(r"`((?:\w+\.)*[a-z]\w*)\.([A-Za-z]\w*)`")
+"""`module.name`, also with folders before."""
+OTHERS = {"matplotlib", "plant", "pydrake", "typer"}
+"""First parts of names that are not ours."""
+BARE = re.compile(r"`(\w+\.py)`")
+PATTERNS = {"models/published/NAME.csv", "my_law.py"}
 """Names with a part for the reader to put in."""
 TEXTS = {
     ".md",
@@ -106,6 +114,58 @@ def test_modules_that_are_named_exist(folder: str) -> None:
     assert not missing
 
 
+@cache
+def names_of_modules() -> dict[str, set[str]]:
+    """Stem -> names in all modules of our packages and tests that have it."""
+    found: dict[str, set[str]] = {}
+    for folder in ("workbench", "optimisation", "hardware", "tests"):
+        for path in (ROOT / folder).rglob("*.py"):
+            found.setdefault(path.stem, set()).update(top_level(path))
+    return found
+
+
+def stale(dotted: str, name: str) -> bool:
+    """Whether `dotted.name` names a class or constant, or a function of a module of ours, that is not there.
+
+    A module of one word, such as `tail`, may also be a section of a scenario or a variable: `tail.mode` passes.
+    """
+    first, module = dotted.split(".")[0], dotted.split(".")[-1]
+    if first in {"aerodima", *OTHERS} or re.fullmatch(KINDS, name):
+        return False
+    if name[0].isupper() or ("_" in module and module in names_of_modules()):
+        return name not in names_of_modules().get(module, set())
+    return False
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_names_of_modules_exist(folder: str) -> None:
+    missing = {
+        f"{path.relative_to(ROOT)}: {dotted}.{name}"
+        for path in texts(folder)
+        for dotted, name in DOTTED.findall(path.read_text(encoding="utf-8"))
+        if stale(dotted, name)
+    }
+    assert not missing
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_modules_that_are_named_without_a_folder_stand_below_the_text(folder: str) -> None:
+    missing = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in texts(folder)
+        for name in BARE.findall(path.read_text(encoding="utf-8"))
+        if name not in PATTERNS and not any(path.parent.rglob(name))
+    }
+    assert not missing
+
+
+def test_table_of_commands_has_them_all() -> None:
+    rows = re.findall(r"^\| (`aerodima .*?) \|", (ROOT / "docs" / "commands.md").read_text(encoding="utf-8"), re.M)
+    commands = set(typer.main.get_group(build_app()).commands)
+    assert commands <= {word for row in rows for word in re.findall(r"`(?:aerodima )?([\w-]+)", row)}
+    assert {word for row in rows for word in re.findall(r"`aerodima ([\w-]+)", row)} <= commands
+
+
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_files_that_are_named_exist(folder: str) -> None:
     missing = {
@@ -122,4 +182,7 @@ def test_a_name_that_is_gone_is_seen() -> None:
     assert not exists("aerodima.workbench.config.scenario.no_such_function")
     assert exists("aerodima.workbench.config.scenario.load_scenario")
     assert exists("aerodima.workbench.load_scenario")
+    assert stale("ports", "IMU")
+    assert stale("aero.tail_force", "add_to_builder")
+    assert not stale("aero.tail_force", "add_tail_force")
     assert FILE.findall("see workbench/config/nothing.py and https://a.b/docs/x.md") == ["workbench/config/nothing.py"]

@@ -56,7 +56,7 @@ class Mounting(QuantityModel):
     # -- read by the car's computer
 
     def imu_reading(self, sample: Bno055Sample) -> np.ndarray:
-        """(9,) as `ports.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2; in body axes."""
+        """(9,) as `signal_table.IMU`: roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2; in body axes."""
         R_WB = sample.rotation @ self.chip_to_body.T
         return np.array(
             [

@@ -175,7 +175,7 @@ class FreeSail:
         quasi_steady_limit: float | None = None,
         applied: bool = True,
     ) -> tuple[System, System]:
-        """Adds the air's force on shell and board, see `tail_force.add_to_builder`."""
+        """Adds the air's force on shell and board, see `add_tail_force`."""
         name = body if isinstance(body, str) else body.name()
         shell = add_tail_force(
             builder,

@@ -24,7 +24,7 @@ class Observation:
         imu_valid: the yaw rate is fresh and without fault.
         roll_rate: of the tail, rad/s.
         pitch_rate: of the tail, rad/s.
-        imu: (9), as `ports.IMU`.
+        imu: (9), as `signal_table.IMU`.
         speed: of the car, m/s.
         steering_angle: commanded, rad, positive to the left.
     """

@@ -125,8 +125,8 @@ def published_for(summary: RunSummary) -> dict[Platform, PublishedFigures]:
 def summary_row(summary: RunSummary) -> dict[str, Any]:
     """One flat row: the run, its metrics, and where they exist the published figures and the differences to them.
 
-    A difference is the metric, from the signals of that platform (`published.SIGNALS`), less the published figure.
-    Units are at the end of the names.
+    A difference is the metric, from the signals of that platform (`published_figures.SIGNALS`), less the published
+    figure. Units are at the end of the names.
     """
     metrics = summary.metrics
     row: dict[str, Any] = {

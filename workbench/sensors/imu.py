@@ -95,7 +95,7 @@ class Imu(SampledSensor):
         body_spatial_velocities: list[SpatialVelocity], from the plant.
         body_spatial_accelerations: list[SpatialAcceleration], from the plant.
     Output ports:
-        imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes (`ports.IMU`).
+        imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes (`signal_table.IMU`).
         sample_time (1), age (1): s, see `SampledSensor`.
 
     Args:

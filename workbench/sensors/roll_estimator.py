@@ -14,7 +14,7 @@ class RollEstimator(LeafSystem):
     """Complementary filter on the IMU's reported signals (`estimate_roll`), run at a fixed rate, held in between.
 
     Input ports:
-        imu (9): from the station, `ports.IMU`.
+        imu (9): from the station, `signal_table.IMU`.
         speed (1): m/s, from the station.
     Output ports:
         roll_estimate (1): rad, positive to the right.

@@ -69,7 +69,7 @@ def estimate_roll(estimate: RollEstimate, imu: np.ndarray, speed: float, setting
 
     Args:
         estimate: of the tick before.
-        imu: (9), as `ports.IMU`. With a value that is not finite the angles are kept and the rate is 0.
+        imu: (9), as `signal_table.IMU`. With a value that is not finite the angles are kept and the rate is 0.
         speed: forward speed, m/s; not finite counts as 0.
         settings: constant.
     """
