@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.errors import FitError
+from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.plants.rig_motion import RigMotion
 
 Torque = Callable[[float, float], float]
@@ -84,20 +86,34 @@ def air_torque(scenario: RigScenario, law: SectionLaw | None = None) -> Torque |
 
 
 def friction_torque(coulomb: float, viscous: float, tanh_gain: float, stribeck: Sequence[float] = ()) -> Torque:
-    """tau = -(Cf tanh(k w) + Vf w) (eq. 4.12 corrected); `stribeck` adds a breakaway part that dies out with speed.
+    """`smooth_friction` as a torque of the motion."""
+    friction = smooth_friction(coulomb, viscous, tanh_gain, stribeck)
+    return lambda angle, rate: friction(rate)
+
+
+def runge_kutta_step(
+    acceleration: Callable[[Any, Any, float], Any],
+    q: Any,
+    w: Any,
+    step: float,
+    drives: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> tuple[Any, Any]:
+    """Angle and rate (numbers or arrays) one step (s) on, by the classical Runge-Kutta method.
 
     Args:
-        stribeck: excess of the breakaway torque over Cf (N m), and the Stribeck speed (rad/s).
+        acceleration: of angle, rate and a drive.
+        drives: at the beginning, in the middle and at the end of the step.
     """
-    if not stribeck:
-        return lambda angle, rate: -(coulomb * math.tanh(tanh_gain * rate) + viscous * rate)
-    excess, speed = stribeck
-
-    def torque(angle: float, rate: float) -> float:
-        size = coulomb + excess * math.exp(-((rate / speed) ** 2))
-        return -(size * math.tanh(tanh_gain * rate) + viscous * rate)
-
-    return torque
+    early, middle, late = drives
+    half = 0.5 * step
+    a1 = acceleration(q, w, early)
+    w2 = w + half * a1
+    a2 = acceleration(q + half * w, w2, middle)
+    w3 = w + half * a2
+    a3 = acceleration(q + half * w2, w3, middle)
+    w4 = w + step * a3
+    a4 = acceleration(q + step * w3, w4, late)
+    return q + step / 6.0 * (w + 2.0 * (w2 + w3) + w4), w + step / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
 
 
 def roll_out(
@@ -133,19 +149,10 @@ def roll_out(
 
     q, w = start
     angles, rates = [q], [w]
-    half = 0.5 * step
     for i in range(count - 1):
         drive = motor[i] if motor is not None else 0.0
         rise = 0.5 * ramp[i] if ramp is not None else 0.0
-        a1 = acceleration(q, w, drive - rise)
-        w2 = w + half * a1
-        a2 = acceleration(q + half * w, w2, drive)
-        w3 = w + half * a2
-        a3 = acceleration(q + half * w2, w3, drive)
-        w4 = w + step * a3
-        a4 = acceleration(q + step * w3, w4, drive + rise)
-        q += step / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-        w += step / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        q, w = runge_kutta_step(acceleration, q, w, step, (drive - rise, drive, drive + rise))
         if not abs(w) < _FASTEST:
             raise FitError(f"the rollout comes apart after {(i + 1) * step:.3g} s")
         angles.append(q)

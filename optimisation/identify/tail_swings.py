@@ -1,6 +1,6 @@
 """Swings of the robot's tail in the tunnel (thesis section 6.3) for thousands of possible tails at once.
 
-The same pendulum as `swing_model`, over arrays: weight, MIT motor, friction and a sail cut by the jet. A test compares
+The same pendulum as `pendulum`, over arrays: weight, MIT motor, friction and a sail cut by the jet. A test compares
 it with the rig's diagram. Signs as there: angle 0 hanging, positive downstream; rates positive downstream.
 """
 
@@ -13,8 +13,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from aerodima.optimisation.identify.pendulum import runge_kutta_step
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.plants.rig_model import robot_tail_properties
 
 Tails = Mapping[str, FloatArray]
@@ -101,27 +103,19 @@ def swing_extremes(tails: Tails, wind: FloatArray | float, kp: float, scenario: 
     """
     inertia, weight = inertia_and_weight(tails, scenario)
     kp_n, limit, gain = kp * tails["kp_factor"], scenario.robot_motor.torque_limit, scenario.robot_friction.tanh_gain
+    friction = smooth_friction(tails["coulomb"], tails["viscous"], gain, tanh=np.tanh)
     arm = lever(tails)
 
-    def acceleration(q: FloatArray, w: FloatArray) -> FloatArray:
+    def acceleration(q: FloatArray, w: FloatArray, _drive: float) -> FloatArray:
         motor = np.clip(-kp_n * q - tails["kd"] * w, -limit, limit)
-        friction = tails["coulomb"] * np.tanh(gain * w) + tails["viscous"] * w
-        result: FloatArray = (motor - friction - weight * np.sin(q) + air_torque(tails, wind, scenario, q, w)) / inertia
+        air = air_torque(tails, wind, scenario, q, w)
+        result: FloatArray = (motor + friction(w) - weight * np.sin(q) + air) / inertia
         return result
 
     q, w = tails["start_angle"].copy(), np.zeros_like(inertia)
     highest, lowest, fastest = np.full_like(w, wind), np.full_like(w, wind), np.zeros_like(w)
-    h = STEP
     for _ in range(math.ceil(LENGTH / STEP)):
-        a1 = acceleration(q, w)
-        w2 = w + 0.5 * h * a1
-        a2 = acceleration(q + 0.5 * h * w, w2)
-        w3 = w + 0.5 * h * a2
-        a3 = acceleration(q + 0.5 * h * w2, w3)
-        w4 = w + h * a3
-        a4 = acceleration(q + h * w3, w4)
-        q = q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-        w = w + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        q, w = runge_kutta_step(acceleration, q, w, STEP)
         tail_speed = -arm * w
         speed = np.hypot(wind + tail_speed * np.cos(q), tail_speed * np.sin(q))
         np.maximum(highest, speed, out=highest)

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aerodima.optimisation.swing.reduced_car import ReducedCar, lift_state, suspension_moment, wheel_height
+from aerodima.workbench.plants.joint_friction import smooth_friction
 
 Array = NDArray  # float64, or complex128 in a complex step
 
@@ -178,10 +179,11 @@ def motion(
     determinant = a11 * a22 - a12 * a21
     sideways, acceleration = (b1 * a22 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant
 
+    friction = smooth_friction(car.coulomb, car.viscous, car.tanh_gain, tanh=np.tanh)
     moment = M0 + (sideways * My + acceleration * Mr)
-    torques = [moment.dot(X) + car.rotor_inertia * q_acc + _friction(q_rate, car)]
+    torques = [moment.dot(X) + car.rotor_inertia * q_acc - friction(q_rate)]
     if tail[0].shape[-1] == 2:
-        torques.append(moment.dot(Y) + (car.rotor_inertia + car.hub_inertia) * p_acc + _friction(p_rate, car))
+        torques.append(moment.dot(Y) + (car.rotor_inertia + car.hub_inertia) * p_acc - friction(p_rate))
     return acceleration, np.stack(np.broadcast_arrays(*torques), axis=-1)
 
 
@@ -290,7 +292,3 @@ def sail_forces(across: Array, along: Array, car: ReducedCar) -> tuple[Array, Ar
     speed = np.sqrt(across * across + along * along + 1e-12)
     pressure = -0.5 * car.air_density * np.array(car.section_areas) * speed
     return pressure * coefficient * across, pressure * car.force_chord * along
-
-
-def _friction(rate: Array, car: ReducedCar) -> Array:
-    return car.coulomb * np.tanh(car.tanh_gain * rate) + car.viscous * rate

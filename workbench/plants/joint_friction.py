@@ -1,32 +1,34 @@
 """Joint friction as a system, since Drake's joints have no Coulomb friction (design section 6)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-FrictionLaw = Callable[[float], float]
+FrictionLaw = Callable[[Any], Any]
 """Joint rate (rad/s) to friction torque (N m), which opposes it."""
 
 
-def smooth_friction(coulomb: float, viscous: float, tanh_gain: float) -> FrictionLaw:
-    """tau = -(Cf tanh(k w) + Vf w): thesis eq. 4.12 with the sign of ERRATA E14 and E15; k = 10 s/rad there."""
+def smooth_friction(
+    coulomb: Any, viscous: Any, tanh_gain: float, stribeck: Sequence[float] = (), tanh: Callable[[Any], Any] = math.tanh
+) -> FrictionLaw:
+    """tau = -(Cf tanh(k w) + Vf w): thesis eq. 4.12 with the sign of ERRATA E14 and E15; k = 10 s/rad there.
 
-    def torque(rate: float) -> float:
-        return -(coulomb * math.tanh(tanh_gain * rate) + viscous * rate)
-
-    return torque
-
-
-def sign_friction(coulomb: float, viscous: float) -> FrictionLaw:
-    """tau = -sign(w) (Cf + Vf |w|): thesis eq. 6.1; zero at rest."""
-
-    def torque(rate: float) -> float:
-        return -math.copysign(coulomb + viscous * abs(rate), rate) if rate != 0.0 else 0.0
-
-    return torque
+    Args:
+        coulomb, viscous: Cf (N m) and Vf (N m s/rad), for arrays of rates also arrays.
+        tanh_gain: k, s/rad.
+        stribeck: excess of the breakaway torque over Cf (N m), which dies out with speed, and the Stribeck speed
+            (rad/s).
+        tanh: of NumPy for arrays of rates; that of `math` is much faster for one.
+    """
+    if stribeck:
+        excess, speed = stribeck
+        return lambda rate: (
+            -((coulomb + excess * math.exp(-((rate / speed) ** 2))) * tanh(tanh_gain * rate) + viscous * rate)
+        )
+    return lambda rate: -(coulomb * tanh(tanh_gain * rate) + viscous * rate)
 
 
 class JointFriction(LeafSystem):

@@ -1,15 +1,14 @@
-"""The rig as the pendulum that it is, in plain floats: for fits that roll a swing out hundreds of times.
+"""The rig as the pendulum that it is, in plain floats: for fits, which ask for it hundreds of times.
 
 J angle'' = weight + air + friction + motor, with the force law and the jet of `aerodima.workbench.aero`; the six
 reactions follow from the momenta of the bodies. It is the motion of `aerodima.workbench.plants.rig` to rounding (a test
-holds the two together), in a third of the time of a diagram at equal steps. `dataclasses.replace` varies friction,
-laws, added mass.
+holds the two together). `dataclasses.replace` varies friction, laws, added mass;
+`aerodima.optimisation.identify.pendulum` rolls swings out.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,9 +33,6 @@ from aerodima.workbench.plants.rig_model import (
     tail_layout,
 )
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
-
-MotorTorque = Callable[[float, float, float], float]
-"""Time (s), angle (rad), rate (rad/s) to the motor's torque on the joint (N m), positive downstream."""
 
 
 @dataclass(frozen=True)
@@ -188,62 +184,6 @@ class RigMotion:
         mount_x, mount_y, _ = self.mount.com
         return np.column_stack((x, y, z + weight, mx + mount_y * weight, my - mount_x * weight, mz))
 
-    def rollout(
-        self, time: np.ndarray, start: tuple[float, float], torque: MotorTorque, most_step: float = 0.004
-    ) -> np.ndarray:
-        """Angle (rad) and rate (rad/s) at given times (n, 2), by classical Runge-Kutta.
-
-        Args:
-            time: increasing, s; the motion starts at the first.
-            start: angle and rate there.
-            torque: of the motor.
-            most_step: s; times in between come from the quintic that meets angle, rate and acceleration at its ends.
-
-        Raises:
-            UserError: the motion leaves all bounds (more than 1000 rad/s).
-        """
-        span = float(time[-1] - time[0])
-        count = max(1, math.ceil(span / most_step - 1e-9))
-        h = span / count
-        inertia, load = self.inertia, self.load
-        angle, rate = start
-        rows = np.empty((count + 1, 3))
-        for i in range(count + 1):
-            t = float(time[0]) + i * h
-            a1 = (load(angle, rate) + torque(t, angle, rate)) / inertia
-            rows[i] = angle, rate, a1
-            if i == count:
-                break
-            w2, q2 = rate + 0.5 * h * a1, angle + 0.5 * h * rate
-            a2 = (load(q2, w2) + torque(t + 0.5 * h, q2, w2)) / inertia
-            w3, q3 = rate + 0.5 * h * a2, angle + 0.5 * h * w2
-            a3 = (load(q3, w3) + torque(t + 0.5 * h, q3, w3)) / inertia
-            w4, q4 = rate + h * a3, angle + h * w3
-            a4 = (load(q4, w4) + torque(t + h, q4, w4)) / inertia
-            angle += h / 6.0 * (rate + 2.0 * w2 + 2.0 * w3 + w4)
-            rate += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-            if not abs(rate) < 1000.0:
-                raise UserError(f"rollout: {rate:g} rad/s at {t + h:g} s; the motion has left all bounds")
-        return _between(rows, h, np.asarray(time, dtype=float) - time[0])
-
-
-def no_torque(time: float, angle: float, rate: float) -> float:
-    """A motor without current, or a rig that was let go."""
-    return 0.0
-
-
-def logged_torque(time: np.ndarray, torque: np.ndarray) -> MotorTorque:
-    """Torque (N m) at evenly spaced times, as a function that is linear between them."""
-    start, period = float(time[0]), float(time[-1] - time[0]) / (len(time) - 1)
-    values, last = np.asarray(torque, dtype=float).tolist(), len(time) - 2
-
-    def at(t: float, angle: float, rate: float) -> float:
-        place = (t - start) / period
-        index = min(max(int(place), 0), last)
-        return values[index] + (place - index) * (values[index + 1] - values[index])
-
-    return at
-
 
 def _parts(scenario: RigScenario) -> tuple[tuple[SwingingMass, ...], tuple[Blade, ...]]:
     """What swings, and what of it the wind meets; the tail is the last of both."""
@@ -268,17 +208,3 @@ def _swinging(properties: MassProperties, root: float, tilt: float) -> SwingingM
     beyond = -properties.com[2]
     along, across = root + beyond * math.cos(tilt), beyond * math.sin(tilt)
     return SwingingMass(properties.mass, math.hypot(along, across), math.atan2(across, along), properties.inertia[0])
-
-
-def _between(rows: np.ndarray, h: float, time: np.ndarray) -> np.ndarray:
-    """Quintic for the angle and its derivative for the rate, from angle, rate and acceleration at even nodes."""
-    index = np.clip((time / h).astype(int), 0, len(rows) - 2)
-    x = time / h - index
-    (q0, w0, a0), (q1, w1, a1) = rows[index].T, rows[index + 1].T
-    w0, w1, a0, a1 = w0 * h, w1 * h, a0 * h * h, a1 * h * h
-    c3 = 10.0 * (q1 - q0) - 6.0 * w0 - 4.0 * w1 - 1.5 * a0 + 0.5 * a1
-    c4 = -15.0 * (q1 - q0) + 8.0 * w0 + 7.0 * w1 + 1.5 * a0 - a1
-    c5 = 6.0 * (q1 - q0) - 3.0 * (w0 + w1) - 0.5 * (a0 - a1)
-    angle = q0 + x * (w0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
-    rate = w0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
-    return np.column_stack((angle, rate / h))

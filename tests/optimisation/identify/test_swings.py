@@ -50,6 +50,26 @@ def test_rollout_without_loss_keeps_its_energy() -> None:
     assert np.ptp(energy) < 1e-6 * abs(pendulum.weight_sine)
 
 
+@pytest.mark.parametrize("name", ["flick", "bar", "robot"])
+def test_rollout_converges_below_an_encoder_count(name: str) -> None:
+    """The step of the fits against an eighth of it; the forces have kinks at the jet's edge, so not to rounding."""
+    scenario = load_rig_scenario(name)
+    settings = scenario.robot_friction if scenario.is_robot else scenario.friction
+    air, friction = air_torque(scenario), friction_torque(settings.coulomb, settings.viscous, settings.tanh_gain)
+    torques = [friction] if air is None else [air, friction]
+    coarse = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.004, 251))
+    fine = np.array(roll_out(Pendulum.of(scenario), torques, (1.2, 0.5), 0.0005, 2001))[:, ::8]
+    assert np.max(np.abs(coarse - fine)[0]) < 0.2 * 1.18e-4
+    assert np.max(np.abs(coarse - fine)[1]) < 1e-3
+
+
+def test_motor_torque_moves_it_downstream_and_a_motion_without_bounds_is_refused() -> None:
+    pendulum = Pendulum.of(load_rig_scenario("bar"))
+    assert roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[0.2] * 250)[0][-1] > 0.3
+    with pytest.raises(FitError, match="the rollout comes apart after"):
+        roll_out(pendulum, [], (0.0, 0.0), 0.004, 251, motor=[500.0] * 250)
+
+
 @pytest.mark.parametrize(
     ("name", "settings", "kind"),
     [("bar", ["experiment.duration=4"], "bar_swing"), ("robot", ["experiment.duration=2"], "robot_swing")],

@@ -1,15 +1,16 @@
-"""Joint friction opposes the motion, and its two forms agree where they should."""
+"""Joint friction opposes the motion, for a rate and for many, with and without a breakaway torque."""
 
 import numpy as np
 import pytest
 
-from aerodima.workbench.plants.joint_friction import JointFriction, sign_friction, smooth_friction
+from aerodima.workbench.plants.joint_friction import JointFriction, smooth_friction
 
 COULOMB, VISCOUS = 0.161, 0.057
-SMOOTH, SIGN = smooth_friction(COULOMB, VISCOUS, 10.0), sign_friction(COULOMB, VISCOUS)
+SMOOTH = smooth_friction(COULOMB, VISCOUS, 10.0)
+STRIBECK = smooth_friction(COULOMB, VISCOUS, 10.0, (0.1, 0.5))
 
 
-@pytest.mark.parametrize("law", [SMOOTH, SIGN])
+@pytest.mark.parametrize("law", [SMOOTH, STRIBECK])
 def test_friction_opposes_the_motion_and_is_odd(law):
     for rate in (1e-3, 0.1, 1.0, 8.0, 40.0):
         assert law(rate) < 0.0 < law(-rate)
@@ -17,24 +18,30 @@ def test_friction_opposes_the_motion_and_is_odd(law):
     assert law(0.0) == 0.0
 
 
-def test_equation_6_1():
-    assert SIGN(8.0) == pytest.approx(-(0.161 + 0.057 * 8.0))
-    assert SIGN(-1e-12) == pytest.approx(0.161)
-
-
 def test_equation_4_12_with_the_sign_of_the_errata():
     assert SMOOTH(0.1) == pytest.approx(-(0.161 * np.tanh(1.0) + 0.0057))
 
 
-def test_both_forms_agree_once_the_joint_moves():
-    # tanh(10 * 1 rad/s) is 4e-9 below one.
+def test_it_is_equation_6_1_once_the_joint_moves():
+    # -sign(w) (Cf + Vf |w|); tanh(10 * 1 rad/s) is 4e-9 below one.
     for rate in (1.0, -1.0, 8.0):
-        assert SMOOTH(rate) == pytest.approx(SIGN(rate), rel=1e-8)
-    assert abs(SMOOTH(0.01)) < 0.2 * abs(SIGN(0.01))
+        assert SMOOTH(rate) == pytest.approx(-np.sign(rate) * (COULOMB + VISCOUS * abs(rate)), rel=1e-8)
+
+
+def test_breakaway_torque_dies_out_with_speed():
+    # At the Stribeck speed 1/e of the excess is left; at eight times it, nothing.
+    assert STRIBECK(0.5) == pytest.approx(-((0.161 + 0.1 / np.e) * np.tanh(5.0) + 0.057 * 0.5))
+    assert STRIBECK(4.0) == pytest.approx(SMOOTH(4.0), rel=1e-12)
+
+
+def test_many_joints_at_once():
+    rates = np.array([-8.0, -0.05, 0.0, 0.05, 8.0])
+    found = smooth_friction(np.full(5, COULOMB), VISCOUS, 10.0, tanh=np.tanh)(rates)
+    np.testing.assert_allclose(found, [SMOOTH(rate) for rate in rates], rtol=1e-14)
 
 
 def test_friction_reads_the_rates_and_not_the_angles():
-    system = JointFriction(SIGN, 2)
+    system = JointFriction(SMOOTH, 2)
     context = system.CreateDefaultContext()
     system.get_input_port().FixValue(context, np.array([1.0, -2.0, 0.5, -3.0]))
-    np.testing.assert_allclose(system.get_output_port().Eval(context), [-(0.161 + 0.0285), 0.161 + 0.171])
+    np.testing.assert_allclose(system.get_output_port().Eval(context), [SMOOTH(0.5), SMOOTH(-3.0)])
