@@ -15,7 +15,7 @@ from aerodima.optimisation.calibration.calibration_plan import assumed_elsewhere
 from aerodima.optimisation.calibration.calibration_runs import RunStore
 from aerodima.optimisation.calibration.car_prior import systematic_sample
 from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
-from aerodima.optimisation.calibration.validation import LEVELS, Shipped, as_table, shipped_car, validate
+from aerodima.optimisation.calibration.validation import Shipped, as_table, shipped_car, validate
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
@@ -115,7 +115,7 @@ def parameter_table(result: Calibration, shipped: Shipped) -> pd.DataFrame:
     best = prior.values(result.draw.coordinates[[result.best]])[0]
     rows = []
     for column, key in enumerate(prior.keys):
-        low, median, high = weighted_quantiles(values[:, column], weights, LEVELS)
+        low, median, high = weighted_quantiles(values[:, column], weights)
         rows.append(
             {
                 "parameter": key,

@@ -31,9 +31,6 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.metrics.published_figures import flip_bracket, published_figures
 
-LEVELS = (0.05, 0.5, 0.95)
-"""Of the band that is reported: it holds 90 % of the weight."""
-
 
 @dataclass(frozen=True)
 class Validated:
@@ -44,7 +41,7 @@ class Validated:
         use: what the calibration did with it.
         metric: name with unit.
         published: figure.
-        low, median, high: quantiles of the ensemble at `LEVELS`.
+        low, median, high: quantiles of the ensemble at `BAND`.
         z: (published - mean) / standard deviation of the ensemble.
         z_with_discrepancy: the same with the model discrepancy of the plan added to the variance.
         survived: share of the weight that survived these runs; only these have figures here.
@@ -122,7 +119,7 @@ def compare(datum: Datum, rows: pd.DataFrame, weights: FloatArray) -> Validated:
     shares = weights[there] / weights[there].sum()
     mean = float(shares @ values[there]) if np.any(there) else np.nan
     variance = float(shares @ (values[there] - mean) ** 2)
-    low, median, high = weighted_quantiles(values, weights, LEVELS)
+    low, median, high = weighted_quantiles(values, weights)
     return Validated(
         source=datum.source,
         use=datum.use,

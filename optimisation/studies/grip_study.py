@@ -71,7 +71,7 @@ def friction_rows(frame: pd.DataFrame, setups: Mapping[str, Setup]) -> list[dict
         part = frame[frame["block"] == label]
         steps, weights = steps_of_members(part, FRICTION)
         middles = [step.middle(low, high) for step in steps]
-        five, median, ninety_five = weighted_quantiles(middles, weights, (0.05, 0.5, 0.95))
+        five, median, ninety_five = weighted_quantiles(middles, weights)
         upright = ran(part)[(ran(part)[FRICTION] - REFERENCE_FRICTION).abs() < 1e-9]
         upright = upright[upright["outcome"] == "survived"]
         rows.append(

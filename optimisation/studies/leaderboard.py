@@ -12,12 +12,12 @@ from aerodima.optimisation.studies.leaderboard_page import write_leaderboard
 from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, Measurer
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine
-from aerodima.optimisation.swing.full_car import LEAST_HEADING
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import default_values, load_scenario
 from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 
 
 def make_leaderboard(

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from aerodima.optimisation.studies.contestants import THESIS, Contestant
 from aerodima.optimisation.studies.leaderboard_runs import OUTCOMES, Leaderboard
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.swing.full_car import LEAST_HEADING, SPIN
+from aerodima.optimisation.swing.full_car import SPIN
 from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.figures.figure_style import (
     BLACK,
@@ -32,6 +32,7 @@ from aerodima.workbench.figures.figure_style import (
     new_figure,
     styled,
 )
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.report.report_page import Bullets, Link, Page, Plot, Section, Table, write_files
 
 ROUNDING = 1e-9

@@ -36,9 +36,11 @@ from aerodima.optimisation.sweep.rollover_threshold import (
 )
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
-from aerodima.optimisation.swing.full_car import LEAST_HEADING, SPIN
+from aerodima.optimisation.swing.full_car import SPIN
+from aerodima.optimisation.swing.verification import both_clean
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 
 SCENARIO = "turn_fast"
 NOMINAL_CAR = Member("nominal car", 0.0, {})
@@ -201,13 +203,11 @@ class Measurer:
         """Both runs at the highest friction that both survive clean, and that friction; NaN without one."""
         if one.survived is None or reference.survived is None:
             return {}, {}, math.nan
-        grid = self._plan.friction.tolerance
-        for lower in range(MOST_LOWER + 1):
-            friction = float(f"{min(one.survived, reference.survived) - lower * grid:.9g}")
-            own, other = self._runs([(c, member, speed, friction) for c in (contestant, THESIS)], step)
-            if is_clean(own) and is_clean(other):
-                return own, other, friction
-        return {}, {}, math.nan
+        grid, common = self._plan.friction.tolerance, min(one.survived, reference.survived)
+        return both_clean(
+            lambda friction: self._runs([(c, member, speed, friction) for c in (contestant, THESIS)], step),
+            (float(f"{common - lower * grid:.9g}") for lower in range(MOST_LOWER + 1)),
+        )
 
     def own_friction(self, contestants: Sequence[Contestant]) -> pd.DataFrame:
         """Runs at each car's own friction."""

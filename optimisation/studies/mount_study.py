@@ -17,6 +17,7 @@ from aerodima.optimisation.sweep.study import Block, Range, Study, Value
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, new_figure, styled
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.report.report_page import Plot
 
 MOUNTS = (-0.06, -0.03, 0.03, 0.09, 0.15)
@@ -126,8 +127,8 @@ def _impulse(runs: pd.DataFrame, cause: str) -> float | None:
 def _sentences(rows: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     found = {(row["case"], row["steering_s"]): row for row in rows}
     none, swing = found["no tail", STEERING[0]], found["tail swing", STEERING[0]]
-    enough = [f"{case} with {hold:g} s" for (case, hold), row in found.items() if row["of_tailless_heading"] >= 0.95]
-    enough = [text for text in enough if not text.startswith("no tail")]
+    turned = [key for key, row in found.items() if row["of_tailless_heading"] >= LEAST_HEADING]
+    enough = [f"{case} with {hold:g} s" for case, hold in turned if not case.startswith("no tail")]
     return (
         f"With the published steering the swing turns the car by {swing['heading_change_rad']:.2f} rad against "
         f"{none['heading_change_rad']:.2f} rad without tail ({swing['of_tailless_heading']:.0%}).",

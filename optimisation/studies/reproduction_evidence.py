@@ -42,11 +42,10 @@ Verdict = Literal["reproduced", "direction only", "not reproduced", "not computa
 
 Basis = Literal["prediction", "calibrated to", "printed numbers", ""]
 
-LEVELS = (0.05, 0.5, 0.95)
 WIDEST = 0.5
 CLOSE = 0.1
 SURE = 0.9
-"""Quantiles of a band; the widest band (share of the published figure) that may count as reproduced; how close its
+"""The widest band (share of the published figure) that may count as reproduced; how close its
 median must be; the weight of the ensemble that a verdict needs."""
 ROUNDING = 1e-9
 """Of a sum of weights."""
@@ -95,7 +94,7 @@ def figure_row(
     basis: Basis = "prediction",
 ) -> Row:
     """A published number of a run that survived, beside the ensemble's; NaN for members that did not survive it."""
-    low, median, high = (float(value) for value in weighted_quantiles(values, weights, LEVELS))
+    low, median, high = (float(value) for value in weighted_quantiles(values, weights))
     if not np.isfinite(median):
         return Row(place, claim, unit, published, None, None, None, "not reproduced", f"{evidence}; no number", basis)
     inside = low <= published <= high and high - low <= WIDEST * abs(published)

@@ -14,7 +14,6 @@ from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.studies.reproduction_claims import all_rows
 from aerodima.optimisation.studies.reproduction_evidence import (
     CLOSE,
-    LEVELS,
     PAIRS,
     SURE,
     WIDEST,
@@ -28,7 +27,7 @@ from aerodima.optimisation.studies.reproduction_evidence import (
 )
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.workbench.batch.engine import ProgressLine, silent
-from aerodima.workbench.config.ensemble import Ensemble, weighted_quantiles
+from aerodima.workbench.config.ensemble import BAND, Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
 from aerodima.workbench.metrics.turn_metrics import metrics_of
@@ -112,7 +111,7 @@ def _verdicts(rows: Sequence[Row]) -> Section:
             ]
         ),
         Table(("verdict", *bases, "all"), counts),
-        f"Reproduced: the published figure lies in the band of {LEVELS[2] - LEVELS[0]:.0%} of the weight and the "
+        f"Reproduced: the published figure lies in the band of {BAND[2] - BAND[0]:.0%} of the weight and the "
         f"band is at most {WIDEST:.0%} of it wide, or the median is within {CLOSE:.0%}; a claim about an outcome "
         f"holds in at least {SURE:.0%} of the weight. Direction only: a change has the published sign in "
         f"{SURE:.0%} of the weight, not its size. Numbers are those of cars that survive the run, as the "
@@ -214,7 +213,7 @@ def plot_acceleration(evidence: Evidence) -> Figure:
 
 
 def _bar(axis: object, place: float, values: np.ndarray, weights: np.ndarray) -> None:
-    low, median, high = weighted_quantiles(values, weights, LEVELS)
+    low, median, high = weighted_quantiles(values, weights)
     axis.bar(place, median, width=0.6, color=BLUE, alpha=0.75)  # type: ignore[attr-defined]
     axis.plot([place, place], [low, high], color=ORANGE, linewidth=3)  # type: ignore[attr-defined]
 

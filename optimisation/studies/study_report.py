@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
+from aerodima.optimisation.sweep.rollover_threshold import first_loss
 from aerodima.optimisation.sweep.run_study import CSV, TABLE, make_frame, run_study
 from aerodima.optimisation.sweep.study import Study
 from aerodima.optimisation.sweep.study_engine import Engine, tipped_before_turn
@@ -34,8 +35,6 @@ from aerodima.workbench.report.report_page import (
     write_files,
 )
 
-LEVELS = (0.05, 0.5, 0.95)
-"""Of a band over an ensemble: its lower end, its median, its upper end."""
 CONFIDENCE = 0.95
 """Of an interval of a probability (Clopper and Pearson)."""
 
@@ -70,9 +69,9 @@ def by_value(frame: pd.DataFrame, factor: str) -> list[tuple[float, pd.DataFrame
 
 
 def band(frame: pd.DataFrame, column: str) -> tuple[float, float, float]:
-    """`LEVELS` of a column over the rows, by their weights; three times the value for one row."""
+    """`BAND` of a column over the rows, by their weights; three times the value for one row."""
     frame = ran(frame)
-    low, middle, high = weighted_quantiles(frame[column].to_numpy(float), weights_of(frame), LEVELS)
+    low, middle, high = weighted_quantiles(frame[column].to_numpy(float), weights_of(frame))
     return float(low), float(middle), float(high)
 
 
@@ -119,13 +118,11 @@ def step_along(frame: pd.DataFrame, factor: str) -> Step:
     Runs that tipped over before their turn are passed over.
     """
     over = tuple(value for value, _ in by_value(frame[tipped(frame)], factor))
-    shares = {value: survived_share(rows) for value, rows in by_value(ran(frame[~tipped(frame)]), factor)}
-    survived: float | None = None
-    for value in sorted(shares):
-        if shares[value] < 0.5:
-            return Step(survived, value, tuple(v for v in sorted(shares) if v > value and shares[v] >= 0.5), over)
-        survived = value
-    return Step(survived, None, (), over)
+    turned = by_value(ran(frame[~tipped(frame)]), factor)
+    verdicts: dict[float, bool | None] = {value: survived_share(rows) >= 0.5 for value, rows in turned}
+    survived, flipped = first_loss(verdicts)
+    islands = (value for value, held in verdicts.items() if held and flipped is not None and value > flipped)
+    return Step(survived, flipped, tuple(islands), over)
 
 
 def steps_of_members(frame: pd.DataFrame, factor: str) -> tuple[list[Step], np.ndarray]:

@@ -27,6 +27,7 @@ from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.figures.figure_style import FLIPPED_MARKER, GREY, MODE_STYLES, new_figure, styled
 from aerodima.workbench.metrics.published_figures import published_figures
 from aerodima.workbench.metrics.run_summary import KM_PER_H
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.report.report_page import Plot
 
 TAIL_SPEED = "controller.swing_speed"
@@ -75,7 +76,7 @@ def read_turn(frame: pd.DataFrame) -> Findings:
     for mode, tail_speed, part in _cases(frame):
         steps, weights = steps_of_members(part, SPEED)
         survived = [_highest_survived(step) for step in steps]
-        low, middle, high = weighted_quantiles(survived, weights, (0.05, 0.5, 0.95))
+        low, middle, high = weighted_quantiles(survived, weights)
         rows.append(
             {
                 "tail_mode": mode,
@@ -123,7 +124,7 @@ def _sentences(frame: pd.DataFrame) -> tuple[str, ...]:
     turned = base[base["outcome"] == "survived"]
     most = float(turned["heading_change_rad"].max()) if len(turned) else float("nan")
     tailed = ran(frame[(frame["block"] != "none") & (frame["outcome"] == "survived")])
-    enough = int((tailed["heading_change_rad"] >= 0.95 * most).sum())
+    enough = int((tailed["heading_change_rad"] >= LEAST_HEADING * most).sum())
     return (
         f"Without tail {len(turned)} of {len(base)} runs survived, with tail {len(tailed)} of "
         f"{int((frame['block'] != 'none').sum())}.",

@@ -255,34 +255,34 @@ def search_rows(
     while wanted := [
         (place, value)
         for place, (start, found) in enumerate(zip(starts, rows, strict=True))
-        for value in search.following(start, *_first_step(found, judge), found)
+        for value in search.following(start, *first_loss(_verdicts(found, judge)), found)
     ]:
         for (place, value), row in zip(wanted, run(wanted), strict=True):
             rows[place][value] = row
     return [_threshold(search, {value: found[value] for value in sorted(found)}, judge) for found in rows]
 
 
-def _first_step(rows: Mapping[float, Any], judge: Judge) -> tuple[float | None, float | None]:
-    """Last value survived before the first loss, and that loss. Runs that say nothing are passed over."""
-    survived: float | None = None
-    for value in sorted(rows):
-        verdict = judge(rows[value])
-        if verdict is False:
-            return survived, value
-        if verdict:
-            survived = value
-    return survived, None
+def first_loss(verdicts: Mapping[float, bool | None]) -> tuple[float | None, float | None]:
+    """Last value survived before the first loss, and that loss. A value without verdict is passed over."""
+    lost = min((value for value, verdict in verdicts.items() if verdict is False), default=None)
+    survived = (value for value, verdict in verdicts.items() if verdict and (lost is None or value < lost))
+    return max(survived, default=None), lost
+
+
+def _verdicts(rows: Mapping[float, Any], judge: Judge) -> dict[float, bool | None]:
+    return {value: judge(row) for value, row in rows.items()}
 
 
 def _threshold(search: Search, rows: dict[float, Any], judge: Judge) -> Threshold:
-    survived, lost = _first_step(rows, judge)
+    verdicts = _verdicts(rows, judge)
+    survived, lost = first_loss(verdicts)
     islands: list[tuple[float, float]] = []
     open_island = False
     for value in [value for value in rows if lost is not None and value > lost]:
-        if judge(rows[value]):
+        if verdicts[value]:
             islands.append((islands.pop()[0] if open_island else value, value))
-        open_island = bool(judge(rows[value]))
-    highest = max((value for value, row in rows.items() if judge(row)), default=None)
+        open_island = bool(verdicts[value])
+    highest = max((value for value, verdict in verdicts.items() if verdict), default=None)
     return Threshold(search, survived, lost, tuple(islands), highest, rows)
 
 

@@ -19,8 +19,6 @@ from aerodima.workbench.simulate.simulation import simulate
 
 FRICTION_STEP = 0.0125
 """Resolution of critical frictions."""
-LEAST_HEADING = 0.95
-"""Share of the reference's heading change that a turn must have to count (design section 10)."""
 SPIN = 1.5
 """Heading change (rad) with the published swing beyond which a car counts as spinning: its rear axle slid out, so that
 there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
@@ -114,7 +112,7 @@ def profile_of(run: RunLog, scenario: Scenario, friction: float, fallback_releas
     return turn_profile(run, ReducedCar.of(scenario), release, friction)
 
 
-def critical_friction(
+def clean_critical_friction(
     scenario: Scenario, swing: SwingFile | None, search: Search, start: Start = "bisect"
 ) -> Threshold:
     """Highest friction of an unbroken row of clean runs, with the `Outcome` of every run.
@@ -150,7 +148,7 @@ class Reference:
         Raises:
             SwingError: the published swing does not survive the turn at the lowest friction.
         """
-        found = critical_friction(cls.turn(scenario), None, REFERENCE_SEARCH, near)
+        found = clean_critical_friction(cls.turn(scenario), None, REFERENCE_SEARCH, near)
         if found.survived is None:
             raise SwingError(
                 f"the published swing does not survive {scenario.manoeuvre.speed:g} m/s at friction "

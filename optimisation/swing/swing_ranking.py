@@ -28,10 +28,9 @@ from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
 from aerodima.optimisation.swing.full_car import (
     FINE_STEP,
     FRICTION_STEP,
-    LEAST_HEADING,
     Car,
     Reference,
-    critical_friction,
+    clean_critical_friction,
     drive,
     outcome,
     shares,
@@ -40,6 +39,7 @@ from aerodima.optimisation.swing.full_car import (
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.plants.clearance import ground_clearance
 
 HEADING_MARGIN, HEADING_MARGIN_OF_MANY = 0.005, 0.02
@@ -276,7 +276,7 @@ def _row(item: tuple[SwingFile, Car, float]) -> Row:
     swing, car, top = item
     low = car.reference.friction
     search = Search(FRICTION, low, top, 2 * FRICTION_STEP, FRICTION_STEP)
-    found = critical_friction(scenario_from_dict(car.scenario), swing, search, low)
+    found = clean_critical_friction(scenario_from_dict(car.scenario), swing, search, low)
     highest = found.survived or 0.0
     rolled = max((seen.peak_roll for friction, seen in found.rows.items() if friction <= highest), default=float("nan"))
     return Row(highest, next(iter(found.rows.values())).heading / car.reference.heading, rolled)

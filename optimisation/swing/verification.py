@@ -8,16 +8,19 @@ heading change at least 95 % of that with the thesis' swing (8 rad/s), at the hi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from aerodima.optimisation.sweep.rollover_threshold import is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import Engine, RunTask, SerialEngine
-from aerodima.optimisation.swing.full_car import FINE_STEP, LEAST_HEADING
+from aerodima.optimisation.swing.full_car import FINE_STEP
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
@@ -26,9 +29,11 @@ from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import RunSummary, summarise
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.plants.clearance import RangeOfMotion, ground_clearance
 from aerodima.workbench.simulate.simulation import simulate
 
+Row = dict[str, Any]
 REFERENCE_SETTINGS = ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=8.0")
 LOWER_FRICTION, MOST_LOWER = 0.05, 6
 """Where the reference flips, headings are compared at a friction lower by this, at most so many times."""
@@ -158,16 +163,26 @@ def heading_ratio(
 
     From `friction` downwards in steps; NaN twice where there is none. SwingError when a run fails.
     """
-    for lower in range(MOST_LOWER + 1):
-        mu = friction - lower * LOWER_FRICTION
+
+    def run(mu: float) -> Sequence[Row]:
         here = (*settings, f"car.tyre_friction={mu:.9g}")
-        tasks = [RunTask("", scenario, (*here, *playing)), RunTask("", scenario, (*here, *reference))]
-        first, second = engine.rows(tasks)
-        if error := first["error"] or second["error"]:
-            raise SwingError(f"{scenario} {' '.join(here)}: {error}")
-        if first["clean"] and second["clean"]:
-            return first["heading_change_rad"] / second["heading_change_rad"], mu
-    return float("nan"), float("nan")
+        rows = engine.rows([RunTask("", scenario, (*here, *law)) for law in (playing, reference)])
+        for row in rows:
+            if row["error"]:
+                raise SwingError(f"{scenario} {' '.join(here)}: {row['error']}")
+        return rows
+
+    own, other, mu = both_clean(run, (friction - lower * LOWER_FRICTION for lower in range(MOST_LOWER + 1)))
+    return own["heading_change_rad"] / other["heading_change_rad"] if own else math.nan, mu
+
+
+def both_clean(run: Callable[[float], Sequence[Row]], frictions: Iterable[float]) -> tuple[Row, Row, float]:
+    """Rows of two runs at the first friction that both survive clean, and that friction; empty ones and NaN else."""
+    for friction in frictions:
+        own, other = run(friction)
+        if is_clean(own) and is_clean(other):
+            return own, other, friction
+    return {}, {}, math.nan
 
 
 def _state_errors(swing: SwingFile, scenario: Scenario, log: RunLog, motion: RangeOfMotion) -> StateErrors:

@@ -11,7 +11,6 @@ import yaml
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from aerodima.optimisation.swing.full_car import LEAST_HEADING
 from aerodima.optimisation.swing.verification import Verification
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
@@ -30,6 +29,7 @@ from aerodima.workbench.figures.figure_style import (
     styled,
 )
 from aerodima.workbench.logs.schema import RunLog, software_versions
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.metrics.turn_signals import turn_window
 from aerodima.workbench.report.report_page import Bullets, Page, Plot, Preformatted, Section, Table, write_files
 

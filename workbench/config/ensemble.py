@@ -136,7 +136,11 @@ def load_ensemble(name_or_path: str | Path = "car") -> Ensemble:
     return Ensemble(content.name, members, named[content.best], content.provenance, path)
 
 
-def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[float]) -> NDArray[np.float64]:
+BAND = (0.05, 0.5, 0.95)
+"""Levels of a band over an ensemble: its lower end, its median, its upper end."""
+
+
+def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[float] = BAND) -> NDArray[np.float64]:
     """Quantiles of weighted values: the smallest value whose share of the weight up to it reaches the level.
 
     Args:

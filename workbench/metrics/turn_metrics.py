@@ -32,6 +32,8 @@ END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
 JOLT_FACTOR = 1.5
 """A raw peak of the lateral acceleration that is this many times the filtered one is a jolt and no cornering."""
+LEAST_HEADING = 0.95
+"""Share of the reference's heading change that a turn must have to count as faster (design section 10)."""
 LOADED_FORCE = 0.1
 """A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
 

@@ -19,6 +19,7 @@ from aerodima.workbench.metrics.published_figures import (
     published_figures,
 )
 from aerodima.workbench.metrics.run_summary import RunSummary, published_for
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.report import turn_findings as findings
 from aerodima.workbench.report.report_page import (
     Finding,
@@ -185,7 +186,7 @@ def tail_beside_none(summaries: Sequence[RunSummary]) -> Section:
     else:
         said = [
             "One car turns faster than another only if its run is clean and it changes its heading by at "
-            f"least {100 * findings.REFERENCE_SHARE:.0f} % of the other's. Reference: no tail at "
+            f"least {100 * LEAST_HEADING:.0f} % of the other's. Reference: no tail at "
             f"{reference.commanded_speed:.2f} m/s, {degrees(reference.metrics.heading_change_rad)}.",
             *(findings.faster_claim(summaries, mode, reference) for mode in modes_of(summaries) if mode != "none"),
             findings.held_beside_swing(summaries),

@@ -8,10 +8,8 @@ from typing import Any
 from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
 from aerodima.workbench.metrics.published_figures import Comparison, FlipBracket, PublishedFigures
 from aerodima.workbench.metrics.run_summary import RunSummary
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.report.report_page import degrees, metric_name, percent, span
-
-REFERENCE_SHARE = 0.95
-"""Share of the reference's heading change that a run must reach before it may be called faster (design section 10)."""
 
 SPEED_ROUNDING = 0.015
 """Published speeds are rounded to 0.01 m/s: speeds this close (m/s) are the same."""
@@ -142,7 +140,7 @@ def reference_run(summaries: Sequence[RunSummary]) -> RunSummary | None:
 
 def faster_claim(summaries: Sequence[RunSummary], mode: str, reference: RunSummary) -> str:
     """Whether runs of a tail mode may be called a faster turn than the reference: clean, and turned as far."""
-    needed = REFERENCE_SHARE * reference.metrics.heading_change_rad
+    needed = LEAST_HEADING * reference.metrics.heading_change_rad
     clean = [s for s in summaries if s.tail_mode == mode and s.clean]
     faster = [s for s in clean if s.commanded_speed > reference.commanded_speed + SPEED_ROUNDING]
     words = MODE_STYLES[mode].words

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.swing.full_car import LEAST_HEADING, Reference, drive, outcome, varied
+from aerodima.optimisation.swing.full_car import Reference, drive, outcome, varied
 from aerodima.optimisation.swing.search_state import SearchOptions
 from aerodima.optimisation.swing.swing_construction import changed
 from aerodima.optimisation.swing.swing_search import optimise_swing
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing
 from aerodima.workbench.controllers.law_of_scenario import find_swing
+from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.resources import models_dir
 
 SWINGS = [

@@ -42,7 +42,8 @@ class Told:
     def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
         friction = float(next(s for s in reversed(tasks[0].settings) if "friction" in s).partition("=")[2])
         return [
-            {"error": "", "clean": told[friction] is not None, "heading_change_rad": told[friction]}
+            {"error": "", "outcome": "survived", "clean": told[friction] is not None}
+            | {"heading_change_rad": told[friction]}
             for told in self._told
         ]
 
