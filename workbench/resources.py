@@ -6,11 +6,16 @@ In a wheel they are inside the package (`workbench/_models`); in a checkout and 
 
 from __future__ import annotations
 
+import csv
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from aerodima.workbench.errors import ModelError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _PACKAGE = Path(__file__).resolve().parent
 _SHIPPED = _PACKAGE / "_models"
@@ -48,6 +53,20 @@ def model_path(relative: str | PurePosixPath) -> Path:
     if path.exists():
         return path
     raise ModelError(f"model file {str(wanted)!r} does not exist in {root}; {_nearest(root, wanted)}")
+
+
+def published_rows(name: str) -> list[dict[str, str]]:
+    """Rows of `models/published/NAME.csv`, every cell as printed there."""
+    with model_path(f"published/{name}.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@cache
+def published_table(name: str) -> pd.DataFrame:
+    """`models/published/NAME.csv` with numbers as such; do not change it in place."""
+    import pandas as pd
+
+    return pd.read_csv(model_path(f"published/{name}.csv"))
 
 
 def _nearest(root: Path, wanted: PurePosixPath) -> str:

@@ -20,7 +20,6 @@ from aerodima.optimisation.fit.least_squares import Problem
 from aerodima.optimisation.identify.added_mass_comparison import compare
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque
-from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import SectionLaw
@@ -28,6 +27,7 @@ from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog, read_run_log
 from aerodima.workbench.plants.rig_air import rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
+from aerodima.workbench.resources import published_table
 
 Bounds = Literal["wide", "printed"]
 BOUNDS: tuple[Bounds, ...] = ("wide", "printed")
@@ -66,7 +66,7 @@ def added_mass_parameter(data: SwingData, bounds: Bounds = "wide") -> Parameter:
 
 def _row(wind_speed: float) -> Any:
     """Of Table 4.12 at the nearest wind speed."""
-    table = published("added_mass_seeds")
+    table = published_table("added_mass_seeds")
     return table.iloc[int(np.argmin(np.abs(table.wind_speed_m_per_s - wind_speed)))]
 
 

@@ -19,12 +19,12 @@ import yaml
 
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.fit.least_squares import LIMIT, spread
-from aerodima.optimisation.identify.published_tables import Flag, published
+from aerodima.optimisation.identify.published_tables import Flag
 from aerodima.workbench.aero.coefficient_files import coefficients_from_dict
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT, ROBOT_LIMIT, SCHEMA
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.errors import FitError
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.resources import published_rows, published_table
 
 PERCENTILES = (10.0, 90.0)
 """Shown beside every average, percent."""
@@ -264,10 +264,9 @@ def _copied_from(row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
 def _friction_entries() -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
     entries = []
     for name in ("bar_friction", "robot_tail_friction"):
-        table = published(name)
-        printed = pd.read_csv(model_path(f"published/{name}.csv"), dtype=str)
+        table = published_table(name)
         swings = table[table.record == "swing"]
-        final = printed[printed.record.str.startswith("published_")].iloc[0]
+        final = next(row for row in published_rows(name) if row["record"].startswith("published_"))
         for column in ("coulomb_friction_n_m", "viscous_friction_n_m_s_per_rad"):
             source = str(swings.source_table.iloc[0])
             entries.append((source, column, final[column], swings[column].to_numpy(), swings.resnorm.to_numpy()))
@@ -275,8 +274,8 @@ def _friction_entries() -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
 
 
 def _added_mass_entries() -> list[tuple[str, str, str, np.ndarray, np.ndarray]]:
-    table = published("added_mass")
-    printed = pd.read_csv(model_path("published/added_mass.csv"), dtype=str).published_weighted_average_kg
+    table = published_table("added_mass")
+    printed = [row["published_weighted_average_kg"] for row in published_rows("added_mass")]
     entries = []
     for (source, tail, axis, speed), group in table.groupby(
         ["source_table", "tail", "axis", "wind_speed_m_per_s"], sort=False

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.resources import published_table
 
 
 @dataclass(frozen=True)
@@ -30,15 +29,9 @@ class Flag:
     erratum: str
 
 
-@cache
-def published(name: str) -> pd.DataFrame:
-    """A table of `models/published` by its stem; do not change it in place."""
-    return pd.read_csv(model_path(f"published/{name}.csv"))
-
-
 def static_rows() -> pd.DataFrame:
     """The 200 distinct rows of the static fits: the copied ones are left out (ERRATA E1)."""
-    rows = published("static_fits")
+    rows = published_table("static_fits")
     return rows[~repeated_speed(rows)].reset_index(drop=True)
 
 
@@ -52,7 +45,7 @@ def repeated_speed(rows: pd.DataFrame) -> pd.Series:
 
 def flag_static() -> list[Flag]:
     """Copied, identical, out-of-bounds and saturated rows of Tables 4.11 and 10.6-10.18."""
-    rows = published("static_fits")
+    rows = published_table("static_fits")
     return [*_copied(rows), *_identical(rows), *_scattered(rows), *_large(rows), *_bounds(rows)]
 
 
@@ -103,10 +96,10 @@ def _test(row: Any) -> str:
 
 def flag_added_mass() -> list[Flag]:
     """Added-mass constants that stopped at a bound of Table 4.12."""
-    bounds = published("added_mass_seeds").set_index("wind_speed_m_per_s")
+    bounds = published_table("added_mass_seeds").set_index("wind_speed_m_per_s")
     found = []
     row: Any
-    for row in published("added_mass").itertuples():
+    for row in published_table("added_mass").itertuples():
         low, high = bounds.lb_kg[row.wind_speed_m_per_s], bounds.ub_kg[row.wind_speed_m_per_s]
         if not low < row.added_mass_kg < high:
             where = f"tail {row.tail} {row.axis} {row.wind_speed_m_per_s:g} m/s, swing {row.swing}"
@@ -116,7 +109,7 @@ def flag_added_mass() -> list[Flag]:
 
 def flag_robot_tail() -> list[Flag]:
     """Tables of the robot tail that repeat another, and headers that contradict the caption."""
-    rows = published("robot_tail_drag")
+    rows = published_table("robot_tail_drag")
     found = []
     for table in duplicated_robot_tables():
         other = published_twin(rows, table)
@@ -144,7 +137,7 @@ def published_twin(rows: pd.DataFrame, table: str) -> str:
 
 def duplicated_robot_tables() -> list[str]:
     """Of each pair of equal tables the one whose lowest relative velocity lies above the wind speed."""
-    rows = published("robot_tail_drag")
+    rows = published_table("robot_tail_drag")
     return [
         str(table)
         for table, group in rows.groupby("source_table", sort=False)
@@ -154,5 +147,5 @@ def duplicated_robot_tables() -> list[str]:
 
 def robot_tail_rows() -> pd.DataFrame:
     """The 160 distinct coefficients of the robot tail."""
-    rows = published("robot_tail_drag")
+    rows = published_table("robot_tail_drag")
     return rows[~rows.source_table.isin(duplicated_robot_tables())].reset_index(drop=True)

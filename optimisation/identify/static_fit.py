@@ -22,12 +22,12 @@ from aerodima.optimisation.fit.least_squares_solvers import solve_formula
 from aerodima.optimisation.fit.priors import fit_with_priors
 from aerodima.optimisation.fit.residual_noise import Noise
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences
-from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, shifted
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
 from aerodima.optimisation.identify.static_log import StaticData, accuracies, speed_accuracy, static_data
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.resources import published_table
 
 Bounds = Literal["wide", "printed"]
 BOUNDS = {"cd": (-0.1, 3.0), "cl": (-0.5, 3.0), "psi3": (-0.35, 0.35), "current": (-10.0, 30.0)}
@@ -66,7 +66,7 @@ def published_seeds(data: StaticData) -> dict[str, tuple[float, float, float]]:
 @cache
 def _seed_table() -> dict[Any, dict[str, tuple[float, float, float]]]:
     """Tail, angle (degrees) and wind speed -> name -> seed and bounds."""
-    cells = published("static_seeds").groupby(["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False)
+    cells = published_table("static_seeds").groupby(["tail", "angle_of_attack_deg", "wind_speed_m_per_s"], sort=False)
     return {
         node: {name: tuple(numbers) for name, *numbers in group[["variable", "x0", "lb", "ub"]].to_numpy(object)}
         for node, group in cells

@@ -19,7 +19,6 @@ from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.residual_noise import correlation_time
 from aerodima.optimisation.identify.hold_mean import HoldMean, HoldOffset, hold_mean, residual_warnings, stated_offset
 from aerodima.optimisation.identify.log_rig import FREE, LARGEST_SPEED, FitOptions, named, rig_of, wind_speed
-from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
 from aerodima.workbench.config.scenario import RigScenario
@@ -27,6 +26,7 @@ from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
+from aerodima.workbench.resources import published_table
 from aerodima.workbench.sensors.rig_encoder import count_angle
 
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
@@ -99,13 +99,13 @@ def largest_reading(channel: str) -> float:
 @cache
 def accuracies() -> np.ndarray:
     """Table 4.8 for the six reactions (6), N and N m; do not change it in place."""
-    return published("residual_weights").uncertainty_factor.to_numpy(float)[:6]
+    return published_table("residual_weights").uncertainty_factor.to_numpy(float)[:6]
 
 
 @cache
 def speed_accuracy() -> float:
     """Table 4.8 for the speed, rad/s (printed as rad/s; ERRATA E19)."""
-    return float(published("residual_weights").uncertainty_factor.iloc[6])
+    return float(published_table("residual_weights").uncertainty_factor.iloc[6])
 
 
 def static_data(log: RunLog, rest: tuple[float, float] | None = None, options: FitOptions = FREE) -> StaticData:

@@ -16,7 +16,6 @@ from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, air_torque, friction_torque
-from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.identify.swing_fit import SwingModel, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.coefficient_functions import SpeedLine, SpeedTable
@@ -24,6 +23,7 @@ from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
+from aerodima.workbench.resources import published_table
 
 Shape = Literal["constant", "line", "bins"]
 BIN = 2.0
@@ -71,7 +71,7 @@ def fit_friction(data: SwingData, stribeck: bool = False, options: FitOptions = 
 
 def friction_seed(robot: bool) -> tuple[float, float]:
     """Coulomb (N m) and viscous (N m s/rad) seed: Table 4.7 for the bar, Table 6.2 for the robot's tail."""
-    table = published("robot_tail_friction" if robot else "bar_friction")
+    table = published_table("robot_tail_friction" if robot else "bar_friction")
     record = "published_final_value" if robot else "seed"
     row = table[table.record == record].iloc[0]
     return float(row.coulomb_friction_n_m), float(row.viscous_friction_n_m_s_per_rad)

@@ -10,12 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
-from aerodima.optimisation.identify.published_tables import duplicated_robot_tables, published
+from aerodima.optimisation.identify.published_tables import duplicated_robot_tables
 from aerodima.optimisation.identify.tail_size import READINGS, TailPosterior, drawn_names, scaled, weigh
 from aerodima.optimisation.identify.tail_swings import lever, swing_extremes
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_rig_scenario
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
+from aerodima.workbench.resources import published_table
 
 AREAS = (0.12, 0.04, 0.0125, 0.005)
 """Sails that are drawn beside the posterior median, m2: assumed first, two between, thesis section 5.2."""
@@ -162,7 +163,7 @@ def speeds_table(found: TailPosterior, winds: Sequence[float]) -> pd.DataFrame:
 
 def swings_table(found: TailPosterior) -> pd.DataFrame:
     """All 30 published swings: highest row, tail speed after it, and what the posterior and the five areas give."""
-    rows = published("robot_tail_drag")
+    rows = published_table("robot_tail_drag")
     cells = rows.groupby(["source_table", "wind_speed_m_per_s", "kp", "swing"], sort=False, as_index=False)
     table = pd.DataFrame(cells.relative_velocity_m_per_s.max())
     table["published_tail_speed_m_per_s"] = table.relative_velocity_m_per_s - table.wind_speed_m_per_s

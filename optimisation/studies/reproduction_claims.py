@@ -7,7 +7,7 @@ from aerodima.optimisation.calibration.calibration_plan import SPEED_IN_TURN
 from aerodima.optimisation.calibration.calibration_runs import Datum, yaw_rate_of
 from aerodima.optimisation.identify.coefficient_averages import recompute_averages
 from aerodima.optimisation.identify.published_check import robot_tail_line
-from aerodima.optimisation.identify.published_tables import published, robot_tail_rows
+from aerodima.optimisation.identify.published_tables import robot_tail_rows
 from aerodima.optimisation.studies.reproduction_evidence import (
     CLOSE,
     NO_FLICK_THROTTLE,
@@ -29,6 +29,7 @@ from aerodima.workbench.metrics.published_figures import (
     published_figures,
 )
 from aerodima.workbench.report.report_page import metric_name, metric_unit
+from aerodima.workbench.resources import published_table
 
 MISSING = (
     ("Fig. 6.8", "throttle to steady speed", "the data of the figure are not in the text; the line is assumed"),
@@ -243,7 +244,7 @@ def _kohut(evidence: Evidence) -> list[Row]:
     none = datum.turn.speed
     ours = evidence.column(datum.turn.tail_mode, none, datum.column)
     rows = []
-    for robot in published("kohut_robots").to_dict("records"):
+    for robot in published_table("kohut_robots").to_dict("records"):
         share = float(evidence.weights @ (ours > float(robot["kohut_deg_m_per_s2"])))
         rows.append(
             share_row(

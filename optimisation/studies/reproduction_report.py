@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from aerodima.optimisation.calibration.calibration_runs import RunStore, turn_of
 from aerodima.optimisation.calibration.validation import as_table, compare
-from aerodima.optimisation.identify.published_tables import published
 from aerodima.optimisation.studies.reproduction_claims import all_rows
 from aerodima.optimisation.studies.reproduction_evidence import (
     CLOSE,
@@ -45,6 +44,7 @@ from aerodima.workbench.report.report_page import (
     metric_unit,
     write_files,
 )
+from aerodima.workbench.resources import published_table
 
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "direction only", "not reproduced", "not computable")
 SHOWN = (
@@ -179,7 +179,7 @@ def plot_metrics(evidence: Evidence) -> Figure:
 
 def plot_kohut(evidence: Evidence) -> Figure:
     """Kohut of other robots and of the car."""
-    robots = published("kohut_robots")
+    robots = published_table("kohut_robots")
     none, swing = flip_bracket("tailless").survived, flip_bracket("tailed").survived
     with styled():
         drawing, axes = new_figure(8.0, 3.2)
@@ -196,7 +196,7 @@ def plot_kohut(evidence: Evidence) -> Figure:
 
 def plot_acceleration(evidence: Evidence) -> Figure:
     """Largest lateral acceleration beside Dima's."""
-    constants = published("constants").set_index("name").value_si
+    constants = published_table("constants").set_index("name").value_si
     without, with_tail = (float(constants[f"dima_lateral_acceleration_{k}"]) for k in ("no_tail", "with_tail"))
     none, swing = flip_bracket("tailless").survived, flip_bracket("tailed").survived
     name = metric_column("max_linear_acceleration_m_per_s2", "physical")

@@ -26,7 +26,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.figures.figure_style import BLACK, GREY, new_figure, styled
 from aerodima.workbench.report.report_page import Plot
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.resources import published_table
 
 GOAL_AREA = 5e-3
 """m2; area of the CFD goals, eq. 5.1."""
@@ -83,7 +83,7 @@ def published_goals() -> pd.DataFrame:
 
     The text gives no names of the shapes: `2D 1` is the first of those with two dimensions.
     """
-    rows = pd.read_csv(model_path("published/shape_drag.csv"))
+    rows = published_table("shape_drag")
     names = [f"{kind} {place}" for kind, place in zip(rows["dimensionality"], rows["row_in_table"], strict=True)]
     return pd.DataFrame({"shape": names, "speed": np.nan, "angle": 0.0, "c_d": rows["cd"], "c_l": np.nan})
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from aerodima.workbench.resources import model_path, models_dir
+from aerodima.workbench.resources import models_dir, published_table
 
 SCHEMA = "aerodima/coefficients/1"
 CHEETAH_LIMIT = 10.0
@@ -42,7 +42,7 @@ def _rounded(value: float, digits: int = 4) -> float:
 
 def robot_tail_rows() -> pd.DataFrame:
     """The 160 distinct coefficients of the robot tail: Table 11.3 repeats 11.6 and is left out (ERRATA E24)."""
-    rows = pd.read_csv(model_path("published/robot_tail_drag.csv"))
+    rows = published_table("robot_tail_drag")
     return rows[rows.source_table != "Table 11.3"]
 
 
@@ -101,11 +101,11 @@ def cheetah_nodes(tail: int, axis: str) -> list[dict[str, Any]]:
         tail: 1, 2 or 3.
         axis: `major` or `minor`.
     """
-    fits = pd.read_csv(model_path("published/static_fits.csv"))
+    fits = published_table("static_fits")
     fits = fits[(fits["tail"] == tail) & (fits.axis == axis)]
     fits = fits[fits.derived_repeats_wind_speed_m_per_s.isna() & ~fits.published_bold_outlier.eq(True)]
-    seeds = pd.read_csv(model_path("published/static_seeds.csv"), dtype={"tail": str})
-    seeds = seeds[seeds["tail"] == str(tail)]
+    seeds = published_table("static_seeds")
+    seeds = seeds[seeds["tail"] == tail]
     nodes = []
     for angle in _ANGLES_DEG:
         for speed in _SPEEDS:

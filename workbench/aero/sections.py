@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.resources import published_rows
 
 
 @dataclass(frozen=True)
@@ -206,8 +205,7 @@ def cheetah_tail_layout(tail: int, *, start: float, number: int = 5) -> SectionL
     Raises:
         ModelError: there is no such tail.
     """
-    with model_path("published/tail_properties.csv").open(encoding="utf-8") as file:
-        rows = {int(row["tail"]): row for row in csv.DictReader(file)}
+    rows = {int(row["tail"]): row for row in published_rows("tail_properties")}
     if tail not in rows:
         raise ModelError(f"cheetah tail {tail} does not exist (tails: {', '.join(map(str, rows))})")
     return SectionLayout.strip(

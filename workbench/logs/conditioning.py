@@ -35,7 +35,7 @@ from aerodima.workbench.logs.signals import (
     stated_rest,
     stretches,
 )
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.resources import published_table
 
 WRENCH = tuple(column.name for column in rig_columns() if column.name.startswith(("force_", "torque_")))
 """Force and torque columns of a rig log, in the order of `offsets_to_add` and of Table 4.4."""
@@ -107,7 +107,7 @@ def remove_drift(
 
 def published_offsets(tail: str) -> dict[str, float]:
     """Offsets of Table 4.4 for tail `1`, `2` or `3`: column to N or N m."""
-    table = pd.read_csv(model_path("published/force_offsets.csv"))
+    table = published_table("force_offsets")
     rows = table[table["tail"].astype(str) == str(tail)]
     if rows.empty:
         raise LogError(f"tail {tail!r}: Table 4.4 has offsets for the tails {', '.join(map(str, table['tail']))} only")

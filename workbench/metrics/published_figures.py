@@ -1,12 +1,11 @@
 """The published manoeuvre figures (thesis Tables 7.1-7.4) and how a run compares with them."""
 
-import csv
 import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.resources import published_rows
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
 """Time between the samples that the printed roll sums were made of, s: inferred, not published (ERRATA E35)."""
@@ -107,7 +106,7 @@ class Comparison:
 
 def published_figures() -> tuple[PublishedFigures, ...]:
     """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
-    return tuple(_figures(row) for row in table_rows("manoeuvre_metrics"))
+    return tuple(_figures(row) for row in published_rows("manoeuvre_metrics"))
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def inner_lift_yaw_rate() -> float:
 
 def tyre_damping() -> tuple[float, float]:
     """Published damping of a front and of a rear tyre, N s/m (thesis Table 6.1)."""
-    rows = table_rows("tyre_suspension")
+    rows = published_rows("tyre_suspension")
     named = {row["unit"]: float(row["damping_constant_n_s_per_m"]) for row in rows}
     return named["Front tyres"], named["Back tyres"]
 
@@ -182,10 +181,4 @@ def _figures(row: dict[str, str]) -> PublishedFigures:
 
 
 def _constants(unit: str) -> dict[str, float]:
-    return {row["name"]: float(row["value_si"]) for row in table_rows("constants") if row["unit_si"] == unit}
-
-
-def table_rows(name: str) -> list[dict[str, str]]:
-    """Rows of `models/published/NAME.csv`, every cell as printed there."""
-    with open(model_path(f"published/{name}.csv"), newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return {row["name"]: float(row["value_si"]) for row in published_rows("constants") if row["unit_si"] == unit}

@@ -14,8 +14,7 @@ from pydantic import AfterValidator, Field, model_validator
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
 from aerodima.workbench.config.scenario_file import ParameterEntry, load_parameter_file
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.metrics.published_figures import table_rows
-from aerodima.workbench.resources import model_path
+from aerodima.workbench.resources import model_path, published_rows
 
 FILE = "published/statements.yaml"
 
@@ -177,7 +176,7 @@ def published_row(address: str) -> dict[str, str]:
         ModelError: there is no such table or row.
     """
     table, row = address.split("/")[:2]
-    for entry in table_rows(table):
+    for entry in published_rows(table):
         first, second = list(entry.values())[:2]
         if row in (first, f"{first} {second}"):
             return entry
