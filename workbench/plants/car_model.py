@@ -29,10 +29,9 @@ EDGE_HALF_WIDTH = 0.002
 
 @dataclass(frozen=True)
 class AxleStatics:
-    """One axle at rest: load per wheel on the ground (N), tyre deflection (m), wheel-centre height (m), preload (m)."""
+    """One axle at rest: load per wheel on the ground (N), wheel-centre height (m), preload (m)."""
 
     wheel_load: float
-    tyre_deflection: float
     wheel_height: float
     spring_reference: float
 
@@ -44,9 +43,8 @@ def axle_statics(car: CarParameters, gravity: float, axle: str) -> AxleStatics:
     front = axle == "front"
     tyre = car.tyre_stiffness_front if front else car.tyre_stiffness_rear
     spring, _ = wheel_rates(car, axle)
-    deflection = load / tyre
     sprung_load = load - gravity * unsprung_mass(car, axle)
-    return AxleStatics(load, deflection, car.tyre_radius - deflection, -sprung_load / spring)
+    return AxleStatics(load, car.tyre_radius - load / tyre, -sprung_load / spring)
 
 
 def wheel_rates(car: CarParameters, axle: str) -> tuple[float, float]:

@@ -7,7 +7,6 @@ is left out, as the rod ends on it and its bracket is not published. Only rod an
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -258,31 +257,3 @@ def write_range_of_motion(motion: RangeOfMotion, path: Path, *, force: bool = Fa
     columns |= {f"{part}_clearance_m": motion.clearances[:, :, i].ravel() for i, part in enumerate(PARTS)}
     text = f"# {json.dumps({'schema': SCHEMA, 'car': motion.car})}\n" + pd.DataFrame(columns).to_csv(index=False)
     return write_atomically(path, text, force, UserError)
-
-
-def read_range_of_motion(path: Path | str) -> RangeOfMotion:
-    """Reads a map.
-
-    Raises:
-        UserError: missing file, another schema, columns missing, NaN, no full grid; names file and what is allowed.
-    """
-    path = Path(path)
-    try:
-        first, _, rest = path.read_text(encoding="utf-8").partition("\n")
-        head = json.loads(first.removeprefix("#"))
-        if head.get("schema") != SCHEMA:
-            raise UserError(f"{path}: schema: {head.get('schema')!r} cannot be read; allowed: {SCHEMA!r}")
-        table = pd.read_csv(io.StringIO(rest))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such range of motion") from None
-    except (OSError, ValueError, AttributeError) as error:
-        raise UserError(f"{path}: is no range of motion ({' '.join(str(error).split())})") from None
-    wanted = ["pitch_rad", "roll_rad", *(f"{part}_clearance_m" for part in PARTS)]
-    if list(table.columns) != wanted:
-        raise UserError(f"{path}: columns {', '.join(table.columns)}; allowed: {', '.join(wanted)}")
-    values = table.to_numpy()
-    pitch, roll = np.unique(values[:, 0]), np.unique(values[:, 1])
-    nodes = np.column_stack([axis.ravel() for axis in np.meshgrid(pitch, roll, indexing="ij")])
-    if values.dtype != float or not np.all(np.isfinite(values)) or not np.array_equal(nodes, values[:, :2]):
-        raise UserError(f"{path}: allowed: finite numbers, one row per node of a full grid, roll fastest")
-    return RangeOfMotion(pitch, roll, values[:, 2:].reshape(len(pitch), len(roll), len(PARTS)), head["car"])

@@ -243,11 +243,6 @@ class Rig:
         self._torque.FixValue(self._context, np.array([torque]))
 
 
-def rig_reaction(scenario: RigScenario, angle: float, rate: float, torque: float) -> RigReaction:
-    """Acceleration and wrench of a rig at one state and motor torque; `Rig` is faster for many. See `Rig.reaction`."""
-    return Rig(scenario).reaction(angle, rate, torque)
-
-
 def current_constant(scenario: RigScenario) -> float:
     """Torque per ampere at the joint, N m/A; a positive current pushes upstream."""
     return scenario.robot.torque_constant if scenario.is_robot else scenario.maxon.torque_constant

@@ -11,7 +11,7 @@ import pytest
 
 from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import ModelError, ScenarioError, UserError
-from aerodima.workbench.plants.rig import Rig, rig_reaction
+from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.resources import model_path
 from tests.workbench.plants.rig_lagrangian import (
     BAR_INERTIA,
@@ -56,7 +56,7 @@ def test_bare_rig_moves_and_reacts_as_lagrange_derives_it(tail: int, misalignmen
 
 def test_hanging_rig_weighs_what_it_weighs() -> None:
     mass = MOUNT_MASS + BAR_MASS + TAILS[1][0]
-    reaction = rig_reaction(without_air(), 0.0, 0.0, 0.0)
+    reaction = Rig(without_air()).reaction(0.0, 0.0, 0.0)
     assert reaction.acceleration == pytest.approx(0.0, abs=1e-12)
     moments = MOUNT_MASS * MOUNT_COM + (BAR_MASS + TAILS[1][0]) * PIVOT
     expected = [0.0, 0.0, mass * GRAVITY, moments[1] * GRAVITY, -moments[0] * GRAVITY, 0.0]
