@@ -46,17 +46,24 @@ def swing(
     wait: Annotated[float, typer.Option(help="Fixed rest after the release, s; 0 leaves it free.", min=0.0)] = 0.0,
     torque: Annotated[float | None, typer.Option(help="Torque limit, N m; the motor's by default.")] = None,
     rounds: Annotated[
-        int, typer.Option(help="Most rounds of profile, solution, full car; 0: only polish.", min=0, max=20)
+        int, typer.Option(help="Most rounds of profile, solution, full car; 0: only refinement.", min=0, max=20)
     ] = 4,
     bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
     solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
     members: Annotated[int, typer.Option(help="Cars drawn from the ensemble to serve as well.", min=0)] = 0,
     ensemble: Ensemble = "car",
-    polish: Annotated[
-        int, typer.Option(help="Candidates to drive in a polish on the full car; 0: none.", min=0, max=100_000)
+    refine: Annotated[
+        int,
+        typer.Option(
+            "--refine",
+            "--polish",
+            help="Candidates of the full-model refinement; 0: none.",
+            min=0,
+            max=100_000,
+        ),
     ] = 0,
     feedback: Annotated[bool, typer.Option(help="Store gains for the tracker with the swing.")] = True,
-    workers: Annotated[int, typer.Option(help="Worker processes of the polish.", min=1)] = 2,
+    workers: Annotated[int, typer.Option(help="Worker processes of the refinement.", min=1)] = 2,
     wall_time: Annotated[float, typer.Option(help="Limit of the collocation, s.", min=1.0)] = 600.0,
     warm_start: Annotated[
         str | None, typer.Option(help="Swing to begin with: a file, or the name of one that ships.")
@@ -66,7 +73,7 @@ def swing(
 ) -> None:
     """The swing with which the car survives most friction or speed, rolls least, or asks least of its motors.
 
-    With --polish the full model refines it: most friction, turning at least 95 % as far as the published swing.
+    With --refine the full model refines it: most friction, turning at least 95 % as far as the published swing.
     An interrupted search goes on when the same command is given again.
 
     Example: aerodima optimise swing turn_swing --set manoeuvre.speed=4.5 --threshold 0.5 --out swing.yaml
@@ -99,11 +106,11 @@ def swing(
         dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
         torque=torque, rounds=rounds, bound=bound, solver=solver_name, warm_start=warm_start or "",
         ensemble=ensemble, members=members,
-        polish=polish, feedback=feedback, wall_time=wall_time,
+        polish=refine, feedback=feedback, wall_time=wall_time,
     )  # fmt: skip
     turn = load_scenario(scenario, settings or ())
     record = out.with_suffix(".workers.jsonl")
-    with open_engine(workers, record=record) if polish else nullcontext(SerialEngine()) as engine:
+    with open_engine(workers, record=record) if refine else nullcontext(SerialEngine()) as engine:
         found = optimise_swing(
             turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
             warm_start=None if warm_start is None else find_swing(warm_start),

@@ -107,7 +107,7 @@ def swing_players(swings: Sequence[str]) -> list[Contestant]:
 
 
 def trackings_of(path_or_name: str) -> list[Contestant]:
-    """A swing in the ways it can be played, for the table of robustness; a polished one has no torques of its own."""
+    """A swing in the ways it can be played, for the table of robustness; a refined one has no torques of its own."""
     ways = ["joint_pd"]
     swing = find_swing(path_or_name)
     if swing.gains.feedback is not None:

@@ -36,9 +36,9 @@ from aerodima.workbench.plants.clearance import RangeOfMotion, make_range_of_mot
 CLEARANCE = 0.01
 """Least distance of the tail's planned path from the car, m."""
 FIRST_SPREAD, CLOSE_SPREAD = 0.6, 0.3
-"""Of the first generation, in units of the changes; the second for a swing that was polished before."""
+"""Of the first generation, in units of the changes; the second for a swing that was refined before."""
 FIRST_PITCH = (0.5, 0.5, 0.5, 0.4, 0.2, 0.0)
-"""Pitch that a polish with two joints begins with, in units of the change: forwards, which loads the front axle."""
+"""Pitch that a refinement with two joints begins with, in units of the change: forwards, which loads the front axle."""
 WIDEST = 4.0
 """Largest change, in its unit."""
 PATIENCE, NARROWER = 2, 0.4
@@ -46,8 +46,8 @@ PATIENCE, NARROWER = 2, 0.4
 
 
 @dataclass(frozen=True)
-class Polished:
-    """What came of a polish.
+class Refined:
+    """What came of a refinement.
 
     Attributes:
         x: the changes; zeros are the swing that was given.
@@ -66,7 +66,7 @@ class Polished:
     earlier: tuple[FloatArray, ...] = ()
 
 
-def polish(
+def refine(
     swing: SwingFile,
     cars: Sequence[Car],
     *,
@@ -79,7 +79,7 @@ def polish(
     engine: Engine | None = None,
     store: RowStore | None = None,
     progress: ProgressLine = silent,
-) -> Polished:
+) -> Refined:
     """Searches for the changes of a swing with which the car survives most friction and still turns.
 
     Args:
@@ -128,7 +128,7 @@ def polish(
         scores.extend(found)
         return found
 
-    best, idle = Polished(first), 0
+    best, idle = Refined(first), 0
     while len(scores) < evaluations and not search.stop():
         points = search.ask()
         found = tried(points)
@@ -139,7 +139,7 @@ def polish(
         if one.clean and best.friction:
             best = replace(best, earlier=(best.x, *best.earlier))
         while one.clean:
-            best = Polished(point, aim, one.heading, one.peak_roll, earlier=best.earlier)
+            best = Refined(point, aim, one.heading, one.peak_roll, earlier=best.earlier)
             progress(
                 f"  {len(scores)} candidates: clean at friction {aim:.4f}, heading {one.heading:.1%} of the published"
             )
@@ -152,7 +152,7 @@ def polish(
     return replace(best, evaluations=len(scores))
 
 
-def polished(
+def refined(
     swing: SwingFile,
     scenarios: Sequence[Scenario],
     options: SearchOptions,
@@ -161,14 +161,14 @@ def polished(
     checkpoint: Path | None = None,
     progress: ProgressLine = silent,
 ) -> SwingFile:
-    """A swing after its polish, with what was found in its provenance; the same swing if nothing better was found.
+    """A swing after its refinement, with what was found in its provenance; the same swing if nothing better was found.
 
     Args:
         swing: to begin with.
         scenarios: cars and their turn, as published but for speed and car; the first is the swing's own.
         options: of the search; `polish`, `seed` and `dof` are used.
         engine: where the cars are driven.
-        checkpoint: of the search; candidates are kept beside it until the polish is over.
+        checkpoint: of the search; candidates are kept beside it until the refinement is over.
         progress: takes lines of text.
     """
     engine = engine or SerialEngine()
@@ -178,20 +178,20 @@ def polished(
     identity: dict[str, Any] = {"swing": begun, "cars": [asdict(car) for car in cars]}
     identity |= {"seed": options.seed, "dof": options.dof, "spread": spread}
     with open_rows(checkpoint and checkpoint.with_suffix(".polish.json"), "aerodima/polish/2", identity) as store:
-        found = polish(
+        found = refine(
             swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof, sigma=spread, engine=engine,
             store=store, progress=progress,
         )  # fmt: skip
         if store is not None:
             store.remove()
     if not found.friction:
-        progress("polish: no candidate turns far enough and stays clean: kept the swing as it was")
+        progress("refinement: no candidate turns far enough and stays clean: kept the swing as it was")
         return swing
     points = (found.x, *found.earlier)
     shaped = [changed(swing, x, options.dof) for x in points]
     claim = choose(shaped, cars, found.friction, engine=engine, progress=progress)
     if claim is None:
-        progress("polish: no candidate turns far enough at the fine step: kept the swing as it was")
+        progress("refinement: no candidate turns far enough at the fine step: kept the swing as it was")
         return swing
     facts = {
         "polish_changes": " ".join(f"{value:.9g}" for value in points[claim.place]),
@@ -205,7 +205,7 @@ def polished(
     if len(cars) > 1:
         facts["gain_by_car"] = " ".join(f"{gain - 1.0:+.4f}" for gain in claim.gains)
     best = shaped[claim.place]
-    kept = {key: value for key, value in best.provenance.found.items() if key != "heading_rad"}  # before the polish
+    kept = {key: value for key, value in best.provenance.found.items() if key != "heading_rad"}  # before the refinement
     provenance = best.provenance.model_copy(update={"found": kept | facts})
     return best.model_copy(update={"provenance": provenance})
 
@@ -217,7 +217,7 @@ def _comparable(cars: Sequence[Car], progress: ProgressLine) -> list[Car]:
         one = car.reference
         spins = number > 1 and one.heading > SPIN
         progress(
-            f"polish, car {number}: the published swing is clean to friction {one.friction:.4f}, turns "
+            f"refinement, car {number}: the published swing is clean to friction {one.friction:.4f}, turns "
             f"{one.heading:.3f} rad{', which is a spin: left out' if spins else ''}"
         )
         if not spins:
@@ -244,7 +244,7 @@ def _cma() -> Any:
         import cma  # type: ignore[import-untyped, unused-ignore]
     except ImportError:
         raise SwingError(
-            "--polish: needs the package cma, which is not installed; allowed: pip install "
-            "'aerodima-workbench[optimise]', or no polish"
+            "--refine: needs the package cma, which is not installed; allowed: pip install "
+            "'aerodima-workbench[optimise]', or no refinement"
         ) from None
     return cma

@@ -34,7 +34,7 @@ class SearchOptions:
         threshold: yaw rate that releases the swing, rad/s; None keeps the scenario's.
         wait: the tail rests this long after the release, s; 0 leaves it free.
         torque: limit of each motor, N m; None is the motor's.
-        rounds: at most this many; 0 only polishes: a warm start, or a swing at the
+        rounds: at most this many; 0 only refines: a warm start, or a swing at the
             scenario's constant rate and release.
         trust: how far friction or speed may go beyond those of the profile's run in one round, as a share.
         bound: largest collocation error, rad.
@@ -42,9 +42,9 @@ class SearchOptions:
         iterations: of the solver; with the seed they make the search repeatable.
         warm_start: name or path of the swing that the search begins with, for the record.
         members: cars drawn from the `ensemble` that the swing must serve as well; 0 is the scenario's car alone.
-        polish: candidates that are driven to polish the swing on the full car; 0 is none.
+        polish: candidates of the full-model refinement, under the name that swing files have; 0 is none.
         feedback: gains of a tracker are stored with the swing.
-        wall_time: s, of the collocation; a polish has its own limit, the number of candidates.
+        wall_time: s, of the collocation; a refinement has its own limit, the number of candidates.
     """
 
     dof: int = 1

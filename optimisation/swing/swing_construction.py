@@ -177,7 +177,7 @@ def changed(swing: SwingFile, x: FloatArray, dof: int = 1) -> SwingFile:
     """
     threshold = swing.trigger.threshold_rad_per_s
     if threshold is None:
-        raise SwingError(f"swing {swing.name}: trigger.kind: {swing.trigger.kind!r}; a polish knows: yaw_rate")
+        raise SwingError(f"swing {swing.name}: trigger.kind: {swing.trigger.kind!r}; a refinement knows: yaw_rate")
     time = np.array(swing.knots.time_s) * math.exp(DURATION * x[1])
     roll, rate = swing.knots.states("roll")
     moving = np.flatnonzero(np.abs(rate) > AT_REST * np.max(np.abs(rate)))

@@ -20,7 +20,7 @@ from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.study_engine import Engine
 from aerodima.optimisation.swing.feedback_gains import with_feedback
 from aerodima.optimisation.swing.full_car import drive, frictions, profile_of, varied
-from aerodima.optimisation.swing.full_model_refinement import polished
+from aerodima.optimisation.swing.full_model_refinement import refined
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.search_state import (
@@ -70,9 +70,9 @@ def optimise_swing(
         name: of the swing.
         scenario_name, settings: for the provenance.
         warm_start: a swing to begin with instead of the scenario's controller.
-        checkpoint: file that keeps the search between rounds; a search found there goes on. The candidates of a polish
-            are kept beside it.
-        engine: where a polish drives its cars.
+        checkpoint: file that keeps the search between rounds; a search found there goes on. The candidates of a
+            refinement are kept beside it.
+        engine: where a refinement drives its cars.
         progress: takes lines of text.
 
     Raises:
@@ -83,7 +83,7 @@ def optimise_swing(
     work = _Work.of(scenario, options, name, scenario_name, settings, progress)
     checkpoint = None if checkpoint is None else Path(checkpoint)
     if not options.rounds and not options.polish and warm_start is None:
-        raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --polish")
+        raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --refine")
     if not options.rounds and warm_start is None:
         warm_start = constant_rate_swing(
             name, work.cars[0], length=options.length, knots=options.knots, provenance={"source": SOURCE}
@@ -100,7 +100,7 @@ def optimise_swing(
             swing = work.renamed(swing, search.speed)
         if options.polish:
             turns = _cars(varied(scenario, manoeuvre={"speed": search.speed}), options)
-            swing = polished(swing, turns, options, engine=engine, checkpoint=checkpoint, progress=progress)
+            swing = refined(swing, turns, options, engine=engine, checkpoint=checkpoint, progress=progress)
         if options.feedback:
             swing = _with_gains(swing, work.cars[0], progress)
         if store is not None:

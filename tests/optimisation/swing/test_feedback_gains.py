@@ -22,7 +22,7 @@ from aerodima.workbench.resources import model_path
 from aerodima.workbench.simulate.simulation import simulate
 
 EARLIER = Path(__file__).parent / "data" / "roll_4_5.yaml"
-"""A polished swing of version 0.1.0, for a car of its own."""
+"""A refined swing of version 0.1.0, for a car of its own."""
 
 
 def test_a_long_horizon_gives_the_gains_of_the_algebraic_riccati_equation() -> None:

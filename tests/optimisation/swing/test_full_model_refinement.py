@@ -1,4 +1,4 @@
-"""The polish on made-up cars: what it changes, how it ranks, that it finds, repeats itself and goes on."""
+"""The refinement on made-up cars: what it changes, how it ranks, that it finds, repeats itself and goes on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from aerodima.optimisation.swing import full_car as full_car_module
 from aerodima.optimisation.swing import swing_ranking as candidate_module
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Car, Outcome, Reference, shares
-from aerodima.optimisation.swing.full_model_refinement import _comparable, polish, polished
+from aerodima.optimisation.swing.full_model_refinement import _comparable, refine, refined
 from aerodima.optimisation.swing.search_state import SearchOptions
 from aerodima.optimisation.swing.swing_construction import PITCH, PLACES, ROLL, changed, changes
 from aerodima.optimisation.swing.swing_ranking import (
@@ -35,7 +35,7 @@ from aerodima.workbench.errors import SwingError, SwingFileError
 REFERENCE = Reference(0.675, 0.767)
 
 EARLIER = Path(__file__).parent / "data" / "roll_4_5.yaml"
-"""A polished swing of version 0.1.0, for a car of its own."""
+"""A refined swing of version 0.1.0, for a car of its own."""
 
 
 def car(reference: Reference = REFERENCE) -> Car:
@@ -274,13 +274,13 @@ class MadeUpCars:
         return Score(roll if clean else 2.0 + roll, heading, clean, roll)
 
 
-def run_polish(cars: Any, **changes_: Any) -> Any:
+def run_refinement(cars: Any, **changes_: Any) -> Any:
     options: dict[str, Any] = {"evaluations": 250, "seed": 4, "engine": cars} | changes_
-    return polish(swing(), [car()], **options)
+    return refine(swing(), [car()], **options)
 
 
 def test_it_finds_most_friction_that_turns_far_enough() -> None:
-    found = run_polish(MadeUpCars())
+    found = run_refinement(MadeUpCars())
     best = changed(swing(), found.x)
     assert found.heading >= 0.955
     assert 0.9 - 2 * FRICTION_STEP <= found.friction <= 0.9
@@ -289,11 +289,11 @@ def test_it_finds_most_friction_that_turns_far_enough() -> None:
 
 def test_it_repeats_itself_and_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     cars, stopped, rest = MadeUpCars(), MadeUpCars(), MadeUpCars()
-    whole = run_polish(cars, evaluations=60)
+    whole = run_refinement(cars, evaluations=60)
     with RowStore(tmp_path / "scores.jsonl", {}) as store:
-        run_polish(stopped, evaluations=25, store=store)
+        run_refinement(stopped, evaluations=25, store=store)
     with RowStore(tmp_path / "scores.jsonl", {}) as store:
-        again = run_polish(rest, evaluations=60, store=store)
+        again = run_refinement(rest, evaluations=60, store=store)
     assert np.array_equal(whole.x, again.x)
     assert whole.friction == again.friction
     assert (stopped.driven > 20, rest.driven) == (True, cars.driven - stopped.driven)
@@ -305,11 +305,11 @@ def test_it_is_told_that_nothing_turns_far_enough() -> None:
         def _score(item: Candidate) -> Score:
             return Score(4.5, 0.5)
 
-    found = run_polish(Straight(), evaluations=20)
+    found = run_refinement(Straight(), evaluations=20)
     assert found.friction == 0.0
 
 
-def test_an_interrupted_polish_goes_on_with_its_own_candidates_alone(
+def test_an_interrupted_refinement_goes_on_with_its_own_candidates_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Car, "of", lambda scenario: Car(scenario.resolved(), REFERENCE))
@@ -333,19 +333,19 @@ def test_an_interrupted_polish_goes_on_with_its_own_candidates_alone(
 
     options = SearchOptions(polish=40, seed=4, rounds=0)
     with pytest.raises(KeyboardInterrupt):
-        polished(swing(), cars, options, engine=Interrupted(), checkpoint=checkpoint)
+        refined(swing(), cars, options, engine=Interrupted(), checkpoint=checkpoint)
     driven = len(kept.read_text().splitlines()) - 1
     assert driven > 20
     for other in (replace(options, seed=5), replace(options, dof=2)):
         with pytest.raises(SwingError, match=r"polish\.json: holds results of other parameters, settings or versions"):
-            polished(swing(), cars, other, engine=Steady(), checkpoint=checkpoint)
+            refined(swing(), cars, other, engine=Steady(), checkpoint=checkpoint)
     with pytest.raises(SwingError, match="swing"):
-        polished(swing("right"), cars, options, engine=Steady(), checkpoint=checkpoint)
+        refined(swing("right"), cars, options, engine=Steady(), checkpoint=checkpoint)
     again, whole = Steady(), Steady()
-    polished(swing(), cars, options, engine=again, checkpoint=checkpoint)
-    polished(swing(), cars, options, engine=whole)
+    refined(swing(), cars, options, engine=again, checkpoint=checkpoint)
+    refined(swing(), cars, options, engine=whole)
     assert again.driven == whole.driven - driven
     assert not kept.exists()
     kept.write_text("{}", encoding="utf-8")
     with pytest.raises(SwingError, match="holds results of other"):
-        polished(swing(), cars, options, engine=Steady(), checkpoint=checkpoint)
+        refined(swing(), cars, options, engine=Steady(), checkpoint=checkpoint)

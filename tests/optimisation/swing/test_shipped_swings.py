@@ -24,7 +24,7 @@ SWINGS = [
     if swing.provenance.source == "aerodima optimise swing"
 ]
 NAMES = [swing.name for swing in SWINGS]
-POLISHED = [swing for swing in SWINGS if "polish_changes" in swing.provenance.found]
+REFINED = [swing for swing in SWINGS if "polish_changes" in swing.provenance.found]
 
 
 @pytest.mark.parametrize("swing", SWINGS, ids=NAMES)
@@ -37,12 +37,12 @@ def test_it_fits_the_car_that_it_was_made_for_and_states_its_error(swing: SwingF
 
 @cache
 def collocated(scenario: str, settings: tuple[str, ...], options: tuple[tuple[str, Any], ...]) -> SwingFile:
-    """The swing before its polish; swings that differ in nothing else share it."""
+    """The swing before its refinement; swings that differ in nothing else share it."""
     return optimise_swing(load_scenario(scenario, list(settings)), SearchOptions(**dict(options)), name="again")
 
 
 def made_again(swing: SwingFile) -> SwingFile:
-    """The changes of a polish are taken from the file: searching for them again takes minutes."""
+    """The changes of a refinement are taken from the file: searching for them again takes minutes."""
     made_from = swing.provenance
     assert made_from.scenario is not None
     options = {key: value for key, value in made_from.options.items() if key not in ("polish", "feedback")}
@@ -51,7 +51,7 @@ def made_again(swing: SwingFile) -> SwingFile:
         again = find_swing(str(options["warm_start"]))
     else:
         again = collocated(made_from.scenario, made_from.settings, tuple(sorted(options.items())))
-    if swing not in POLISHED:
+    if swing not in REFINED:
         assert again.provenance.found["survived_friction"] == made_from.found["survived_friction"]
         return again
     x = np.array([float(value) for value in str(made_from.found["polish_changes"]).split()])
@@ -77,8 +77,8 @@ def turn_of(swing: SwingFile, **changes: Any) -> Scenario:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("swing", POLISHED, ids=[swing.name for swing in POLISHED])
-def test_a_polished_swing_turns_as_far_as_the_published_one(swing: SwingFile) -> None:
+@pytest.mark.parametrize("swing", REFINED, ids=[swing.name for swing in REFINED])
+def test_a_refined_swing_turns_as_far_as_the_published_one(swing: SwingFile) -> None:
     """At the step of the search, and at the highest friction that the published swing survives at the fine one."""
     scenario, common = turn_of(swing), float(swing.provenance.found["reference_friction"])
     reference, turned = (
@@ -90,7 +90,7 @@ def test_a_polished_swing_turns_as_far_as_the_published_one(swing: SwingFile) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("swing", POLISHED, ids=[swing.name for swing in POLISHED])
+@pytest.mark.parametrize("swing", REFINED, ids=[swing.name for swing in REFINED])
 def test_it_survives_at_the_fine_step_what_it_says(swing: SwingFile) -> None:
     found = swing.provenance.found
     fine = turn_of(swing, simulation={"step": float(found["fine_step_s"]), "log_rate": 500.0})
