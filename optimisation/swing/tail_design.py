@@ -72,17 +72,21 @@ def design_tail(scenario: Scenario | None = None, **changes: float) -> TailDesig
 
     Args:
         scenario: mount, motor, friction and air; by default those of `turn_designed`, whose mount is its own.
-        changes: of numbers of `models/design/tail.yaml`.
+        changes: of numbers of `models/design/tail.yaml`, of `swing_rate` (rad/s; by default that of the scenario's
+            controller) and `continuous_torque` (N m; the rated one of `models/parameters/hardware/motor_safety.yaml`).
 
     Raises:
         FitError: the tail does not clear the ground, is too heavy, or asks too much of the motor; with the numbers.
     """
     scenario = scenario or load_scenario("turn_designed")
     entries = load_parameter_file(model_path("design/tail.yaml"))
-    unknown = sorted(set(changes) - set(entries))
+    limits = {name: float(entry.value) for name, entry in entries.items()}
+    safety = load_parameter_file(model_path("parameters/hardware/motor_safety.yaml"))
+    limits |= {"swing_rate": scenario.controller.swing_speed, "continuous_torque": float(safety["rated_torque"].value)}
+    unknown = sorted(set(changes) - set(limits))
     if unknown:
-        raise FitError(f"tail design: {unknown[0]}: unknown; allowed: {', '.join(entries)}")
-    limits = {name: float(entry.value) for name, entry in entries.items()} | changes
+        raise FitError(f"tail design: {unknown[0]}: unknown; allowed: {', '.join(limits)}")
+    limits |= changes
     found = _size(scenario, limits)
     asked = {
         "mass (kg)": (found.mass, limits["mass_budget"]),
