@@ -29,7 +29,7 @@ from .sweep.rollover_threshold import critical_friction as critical_friction
 from .sweep.run_study import run_study as run_study
 from .sweep.study import Range as Range
 from .sweep.study import load_study as load_study
-from .sweep.study_engine import open_engine as open_engine
+from .sweep.study_engine import open_run_engine as open_run_engine
 from .swing.search_state import SearchOptions as SearchOptions
 from .swing.swing_search import optimise_swing as optimise_swing
 from .swing.verification import verify_swing as verify_swing

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.calibration_plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
-from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine, RunTask, tipped_before_turn
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine, RunTask, tipped_before_turn
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import RowStore, content_key
 from aerodima.workbench.config.array_types import FloatArray
@@ -244,7 +244,7 @@ class RunStore(RowStore):
         return cls(folder, (*plan.car, *plan.tail), force=force)
 
     def run(
-        self, wanted: Sequence[Wanted], engine: Engine, progress: ProgressLine = silent, what: str = ""
+        self, wanted: Sequence[Wanted], engine: RunEngine, progress: ProgressLine = silent, what: str = ""
     ) -> pd.DataFrame:
         """Rows of runs, in their order; those that are not in the store are run and stored first."""
         remembering = RememberingEngine(engine, self, progress, what)

@@ -26,7 +26,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     survives,
 )
 from aerodima.optimisation.calibration.car_prior import Prior
-from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.metrics.published_figures import flip_bracket, published_figures
@@ -82,7 +82,7 @@ class Outcome:
 
 
 def validate(
-    members: Sequence[Member], plan: CalibrationPlan, store: RunStore, engine: Engine
+    members: Sequence[Member], plan: CalibrationPlan, store: RunStore, engine: RunEngine
 ) -> tuple[list[Validated], list[Outcome]]:
     """Runs the members as each figure was made and compares all of them."""
     weights = np.array([member.weight for member in members])

@@ -69,12 +69,12 @@ def engine_for(
     out: Path | None, workers: int = 2, scheduler: str | None = None
 ) -> Iterator[tuple[RunEngine, ProgressLine]]:
     """An engine whose workers leave their record in a folder, and the terminal for lines of progress."""
-    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.optimisation.sweep.study_engine import open_run_engine
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.batch.row_store import terminal
 
     progress = terminal()
-    with open_engine(
+    with open_run_engine(
         workers, scheduler, progress=progress, record=None if out is None else out / WORKER_RECORD
     ) as engine:
         yield engine, progress

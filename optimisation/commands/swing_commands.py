@@ -80,7 +80,7 @@ def swing(
     """
     from contextlib import nullcontext
 
-    from aerodima.optimisation.sweep.study_engine import SerialEngine, open_engine
+    from aerodima.optimisation.sweep.study_engine import SerialRunEngine, open_run_engine
     from aerodima.optimisation.swing.search_state import SearchOptions
     from aerodima.optimisation.swing.swing_problem import OBJECTIVES
     from aerodima.optimisation.swing.swing_search import optimise_swing
@@ -110,7 +110,7 @@ def swing(
     )  # fmt: skip
     turn = load_scenario(scenario, settings or ())
     record = out.with_suffix(".workers.jsonl")
-    with open_engine(workers, record=record) if refine else nullcontext(SerialEngine()) as engine:
+    with open_run_engine(workers, record=record) if refine else nullcontext(SerialRunEngine()) as engine:
         found = optimise_swing(
             turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
             warm_start=None if warm_start is None else find_swing(warm_start),
@@ -204,7 +204,7 @@ def verify(
 
     Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
     """
-    from aerodima.optimisation.sweep.study_engine import open_engine
+    from aerodima.optimisation.sweep.study_engine import open_run_engine
     from aerodima.optimisation.swing.verification import verify_swing
     from aerodima.optimisation.swing.verification_report import PAGE, RUNS, VERDICT, write_verification
     from aerodima.workbench.atomic_write import refuse_existing
@@ -230,7 +230,7 @@ def verify(
     runs = 2 * (len(cars.members) if members is None else min(members, len(cars.members)))
     typer.echo(f"{runs} runs of the ensemble at a step of {1000 * step:g} ms, and the car of the swing", err=True)
 
-    with open_engine(workers, record=out / WORKER_RECORD) as engine:
+    with open_run_engine(workers, record=out / WORKER_RECORD) as engine:
         found = verify_swing(
             played, path, turn, settings or [], cars, motion, members=members, step=step, tracking=tracking,
             engine=engine,

@@ -11,7 +11,7 @@ from aerodima.optimisation.studies.contestants import Contestant, Plan, standard
 from aerodima.optimisation.studies.leaderboard_page import write_leaderboard
 from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, Measurer
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
-from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on
 from aerodima.workbench.config.ensemble import Member
@@ -25,7 +25,7 @@ def make_leaderboard(
     plan: Plan,
     swings: Sequence[str],
     members: Sequence[Member],
-    engine: Engine,
+    engine: RunEngine,
     *,
     replays: bool = True,
     force: bool = False,

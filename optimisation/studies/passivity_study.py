@@ -24,7 +24,7 @@ from aerodima.optimisation.studies.contestants import (
 from aerodima.optimisation.studies.leaderboard_runs import SCENARIO
 from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case, find_thresholds, is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.figures.figure_style import (
     BLACK,
@@ -78,7 +78,7 @@ def _held(name: str, kp: float, kd: float) -> Contestant:
     return Contestant(name, ("tail.mode=held", f"controller.hold_kp={kp!r}", f"controller.hold_kd={kd!r}"))
 
 
-def measure_passivity(engine: Engine, speeds: Sequence[float] = SPEEDS) -> pd.DataFrame:
+def measure_passivity(engine: RunEngine, speeds: Sequence[float] = SPEEDS) -> pd.DataFrame:
     """One row per tail and speed: critical friction, and roll and heading there.
 
     Args:

@@ -24,7 +24,7 @@ from aerodima.optimisation.studies.reproduction_evidence import (
     survival_section,
     survival_table,
 )
-from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import BAND, Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
@@ -229,7 +229,7 @@ def write_reproduction_report(
     ensemble: Ensemble,
     number: int,
     out: str | Path,
-    engine: Engine,
+    engine: RunEngine,
     progress: ProgressLine = silent,
     *,
     replays: bool = True,

@@ -18,7 +18,7 @@ from scipy.stats import binomtest
 from aerodima.optimisation.sweep.rollover_threshold import first_loss
 from aerodima.optimisation.sweep.run_study import CSV, TABLE, make_frame, run_study
 from aerodima.optimisation.sweep.study import Study
-from aerodima.optimisation.sweep.study_engine import Engine, tipped_before_turn
+from aerodima.optimisation.sweep.study_engine import RunEngine, tipped_before_turn
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.errors import SweepError
@@ -210,7 +210,7 @@ def make_report(
     study: Study,
     read: Callable[[pd.DataFrame], Findings],
     out: Path,
-    engine: Engine,
+    engine: RunEngine,
     *,
     force: bool = False,
     progress: ProgressLine = silent,

@@ -21,7 +21,7 @@ from aerodima.optimisation.studies.study_report import (
 )
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
 from aerodima.optimisation.sweep.study import Block, Normal, Range, Sample, Study, Uniform
-from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.figures.figure_style import FLIPPED_MARKER, GREY, MODE_STYLES, new_figure, styled
 from aerodima.workbench.metrics.run_summary import KM_PER_H
@@ -37,7 +37,7 @@ def survival_study(scenario: str | Path, settings: Sequence[str], speeds: Range,
 
 
 def write_survival(
-    study: Study, out: Path, engine: Engine, force: bool = False, progress: ProgressLine = silent
+    study: Study, out: Path, engine: RunEngine, force: bool = False, progress: ProgressLine = silent
 ) -> Path:
     """Runs it and writes its page; the path of the page."""
     return make_report(study, read_survival, out, engine, force=force, progress=progress)

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.sweep.study_engine import Engine, RunTask, SerialEngine, tipped_before_turn
+from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine, tipped_before_turn
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 
@@ -175,7 +175,7 @@ class Case:
 
 
 def critical_friction(
-    scenario: str | Path, settings: Sequence[str] = (), engine: Engine | None = None, **changes: Any
+    scenario: str | Path, settings: Sequence[str] = (), engine: RunEngine | None = None, **changes: Any
 ) -> Threshold:
     """Highest tyre friction that is survived at the scenario's speed, and the lowest that is not.
 
@@ -197,7 +197,7 @@ def is_clean(row: Mapping[str, Any]) -> bool:
 def find_thresholds(
     cases: Sequence[Case],
     search: Search,
-    engine: Engine | None = None,
+    engine: RunEngine | None = None,
     done: Callable[[int, int], None] | None = None,
     starts: Sequence[float] | None = None,
 ) -> list[Threshold]:
@@ -213,7 +213,7 @@ def find_thresholds(
     Raises:
         SweepError: the scenario of a scan cannot be resolved at all.
     """
-    runner = engine or SerialEngine()
+    runner = engine or SerialRunEngine()
     finished = needed = 0
 
     def one_more(_place: int, _row: dict[str, Any]) -> None:

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from aerodima.optimisation.sweep.study import PlannedRun, Study, check_factors, plan_runs
-from aerodima.optimisation.sweep.study_engine import Engine, RememberingEngine
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import Row, RowStore, saying_how_to_go_on
@@ -31,7 +31,7 @@ STUDY_RUNS_SCHEMA = "aerodima/sweep/2"
 
 
 def run_study(
-    study: Study, out: str | Path, engine: Engine, *, force: bool = False, progress: ProgressLine = silent
+    study: Study, out: str | Path, engine: RunEngine, *, force: bool = False, progress: ProgressLine = silent
 ) -> pd.DataFrame:
     """The table of a study; one that was stopped goes on where it was.
 
@@ -87,7 +87,7 @@ def _identity(study: Study, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     }
 
 
-def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: Engine) -> str:
+def _how_it_went(frame: pd.DataFrame, number: int, seconds: float, engine: RunEngine) -> str:
     failed = frame["error"].fillna("") != ""
     outcomes = frame["outcome"].value_counts()
     text = ", ".join(f"{count} {name}" for name, count in sorted(outcomes.items()))

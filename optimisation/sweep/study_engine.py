@@ -143,7 +143,7 @@ WORKER_LOST_AGAIN = (
 )
 
 
-class Engine(Protocol):
+class RunEngine(Protocol):
     """Runs work; results come in the order of the items."""
 
     @property
@@ -161,8 +161,8 @@ class Engine(Protocol):
         """`function` (of a module) of each item; raises what it raises, and UserError when it kills its worker."""
 
 
-class RunEngine:
-    """On an engine of the workbench; see `Engine`, and `open_engine` for one with workers."""
+class BatchRunEngine:
+    """On an engine of the workbench; see `RunEngine`, and `open_run_engine` for one with workers."""
 
     def __init__(self, engine: batch.Engine) -> None:
         self._engine = engine
@@ -170,19 +170,19 @@ class RunEngine:
 
     @property
     def workers(self) -> int:
-        """See `Engine`."""
+        """See `RunEngine`."""
         return self._engine.workers
 
     def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
-        """See `Engine`."""
+        """See `RunEngine`."""
         return self._engine.map(evaluate, tasks, done, lambda task: failed_row(task, WORKER_LOST_AGAIN))
 
     def call(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """See `Engine`."""
+        """See `RunEngine`."""
         return self._engine.map(function, items)
 
 
-class SerialEngine(RunEngine):
+class SerialRunEngine(BatchRunEngine):
     """In this process, one after the other: for small work, and for tests."""
 
     def __init__(self) -> None:
@@ -190,14 +190,14 @@ class SerialEngine(RunEngine):
 
 
 @contextmanager
-def open_engine(
+def open_run_engine(
     workers: int = 2,
     scheduler: str | None = None,
     *,
     progress: ProgressLine = on_stderr,
     record: str | Path | None = None,
     memory: float | None = None,
-) -> Iterator[RunEngine]:
+) -> Iterator[BatchRunEngine]:
     """`aerodima.workbench.batch.open_engine`, ready to simulate."""
     with batch.open_engine(
         workers,
@@ -207,11 +207,11 @@ def open_engine(
         memory=memory,
         module="aerodima.workbench.simulate.car_run",
     ) as engine:
-        yield RunEngine(engine)
+        yield BatchRunEngine(engine)
 
 
 class RememberingEngine:
-    """Runs a task only if its store does not hold it yet; an `Engine`.
+    """Runs a task only if its store does not hold it yet; a `RunEngine`.
 
     Args:
         engine: where new tasks are run.
@@ -220,23 +220,23 @@ class RememberingEngine:
         stage: what is being run, for these lines; may be changed on the way.
     """
 
-    def __init__(self, engine: Engine, store: RowStore, progress: ProgressLine = silent, stage: str = "") -> None:
+    def __init__(self, engine: RunEngine, store: RowStore, progress: ProgressLine = silent, stage: str = "") -> None:
         self._engine, self.store, self._progress = engine, store, progress
         self.stage = stage
         self.ran = 0
 
     @property
     def workers(self) -> int:
-        """See `Engine`."""
+        """See `RunEngine`."""
         return self._engine.workers
 
     @property
     def startup(self) -> float:
-        """See `Engine`."""
+        """See `RunEngine`."""
         return self._engine.startup
 
     def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
-        """See `Engine`; the row of a remembered task carries the name of this one, and `done` is told of new ones."""
+        """See `RunEngine`; a remembered row carries the name of this task, and `done` is told of new ones."""
         keys = [run_key(task) for task in tasks]
         known = self.store.rows
         missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
@@ -254,7 +254,7 @@ class RememberingEngine:
         return [known[key] | {"run": task.name} for key, task in zip(keys, tasks, strict=True)]
 
     def call(self, function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-        """See `Engine`; not remembered."""
+        """See `RunEngine`; not remembered."""
         return self._engine.call(function, items)
 
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
+from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN, Car
 from aerodima.optimisation.swing.search_state import SearchOptions, open_rows
 from aerodima.optimisation.swing.swing_construction import changed, changes
@@ -76,7 +76,7 @@ def refine(
     target: float | None = None,
     begin: FloatArray | None = None,
     sigma: float = FIRST_SPREAD,
-    engine: Engine | None = None,
+    engine: RunEngine | None = None,
     store: RowStore | None = None,
     progress: ProgressLine = silent,
 ) -> Refined:
@@ -99,7 +99,7 @@ def refine(
         SwingError: the package `cma` is not there.
     """
     cma = _cma()
-    engine = engine or SerialEngine()
+    engine = engine or SerialRunEngine()
     generator = np.random.default_rng(seed)
     first = np.zeros(changes(dof))
     if begin is not None:
@@ -157,7 +157,7 @@ def refined(
     scenarios: Sequence[Scenario],
     options: SearchOptions,
     *,
-    engine: Engine | None = None,
+    engine: RunEngine | None = None,
     checkpoint: Path | None = None,
     progress: ProgressLine = silent,
 ) -> SwingFile:
@@ -171,7 +171,7 @@ def refined(
         checkpoint: of the search; candidates are kept beside it until the refinement is over.
         progress: takes lines of text.
     """
-    engine = engine or SerialEngine()
+    engine = engine or SerialRunEngine()
     cars = _comparable(engine.call(Car.of, scenarios), progress)
     spread = FIRST_SPREAD if options.rounds else CLOSE_SPREAD
     begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})

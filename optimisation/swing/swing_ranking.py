@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
-from aerodima.optimisation.sweep.study_engine import Engine, SerialEngine
+from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine
 from aerodima.optimisation.swing.full_car import (
     FINE_STEP,
     FRICTION_STEP,
@@ -223,7 +223,7 @@ def choose(
     highest: float,
     *,
     step: float = FINE_STEP,
-    engine: Engine | None = None,
+    engine: RunEngine | None = None,
     progress: ProgressLine = silent,
 ) -> Claim | None:
     """The claim of the swing that gains most on the worst car; None when none turns far enough and survives the first.
@@ -236,7 +236,7 @@ def choose(
         engine: where the cars are driven.
         progress: takes lines of text.
     """
-    engine = engine or SerialEngine()
+    engine = engine or SerialRunEngine()
     fine = engine.call(_at_step, [(car, step) for car in cars])
     references = tuple(car.reference for car in fine)
     for number, one in enumerate(references, start=1):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
-from aerodima.optimisation.sweep.study_engine import Engine
+from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.optimisation.swing.feedback_gains import with_feedback
 from aerodima.optimisation.swing.full_car import drive, frictions, profile_of, varied
 from aerodima.optimisation.swing.full_model_refinement import refined
@@ -59,7 +59,7 @@ def optimise_swing(
     settings: tuple[str, ...] = (),
     warm_start: SwingFile | None = None,
     checkpoint: str | Path | None = None,
-    engine: Engine | None = None,
+    engine: RunEngine | None = None,
     progress: ProgressLine = silent,
 ) -> SwingFile:
     """The best swing of a search.

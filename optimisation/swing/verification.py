@@ -19,7 +19,7 @@ import pandas as pd
 
 from aerodima.optimisation.sweep.rollover_threshold import is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import Engine, RunTask, SerialEngine
+from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
@@ -106,7 +106,7 @@ def verify_swing(
     members: int | None = None,
     step: float = FINE_STEP,
     tracking: str = "automatic",
-    engine: Engine | None = None,
+    engine: RunEngine | None = None,
 ) -> Verification:
     """Does a swing keep what it promises, on the full car and on the cars of an ensemble?
 
@@ -123,7 +123,7 @@ def verify_swing(
         SwingError: the swing is never released in this turn.
         UserError: what the scenario or the file lacks.
     """
-    engine = engine or SerialEngine()
+    engine = engine or SerialRunEngine()
     fine = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
     playing = ("tail.mode=swing", f"controller.swing_file={swing_path}", f"controller.tracking={tracking}")
     own = (*settings, *fine, *playing)
@@ -156,7 +156,7 @@ def heading_ratio(
     settings: Sequence[str],
     playing: Sequence[str],
     friction: float,
-    engine: Engine,
+    engine: RunEngine,
     reference: Sequence[str] = REFERENCE_SETTINGS,
 ) -> tuple[float, float]:
     """Heading change over the reference's at the highest friction that both survive clean, and that friction.

@@ -11,7 +11,7 @@ from pathlib import Path
 from aerodima.optimisation.studies.turn_study import turn_study
 from aerodima.optimisation.sweep.run_study import run_study
 from aerodima.optimisation.sweep.study import plan_runs
-from aerodima.optimisation.sweep.study_engine import evaluate, open_engine
+from aerodima.optimisation.sweep.study_engine import evaluate, open_run_engine
 from tests.benchmarks.rows import BenchRow
 
 SETTINGS = tuple(os.environ.get("AERODIMA_BENCH_SWEEP_SETTINGS", "").split())
@@ -31,7 +31,7 @@ def bench_turn_study() -> Iterator[BenchRow]:
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         for workers in (1, 2):
-            with open_engine(workers) as engine:
+            with open_run_engine(workers) as engine:
                 start = time.perf_counter()
                 run_study(study, Path(folder) / str(workers), engine)
                 found[workers] = time.perf_counter() - start

@@ -2,10 +2,10 @@
 
 import pytest
 
-from aerodima.optimisation.sweep.study_engine import open_engine
+from aerodima.optimisation.sweep.study_engine import open_run_engine
 
 
 @pytest.fixture(scope="package")
 def engine():
-    with open_engine(2) as opened:
+    with open_run_engine(2) as opened:
         yield opened

@@ -1,12 +1,12 @@
 """An engine whose runs cost nothing: survival and numbers as plain functions of the settings."""
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
-from aerodima.optimisation.sweep.study_engine import SerialEngine
+from aerodima.optimisation.sweep.study_engine import SerialRunEngine
 
 LIMITS = {"turn_none": 0.62, "turn_held": 0.72, "turn_swing": 0.82}
 
 
-class MadeUpEngine(SerialEngine):
+class MadeUpEngine(SerialRunEngine):
     """The tailless car survives to a friction of 0.62, held to 0.72, swung to 0.82; a little less at higher speed."""
 
     def rows(self, tasks, done=None):

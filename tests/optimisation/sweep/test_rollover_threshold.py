@@ -13,11 +13,11 @@ from aerodima.optimisation.sweep.rollover_threshold import (
     critical_friction,
     find_thresholds,
 )
-from aerodima.optimisation.sweep.study_engine import SerialEngine
+from aerodima.optimisation.sweep.study_engine import SerialRunEngine
 from aerodima.workbench.errors import SweepError, UserError
 
 
-class MadeUp(SerialEngine):
+class MadeUp(SerialRunEngine):
     """Survival as a function of the searched factor instead of a run."""
 
     def __init__(self, survives, factor):

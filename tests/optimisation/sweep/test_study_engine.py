@@ -6,7 +6,7 @@ import re
 import pytest
 
 from aerodima.optimisation.sweep import study_engine as engine_module
-from aerodima.optimisation.sweep.study_engine import WORKER_LOST, RunTask, SerialEngine, evaluate, open_engine
+from aerodima.optimisation.sweep.study_engine import WORKER_LOST, RunTask, SerialRunEngine, evaluate, open_run_engine
 from aerodima.workbench.batch import dask_cluster
 from aerodima.workbench.errors import UserError
 from tests.optimisation.sweep.tiny import POISON, TINY_SETTINGS, evaluate_or_die
@@ -49,7 +49,7 @@ def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
     work = [*tasks(4), RunTask("bad", "straight", ("car.mass=-1",))]
     finished = []
     rows = engine.rows(work, lambda place, row: finished.append((place, row["run"])))
-    assert rows == SerialEngine().rows(work)
+    assert rows == SerialRunEngine().rows(work)
     assert sorted(finished) == [(place, task.name) for place, task in enumerate(work)]
     assert engine.workers == 2
     assert engine.startup > 0.0
@@ -73,11 +73,11 @@ def test_run_that_kills_its_worker_is_a_row_with_an_error_and_its_neighbours_are
 
 
 def test_wrong_number_of_workers_and_absent_scheduler_are_refused(monkeypatch):
-    with pytest.raises(UserError, match="--workers 0"), open_engine(0):
+    with pytest.raises(UserError, match="--workers 0"), open_run_engine(0):
         pass
     monkeypatch.setattr(dask_cluster, "CONNECT_TIMEOUT", 0.5)
     absent = "tcp://127.0.0.1:1"
-    with pytest.raises(UserError, match=f"--scheduler {absent}: no Dask scheduler"), open_engine(2, absent):
+    with pytest.raises(UserError, match=f"--scheduler {absent}: no Dask scheduler"), open_run_engine(2, absent):
         pass
-    with pytest.raises(UserError, match="--scheduler nonsense:"), open_engine(2, "nonsense:/"):
+    with pytest.raises(UserError, match="--scheduler nonsense:"), open_run_engine(2, "nonsense:/"):
         pass

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from aerodima.optimisation.sweep.study_engine import RunTask, SerialEngine
+from aerodima.optimisation.sweep.study_engine import RunTask, SerialRunEngine
 from aerodima.optimisation.swing.verification import StateErrors, _complaints, heading_ratio
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
@@ -48,7 +48,7 @@ class Told:
         ]
 
     def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
-        return SerialEngine().call(function, items)
+        return SerialRunEngine().call(function, items)
 
 
 def test_headings_are_compared_at_the_highest_friction_that_both_survive() -> None:
