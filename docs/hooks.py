@@ -63,7 +63,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def _pictures() -> dict[str, bytes]:
     """The signs of the aerodynamic law, and a plot of each coefficient set."""
     from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-    from aerodima.workbench.aero.coefficient_plots import plot_coefficients
+    from aerodima.workbench.figures.coefficient_figures import plot_coefficients
 
     pictures = {"signs.png": (ROOT / "workbench" / "aero" / "signs.png").read_bytes()}
     for name in embedded_sets():

@@ -4,7 +4,6 @@ from .aero.added_mass import AddedMass as AddedMass
 from .aero.added_mass import add_added_mass as add_added_mass
 from .aero.coefficient_files import embedded_sets as embedded_sets
 from .aero.coefficient_files import load_coefficients as load_coefficients
-from .aero.coefficient_plots import plot_coefficients as plot_coefficients
 from .aero.laws import NormalForceLaw as NormalForceLaw
 from .aero.laws import SectionLaw as SectionLaw
 from .aero.polar_law import PolarLaw as PolarLaw
@@ -31,6 +30,7 @@ from .controllers.manoeuvre import make_schedule as make_schedule
 from .controllers.tail_law import Observation as Observation
 from .controllers.tail_law import TailLaw as TailLaw
 from .errors import UserError as UserError
+from .figures.coefficient_figures import plot_coefficients as plot_coefficients
 from .figures.run_figures import plot_overlay as plot_overlay
 from .figures.run_figures import plot_turn as plot_turn
 from .figures.tail_figures import plot_range_of_motion as plot_range_of_motion

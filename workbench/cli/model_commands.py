@@ -114,7 +114,7 @@ def plot(
     Example: aerodima coefficients plot cheetah_tail_1_major --out tail_1.png
     """
     from aerodima.workbench.aero.coefficient_files import load_coefficients
-    from aerodima.workbench.aero.coefficient_plots import plot_coefficients
+    from aerodima.workbench.figures.coefficient_figures import plot_coefficients
 
     coefficients = load_coefficients(file)
     target = out or Path(f"{Path(file).stem}.png")

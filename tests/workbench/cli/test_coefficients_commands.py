@@ -8,9 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
-from aerodima.workbench.aero.coefficient_plots import plot_coefficients
 from aerodima.workbench.cli.model_commands import register
 from aerodima.workbench.errors import ModelError
+from aerodima.workbench.figures.coefficient_figures import plot_coefficients
 
 RUNNER = CliRunner()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,32 +12,37 @@ from matplotlib.figure import Figure
 from aerodima.workbench.aero.coefficient_files import CoefficientSet, PolarTable
 from aerodima.workbench.aero.coefficient_functions import PolynomialSurface
 from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+from aerodima.workbench.figures.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    new_figure,
+    styled,
+)
 
-_COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
+_COLOURS = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY)
 _LABELS = {"cd": "drag coefficient $C_D$", "cl": "lift coefficient $C_L$"}
 
 
+@styled()
 def plot_coefficients(coefficients: CoefficientSet) -> Figure:
     """A figure of one set: $C_N$ over the speed, or $C_D$ and $C_L$ over the angle with their surfaces."""
     if coefficients.law_kind == "polar":
         figure = _plot_polar(coefficients)
     else:
         figure = _plot_speed(coefficients)
-    figure.suptitle(coefficients.name, fontsize=12, y=0.99)
-    figure.text(0.5, 0.92, _wrapped(coefficients.source), ha="center", va="center", fontsize=7, color="0.35")
+    figure.suptitle(coefficients.name)
+    figure.supxlabel(textwrap.fill(coefficients.source, 120), fontsize=7, color=GREY)
     return figure
 
 
-def _wrapped(text: str, width: int = 120) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, width))
-
-
 def _plot_speed(coefficients: CoefficientSet) -> Figure:
-    figure = Figure(figsize=(7.5, 5.0))
-    axes = figure.subplots()
-    figure.subplots_adjust(top=0.87, bottom=0.11, left=0.09, right=0.97)
+    figure, grid = new_figure(7.5, 5.0)
+    axes = grid[0, 0]
     low, high = coefficients.speed_range
     right = 1.1 * max(high, coefficients.quasi_steady_limit)
     speed = np.linspace(0.0, right, 400)
@@ -67,7 +73,7 @@ def _mark_range(axes: Axes, low: float, high: float, limit: float) -> None:
     left, right = axes.get_xlim()
     for start, end in ((left, low), (high, max(right, high))):
         axes.axvspan(start, end, color="0.9", zorder=0)
-    axes.axvline(limit, color="0.4", linestyle=":", linewidth=1.0)
+    axes.axvline(limit, color=GREY, linestyle=":", linewidth=1.0)
     axes.annotate(
         "quasi-steady limit",
         (limit, 0.02),
@@ -78,13 +84,11 @@ def _mark_range(axes: Axes, low: float, high: float, limit: float) -> None:
         fontsize=7,
         ha="right",
     )
-    axes.text(0.01, 0.98, "grey: not measured", transform=axes.transAxes, fontsize=7, va="top", color="0.35")
+    axes.text(0.01, 0.98, "grey: not measured", transform=axes.transAxes, fontsize=7, va="top", color=GREY)
 
 
 def _plot_polar(coefficients: CoefficientSet) -> Figure:
-    figure = Figure(figsize=(11.0, 8.0))
-    grid = figure.subplots(2, 2)
-    figure.subplots_adjust(top=0.88, bottom=0.08, left=0.07, right=0.97, hspace=0.28, wspace=0.2)
+    figure, grid = new_figure(11.0, 8.0, 2, 2)
     for column, name in enumerate(("cd", "cl")):
         if isinstance(coefficients, PolarTable):
             _plot_curves(grid[0, column], coefficients, name)
