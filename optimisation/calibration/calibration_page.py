@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from aerodima.optimisation.calibration.calibration import Calibration, member_frame
 from aerodima.optimisation.calibration.calibration_plan import assumed_elsewhere, fitted_names
 from aerodima.optimisation.calibration.identifiability import FLIP_SPEED, Direction
-from aerodima.optimisation.calibration.validation import Outcome, Shipped, Validated
+from aerodima.optimisation.calibration.validation import Shipped, Validated, ValidatedOutcome
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_figures import SIGNALS
@@ -36,7 +36,7 @@ def calibration_page(
     result: Calibration,
     ensemble: Ensemble,
     validated: Sequence[Validated],
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[ValidatedOutcome],
     sensitivity: pd.DataFrame,
     parameters: pd.DataFrame,
     combinations: Sequence[Direction],
@@ -110,7 +110,7 @@ def _validation(validated: Sequence[Validated]) -> Section:
     return Section("Tables 7.1 to 7.4 and the lift of the inner wheels", parts)
 
 
-def _outcomes(outcomes: Sequence[Outcome]) -> Section:
+def _outcomes(outcomes: Sequence[ValidatedOutcome]) -> Section:
     rows = [(o.claim, o.use, f"{o.share:.0%}", f"{o.tipped:.0%}") for o in outcomes]
     header = ("claim", "use", "of the weight", "tipped over before the turn")
     return Section("Published outcomes", [Table(header, rows)])

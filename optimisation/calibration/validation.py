@@ -65,7 +65,7 @@ class Validated:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ValidatedOutcome:
     """One published outcome beside the ensemble.
 
     Attributes:
@@ -83,7 +83,7 @@ class Outcome:
 
 def validate(
     members: Sequence[Member], plan: CalibrationPlan, store: RunStore, engine: RunEngine
-) -> tuple[list[Validated], list[Outcome]]:
+) -> tuple[list[Validated], list[ValidatedOutcome]]:
     """Runs the members as each figure was made and compares all of them."""
     weights = np.array([member.weight for member in members])
 
@@ -107,7 +107,7 @@ def validate(
         shown = survives(rows) if verb == "survives" else flips_in_the_turn(rows)
         tipped = ~survives(rows) & ~flips_in_the_turn(rows)
         claim = f"{'no tail' if mode == 'none' else 'tail'}: {verb} {speed:g} m/s"
-        outcomes.append(Outcome(claim, use, float(weights @ shown), float(weights @ tipped)))
+        outcomes.append(ValidatedOutcome(claim, use, float(weights @ shown), float(weights @ tipped)))
     return figures, outcomes
 
 

@@ -11,8 +11,8 @@ from aerodima.optimisation.identify.published_tables import robot_tail_rows
 from aerodima.optimisation.studies.reproduction_evidence import (
     CLOSE,
     NO_FLICK_THROTTLE,
+    ClaimRow,
     Evidence,
-    Row,
     basis_of,
     change_row,
     figure_row,
@@ -54,7 +54,7 @@ PRINTED = 0.01
 """Last printed digit of a gain, %."""
 
 
-def all_rows(evidence: Evidence) -> list[Row]:
+def all_rows(evidence: Evidence) -> list[ClaimRow]:
     """Every row, in the order of the thesis; what agreement with it is worth follows from the plan of the ensemble."""
     return [
         *_tables_of_chapter_4_and_6(),
@@ -72,7 +72,7 @@ def _said(evidence: Evidence) -> str:
     return f"{len(evidence.members)} members of the ensemble"
 
 
-def _tables_of_chapter_4_and_6() -> list[Row]:
+def _tables_of_chapter_4_and_6() -> list[ClaimRow]:
     averages, _ = recompute_averages()
     rows = []
     for entry in averages.to_dict("records"):
@@ -103,7 +103,7 @@ def _tables_of_chapter_4_and_6() -> list[Row]:
     return rows
 
 
-def _brackets(evidence: Evidence) -> list[Row]:
+def _brackets(evidence: Evidence) -> list[ClaimRow]:
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
     fastest = _physical("tailed").metrics.speed_m_per_s
     said = _said(evidence)
@@ -146,7 +146,7 @@ def _physical(configuration: str) -> PublishedFigures:
     return next(r for r in published_figures() if (r.platform, r.configuration) == ("physical", configuration))
 
 
-def _figure(evidence: Evidence, datum: Datum) -> Row:
+def _figure(evidence: Evidence, datum: Datum) -> ClaimRow:
     name = metric_name(datum.metric)
     if datum.use == "commanded":
         missing = "an input of the run: the speed is commanded, so nothing is predicted"
@@ -173,7 +173,7 @@ def _figure(evidence: Evidence, datum: Datum) -> Row:
     )
 
 
-def _changes(evidence: Evidence) -> list[Row]:
+def _changes(evidence: Evidence) -> list[ClaimRow]:
     """Tailed against tailless, best runs of each platform (ERRATA E34); each follows from two rows of figures."""
     rows = []
     for platform, places in (("simulated", ("Table 7.1", "Table 7.2")), ("physical", ("Table 7.3", "Table 7.4"))):
@@ -203,7 +203,7 @@ def _changes(evidence: Evidence) -> list[Row]:
     return rows
 
 
-def _gains() -> list[Row]:
+def _gains() -> list[ClaimRow]:
     """Claims that are arithmetic on the thesis' own numbers."""
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
     slow, fast = _physical("tailless").metrics, _physical("tailed").metrics
@@ -239,7 +239,7 @@ def _gains() -> list[Row]:
     ]
 
 
-def _kohut(evidence: Evidence) -> list[Row]:
+def _kohut(evidence: Evidence) -> list[ClaimRow]:
     datum = evidence.datum("Table 7.1", "max_kohut_deg_m_per_s2")
     none = datum.turn.speed
     ours = evidence.column(datum.turn.tail_mode, none, datum.column)
@@ -259,7 +259,7 @@ def _kohut(evidence: Evidence) -> list[Row]:
     return rows
 
 
-def _no_flick(evidence: Evidence) -> Row:
+def _no_flick(evidence: Evidence) -> ClaimRow:
     speed = evidence.held_speed
     return share_row(
         "7.2.2",

@@ -52,7 +52,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Row:
+class ClaimRow:
     """One claim.
 
     Attributes:
@@ -92,42 +92,44 @@ def figure_row(
     weights: NDArray,
     evidence: str,
     basis: Basis = "prediction",
-) -> Row:
+) -> ClaimRow:
     """A published number of a run that survived, beside the ensemble's; NaN for members that did not survive it."""
     low, median, high = (float(value) for value in weighted_quantiles(values, weights))
     if not np.isfinite(median):
-        return Row(place, claim, unit, published, None, None, None, "not reproduced", f"{evidence}; no number", basis)
+        return ClaimRow(
+            place, claim, unit, published, None, None, None, "not reproduced", f"{evidence}; no number", basis
+        )
     inside = low <= published <= high and high - low <= WIDEST * abs(published)
     close = abs(median - published) <= CLOSE * abs(published)
     enough = _share(np.isfinite(values), weights) >= SURE
     verdict: Verdict = "reproduced" if enough and (inside or close) else "not reproduced"
-    return Row(place, claim, unit, published, median, low, high, verdict, evidence, basis)
+    return ClaimRow(place, claim, unit, published, median, low, high, verdict, evidence, basis)
 
 
-def change_row(place: str, claim: str, published: float, values: NDArray, weights: NDArray, evidence: str) -> Row:
+def change_row(place: str, claim: str, published: float, values: NDArray, weights: NDArray, evidence: str) -> ClaimRow:
     """A published change (%) beside the ensemble's: its size, or at least its sign; NaN as in `figure_row`."""
     found = figure_row(place, claim, "%", published, values, weights, evidence)
     same = _share(np.sign(values) == np.sign(published), weights)
     return replace(found, verdict="direction only") if found.verdict == "not reproduced" and same >= SURE else found
 
 
-def share_row(place: str, claim: str, share: float, evidence: str, basis: Basis = "prediction") -> Row:
+def share_row(place: str, claim: str, share: float, evidence: str, basis: Basis = "prediction") -> ClaimRow:
     """A claim that a run either shows or not: reproduced when at least 90 % of the weight shows it."""
     verdict: Verdict = "reproduced" if share >= SURE - ROUNDING else "not reproduced"
-    return Row(place, claim, "% of weight", None, 100.0 * share, None, None, verdict, evidence, basis)
+    return ClaimRow(place, claim, "% of weight", None, 100.0 * share, None, None, verdict, evidence, basis)
 
 
 def recomputed_row(
     place: str, claim: str, unit: str, published: float, ours: float, agrees: bool, evidence: str
-) -> Row:
+) -> ClaimRow:
     """A number that follows from other published ones."""
     verdict: Verdict = "reproduced" if agrees else "not reproduced"
-    return Row(place, claim, unit, published, ours, None, None, verdict, evidence, "printed numbers")
+    return ClaimRow(place, claim, unit, published, ours, None, None, verdict, evidence, "printed numbers")
 
 
-def missing_row(place: str, claim: str, missing: str) -> Row:
+def missing_row(place: str, claim: str, missing: str) -> ClaimRow:
     """A claim that cannot be computed, and what is missing."""
-    return Row(place, claim, "", None, None, None, None, "not computable", missing, "")
+    return ClaimRow(place, claim, "", None, None, None, None, "not computable", missing, "")
 
 
 def _share(shown: NDArray, weights: NDArray) -> float:

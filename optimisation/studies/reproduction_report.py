@@ -17,8 +17,8 @@ from aerodima.optimisation.studies.reproduction_evidence import (
     SURE,
     WIDEST,
     Basis,
+    ClaimRow,
     Evidence,
-    Row,
     Verdict,
     gather,
     survival_section,
@@ -58,7 +58,7 @@ SHOWN = (
 
 
 def reproduction_page(
-    rows: Sequence[Row],
+    rows: Sequence[ClaimRow],
     evidence: Evidence,
     ensemble: Ensemble,
     replays: Mapping[str, str],
@@ -89,7 +89,7 @@ def reproduction_page(
     return Page("What of the thesis is reproduced", lead, sections)
 
 
-def _verdicts(rows: Sequence[Row]) -> Section:
+def _verdicts(rows: Sequence[ClaimRow]) -> Section:
     bases: list[Basis] = list(dict.fromkeys(row.basis for row in rows if row.basis))
     counted = Counter((row.verdict, row.basis) for row in rows)
     totals = Counter(row.verdict for row in rows)
@@ -120,7 +120,7 @@ def _verdicts(rows: Sequence[Row]) -> Section:
     return Section("Verdicts", parts)
 
 
-def _table(rows: Sequence[Row]) -> Table:
+def _table(rows: Sequence[ClaimRow]) -> Table:
     claim = "claim, with evidence or what is missing"
     header = ("place", claim, "unit", "published", "ours", "band", "verdict", "basis")
     cells = [

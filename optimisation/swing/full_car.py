@@ -30,7 +30,7 @@ REFERENCE_SEARCH = Search(FRICTION, 0.3, 1.2, FRICTION_STEP, FRICTION_STEP)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DriveOutcome:
     """What a run of the full car came to.
 
     Attributes:
@@ -69,11 +69,11 @@ def drive(
     return simulate(scenario, record="all" if all_signals else "outcome", law=law, stop_when_flipped=True)
 
 
-def outcome(run: RunLog) -> Outcome:
+def outcome(run: RunLog) -> DriveOutcome:
     """The figures of a run that swings are compared by."""
     summary = summarise(run, "")
     metrics = summary.metrics
-    return Outcome(
+    return DriveOutcome(
         clean=bool(metrics.outcome.clean),
         survived=metrics.outcome.result == "survived",
         peak_roll=metrics.peak_roll_rad,
@@ -82,12 +82,12 @@ def outcome(run: RunLog) -> Outcome:
     )
 
 
-def drive_all(scenarios: Sequence[Scenario], swing: SwingFile | None, friction: float) -> Outcome:
+def drive_all(scenarios: Sequence[Scenario], swing: SwingFile | None, friction: float) -> DriveOutcome:
     """The worst of several cars at one friction of the first, the others in proportion; `released` is of the first."""
     found = [
         outcome(drive(car, swing, here)) for car, here in zip(scenarios, frictions(scenarios, friction), strict=True)
     ]
-    return Outcome(
+    return DriveOutcome(
         clean=all(one.clean for one in found),
         survived=all(one.survived for one in found),
         peak_roll=max(one.peak_roll for one in found),
@@ -115,7 +115,7 @@ def profile_of(run: RunLog, scenario: Scenario, friction: float, fallback_releas
 def clean_critical_friction(
     scenario: Scenario, swing: SwingFile | None, search: Search, start: Start = "bisect"
 ) -> Threshold:
-    """Highest friction of an unbroken row of clean runs, with the `Outcome` of every run.
+    """Highest friction of an unbroken row of clean runs, with the `DriveOutcome` of every run.
 
     Args:
         scenario: car, turn and step of the plant.
@@ -124,7 +124,7 @@ def clean_critical_friction(
         start: where a climb begins; or how else it is searched.
     """
 
-    def run(wanted: Sequence[tuple[int, float]]) -> list[Outcome]:
+    def run(wanted: Sequence[tuple[int, float]]) -> list[DriveOutcome]:
         return [outcome(drive(scenario, swing, friction)) for _, friction in wanted]
 
     return search_rows(search, [start], run, lambda seen: seen.clean)[0]

@@ -10,15 +10,15 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from aerodima.optimisation.swing.reduced_model import motion
-from aerodima.optimisation.swing.solver import Solution, solve
-from aerodima.optimisation.swing.swing_problem import ROLL, Member, Problem
+from aerodima.optimisation.swing.solver import SwingSolution, solve
+from aerodima.optimisation.swing.swing_problem import ROLL, ReducedMember, SwingProblem
 from aerodima.workbench.config.array_types import FloatArray
 
 MOST_KNOTS = 241
 """Finest mesh that is tried."""
 
 
-def tail_at(problem: Problem, x: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def tail_at(problem: SwingProblem, x: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angle, rate and acceleration of the tail joints at times, each (..., joints): exact between the knots."""
     knots = problem.knots
     at = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, len(knots) - 2)
@@ -33,7 +33,7 @@ def tail_at(problem: Problem, x: FloatArray, time: FloatArray) -> tuple[FloatArr
     )
 
 
-def forward_roll(problem: Problem, solution: Solution, member: Member, time: FloatArray) -> FloatArray:
+def forward_roll(problem: SwingProblem, solution: SwingSolution, member: ReducedMember, time: FloatArray) -> FloatArray:
     """Roll of a member at times, rad, integrated with a stiff method to 1e-6 under the tail motion of a solution."""
 
     def slope(t: float, state: FloatArray) -> list[float]:
@@ -59,7 +59,7 @@ def _lost(_time: float, state: FloatArray) -> float:
 _lost.terminal = True  # type: ignore[attr-defined]
 
 
-def collocation_error(problem: Problem, solution: Solution) -> float:
+def collocation_error(problem: SwingProblem, solution: SwingSolution) -> float:
     """Largest difference (rad) of collocated and integrated car roll at the knots, over all members."""
     pairs = zip(problem.layout.cars, problem.members, strict=True)
     return max(
@@ -68,7 +68,7 @@ def collocation_error(problem: Problem, solution: Solution) -> float:
     )
 
 
-def refined(problem: Problem, x: FloatArray) -> tuple[Problem, FloatArray]:
+def refined(problem: SwingProblem, x: FloatArray) -> tuple[SwingProblem, FloatArray]:
     """The problem with a knot more in every interval, and the same motion on it."""
     knots = np.sort(np.concatenate([problem.knots, 0.5 * (problem.knots[1:] + problem.knots[:-1])]))
     finer = replace(problem, knots=knots)
@@ -83,18 +83,18 @@ def refined(problem: Problem, x: FloatArray) -> tuple[Problem, FloatArray]:
 
 
 def refine(
-    problem: Problem,
-    solution: Solution,
+    problem: SwingProblem,
+    solution: SwingSolution,
     bound: float,
     *,
     wall_time: float = 60.0,
     progress: Callable[[int, float], None] | None = None,
     **options: Any,
-) -> tuple[Problem, Solution, float]:
+) -> tuple[SwingProblem, SwingSolution, float]:
     """Doubles the mesh until the collocation error is below `bound` (rad) or `MOST_KNOTS` is reached.
 
     Returns:
-        Problem, solution and error of the finest mesh that was solved.
+        SwingProblem, solution and error of the finest mesh that was solved.
     """
     error = collocation_error(problem, solution)
     while error > bound and 2 * len(problem.knots) - 1 <= MOST_KNOTS:

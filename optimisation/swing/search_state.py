@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from aerodima.optimisation.swing.full_car import Outcome, drive, drive_all, outcome, varied
+from aerodima.optimisation.swing.full_car import DriveOutcome, drive, drive_all, outcome, varied
 from aerodima.optimisation.swing.reduced_car import ReducedCar, lift_roll
 from aerodima.optimisation.swing.solver import SolverName
 from aerodima.optimisation.swing.swing_problem import Objective
@@ -28,7 +28,7 @@ class SearchOptions:
 
     Attributes:
         dof: 1 roll, 2 roll and pitch.
-        objective: see `swing_problem.Problem`.
+        objective: see `swing_problem.SwingProblem`.
         seed, starts: of the random starts of the first round.
         knots: of the first mesh; `length` of the swing from its release, s.
         threshold: yaw rate that releases the swing, rad/s; None keeps the scenario's.
@@ -83,7 +83,7 @@ LOWER, MOST_LOWER = 0.92, 8
 
 
 @dataclass
-class Search:
+class SwingSearch:
     """State of a search between its rounds.
 
     Attributes:
@@ -101,7 +101,9 @@ class Search:
     finished: bool = False
 
 
-def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, progress: ProgressLine) -> Search:
+def begin(
+    cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, progress: ProgressLine
+) -> SwingSearch:
     """Where the search begins: the highest friction or speed not above the scenario's that all cars survive.
 
     Args:
@@ -131,7 +133,7 @@ def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | 
         if trial.survived:
             _refuse_late_release(scenario, options, trial.released, friction, speed)
             progress(f"begin at {speed:.2f} m/s, friction {friction:.3f}: peak roll {trial.peak_roll:.3f} rad")
-            return Search(friction, speed, warm)
+            return SwingSearch(friction, speed, warm)
         if options.objective == "speed":
             speed *= LOWER
         elif options.objective == "friction":
@@ -145,7 +147,7 @@ def begin(cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | 
     )
 
 
-def run(cars: tuple[Scenario, ...], swing: SwingFile | None, friction: float, speed: float) -> Outcome:
+def run(cars: tuple[Scenario, ...], swing: SwingFile | None, friction: float, speed: float) -> DriveOutcome:
     """The worst of all cars at a friction and a speed (m/s)."""
     return drive_all([varied(car, manoeuvre={"speed": speed}) for car in cars], swing, friction)
 
@@ -190,17 +192,17 @@ def open_search(
     return open_rows(checkpoint, "aerodima/swing-search/2", identity)
 
 
-def keep(store: RowStore | None, search: Search) -> None:
+def keep(store: RowStore | None, search: SwingSearch) -> None:
     """Writes the search to its file; nothing without a file or before the first swing."""
     if store is not None and search.swing is not None:
         row = {name: getattr(search, name) for name in ("friction", "speed", "rounds", "stalled", "finished")}
         store.add(str(search.rounds), row | {"swing": search.swing.model_dump(mode="json", by_alias=True)})
 
 
-def resumed(store: RowStore | None) -> Search | None:
+def resumed(store: RowStore | None) -> SwingSearch | None:
     """The search that was interrupted, after its last round; None without one."""
     if store is None or not store.rows:
         return None
     row = list(store.rows.values())[-1]
     swing = SwingFile.model_validate(row["swing"])
-    return Search(**(row | {"swing": swing}))
+    return SwingSearch(**(row | {"swing": swing}))

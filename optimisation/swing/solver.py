@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
-from aerodima.optimisation.swing.swing_problem import Problem, random_start
+from aerodima.optimisation.swing.swing_problem import SwingProblem, random_start
 from aerodima.optimisation.swing.transcription import Block, Rows, bounds, constraints, cost
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import SwingError
@@ -43,7 +43,7 @@ class Violation:
 
 
 @dataclass(frozen=True)
-class Solution:
+class SwingSolution:
     """What a solver came back with.
 
     Attributes:
@@ -86,13 +86,13 @@ class _Clock:
 
 
 def solve(
-    problem: Problem,
+    problem: SwingProblem,
     start: FloatArray,
     *,
     solver: SolverName = "snopt",
     iterations: int = _ITERATIONS,
     wall_time: float = 60.0,
-) -> Solution:
+) -> SwingSolution:
     """One solve from one start.
 
     Args:
@@ -131,7 +131,7 @@ def solve(
         found, good = clock.last, False
     violations = violations_of(problem, found)
     spent = time.perf_counter() - clock.begun
-    return Solution(
+    return SwingSolution(
         x=found,
         success=good and not violations,
         cost=cost_of(problem, found),
@@ -146,21 +146,21 @@ def solve(
 
 
 def multi_start(
-    problem: Problem,
+    problem: SwingProblem,
     seed: int,
     starts: int,
     *,
     solver: SolverName = "snopt",
     iterations: int = _ITERATIONS,
     wall_time: float = 60.0,
-    done: Callable[[int, Solution], None] | None = None,
-) -> list[Solution]:
+    done: Callable[[int, SwingSolution], None] | None = None,
+) -> list[SwingSolution]:
     """Solutions from `starts` random starts of a seed, in their order; fewer when the wall time is over.
 
     Start k depends on seed and k alone, so more starts begin with the same ones.
     """
     deadline = time.perf_counter() + wall_time
-    solutions: list[Solution] = []
+    solutions: list[SwingSolution] = []
     for number in range(starts):
         left = deadline - time.perf_counter()
         if left <= 0.0 and solutions:
@@ -172,7 +172,7 @@ def multi_start(
     return solutions
 
 
-def best_of(solutions: list[Solution]) -> Solution:
+def best_of(solutions: list[SwingSolution]) -> SwingSolution:
     """The feasible solution of the lowest cost; without one, that with the smallest violation."""
     feasible = [solution for solution in solutions if not solution.violations]
     if feasible:
@@ -180,13 +180,13 @@ def best_of(solutions: list[Solution]) -> Solution:
     return min(solutions, key=lambda solution: solution.violations[0].scaled)
 
 
-def cost_of(problem: Problem, x: FloatArray) -> float:
+def cost_of(problem: SwingProblem, x: FloatArray) -> float:
     """Value of the programme's cost."""
     linear, squares = cost(problem)
     return float(squares @ (x * x)) + float(linear @ x)
 
 
-def violations_of(problem: Problem, x: FloatArray) -> tuple[Violation, ...]:
+def violations_of(problem: SwingProblem, x: FloatArray) -> tuple[Violation, ...]:
     """What x violates by more than `FEASIBLE`, one entry per kind of constraint, worst first."""
     worst: dict[str, Violation] = {}
 
@@ -203,7 +203,7 @@ def violations_of(problem: Problem, x: FloatArray) -> tuple[Violation, ...]:
     return tuple(sorted(worst.values(), key=lambda violation: -violation.scaled))
 
 
-def bounds_of(problem: Problem) -> tuple[FloatArray, FloatArray]:
+def bounds_of(problem: SwingProblem) -> tuple[FloatArray, FloatArray]:
     """Lower and upper bounds of the scaled variables."""
     low, high = np.empty(problem.layout.size), np.empty(problem.layout.size)
     for rows in bounds(problem):
@@ -211,7 +211,7 @@ def bounds_of(problem: Problem) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def _programme(problem: Problem, clock: _Clock) -> tuple[MathematicalProgram, Any]:
+def _programme(problem: SwingProblem, clock: _Clock) -> tuple[MathematicalProgram, Any]:
     prog = MathematicalProgram()
     x = prog.NewContinuousVariables(problem.layout.size, "x")
     prog.AddBoundingBoxConstraint(*bounds_of(problem), x)
@@ -249,7 +249,7 @@ def _add_block(prog: MathematicalProgram, x: Any, block: Block, clock: _Clock) -
     binding.evaluator().SetGradientSparsityPattern(list(zip(rows.tolist(), position.tolist(), strict=True)))
 
 
-def _add_cost(prog: MathematicalProgram, x: Any, problem: Problem) -> None:
+def _add_cost(prog: MathematicalProgram, x: Any, problem: SwingProblem) -> None:
     """The linear part as such, and all mean squares as one function with its own gradient.
 
     Drake would differentiate a quadratic cost as a dense one, which took a fifth of a solve.

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.solver import Solution
-from aerodima.optimisation.swing.swing_problem import Problem, SwingLimits
+from aerodima.optimisation.swing.solver import SwingSolution
+from aerodima.optimisation.swing.swing_problem import SwingLimits, SwingProblem
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict
@@ -44,8 +44,8 @@ CAR_KEYS = (
 
 def swing_file(
     name: str,
-    problem: Problem,
-    solution: Solution,
+    problem: SwingProblem,
+    solution: SwingSolution,
     scenario: Scenario,
     *,
     provenance: dict[str, Any],

@@ -31,7 +31,7 @@ Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Member:
+class ReducedMember:
     """One car of the programme with the turn that it drives."""
 
     car: ReducedCar
@@ -116,7 +116,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Problem:
+class SwingProblem:
     """A swing to be found.
 
     Attributes:
@@ -133,7 +133,7 @@ class Problem:
         free_of: range of motion of a tail that also pitches; None does not look at the car.
     """
 
-    members: tuple[Member, ...]
+    members: tuple[ReducedMember, ...]
     knots: FloatArray
     start: tuple[float, ...]
     limits: SwingLimits
@@ -171,7 +171,7 @@ class Problem:
         angle, rate, acceleration = np.moveaxis((x * self.units)[np.array(self.layout.tail)], 1, 0)
         return angle, rate, acceleration
 
-    def turn(self, member: Member, curve: FloatArray, parameter: Any) -> FloatArray:
+    def turn(self, member: ReducedMember, curve: FloatArray, parameter: Any) -> FloatArray:
         """Inputs (..., 6) of a member's turn for a parameter in its own unit."""
         return member.profile.scaled(
             curve,
@@ -180,7 +180,7 @@ class Problem:
         )
 
 
-def random_start(problem: Problem, generator: np.random.Generator) -> FloatArray:
+def random_start(problem: SwingProblem, generator: np.random.Generator) -> FloatArray:
     """A swing over the top: begins, ends and stops somewhere; the pitch joint makes an arc."""
     length = float(problem.knots[-1])
     begin = generator.uniform(problem.wait, problem.wait + 0.25 * (length - problem.wait))
@@ -201,7 +201,7 @@ def random_start(problem: Problem, generator: np.random.Generator) -> FloatArray
 
 
 def _start_from(
-    problem: Problem, motions: list[tuple[FloatArray, FloatArray, FloatArray]], factor: float
+    problem: SwingProblem, motions: list[tuple[FloatArray, FloatArray, FloatArray]], factor: float
 ) -> FloatArray:
     """Scaled variables for tail motions (angle, rate, acceleration by joint) with the roll of the profiles.
 

@@ -173,7 +173,7 @@ FINALISTS = 2
 
 
 @dataclass(frozen=True)
-class Row:
+class DrivenFriction:
     """What a swing keeps on one car at the fine step.
 
     Attributes:
@@ -198,7 +198,7 @@ class Claim:
     """
 
     place: int
-    rows: tuple[Row, ...]
+    rows: tuple[DrivenFriction, ...]
     references: tuple[Reference, ...]
 
     @property
@@ -272,11 +272,11 @@ def _at_step(item: tuple[Car, float]) -> Car:
     return Car(fine.resolved(), Reference.of(fine, car.reference.friction))
 
 
-def _row(item: tuple[SwingFile, Car, float]) -> Row:
+def _row(item: tuple[SwingFile, Car, float]) -> DrivenFriction:
     swing, car, top = item
     low = car.reference.friction
     search = Search(FRICTION, low, top, 2 * FRICTION_STEP, FRICTION_STEP)
     found = clean_critical_friction(scenario_from_dict(car.scenario), swing, search, low)
     highest = found.survived or 0.0
     rolled = max((seen.peak_roll for friction, seen in found.rows.items() if friction <= highest), default=float("nan"))
-    return Row(highest, next(iter(found.rows.values())).heading / car.reference.heading, rolled)
+    return DrivenFriction(highest, next(iter(found.rows.values())).heading / car.reference.heading, rolled)

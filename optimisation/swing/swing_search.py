@@ -24,17 +24,17 @@ from aerodima.optimisation.swing.full_model_refinement import refined
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.search_state import (
-    Search,
     SearchOptions,
+    SwingSearch,
     begin,
     keep,
     open_search,
     resumed,
     run,
 )
-from aerodima.optimisation.swing.solver import Solution, best_of, multi_start
+from aerodima.optimisation.swing.solver import SwingSolution, best_of, multi_start
 from aerodima.optimisation.swing.swing_construction import constant_rate_swing, swing_file
-from aerodima.optimisation.swing.swing_problem import Member, Problem, SwingLimits
+from aerodima.optimisation.swing.swing_problem import ReducedMember, SwingLimits, SwingProblem
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, default_values
@@ -166,7 +166,7 @@ class _Work:
         provenance = Provenance(**self.origin, found=found, versions=software_versions())
         return warm.model_copy(update={"name": self.name, "provenance": provenance})
 
-    def round(self, search: Search) -> None:
+    def round(self, search: SwingSearch) -> None:
         """Solves the programme around the present swing and drives the full car with what is found."""
         options, progress, problem = self.options, self.progress, self._problem(search)
         solutions = multi_start(
@@ -199,16 +199,16 @@ class _Work:
         swing = swing_file(self.name, problem, best, self.cars[0], provenance=self.origin)
         self._drive(search, swing, found)
 
-    def _problem(self, search: Search) -> Problem:
+    def _problem(self, search: SwingSearch) -> SwingProblem:
         """The programme around the runs of all cars with the present swing."""
         options, controller, members = self.options, self.cars[0].controller, []
         for car, friction in zip(self.cars, frictions(self.cars, search.friction), strict=True):
             here = varied(car, manoeuvre={"speed": search.speed})
             run = drive(here, search.swing, friction, all_signals=True)
             profile = profile_of(run, here, friction, here.manoeuvre.turn_start)
-            members.append(Member(ReducedCar.of(here), profile))
+            members.append(ReducedMember(ReducedCar.of(here), profile))
         centre = {"friction": 1.0, "speed": members[0].profile.speed}.get(options.objective)
-        return Problem(
+        return SwingProblem(
             tuple(members),
             np.linspace(0.0, options.length, options.knots),
             (-controller.hold_angle, controller.pitch_angle)[: options.dof],
@@ -219,7 +219,7 @@ class _Work:
             free_of=make_range_of_motion(self.cars[0], MAP_NODES, MAP_NODES) if options.dof == 2 else None,
         )
 
-    def _drive(self, search: Search, swing: SwingFile, found: dict[str, float | int | str]) -> None:
+    def _drive(self, search: SwingSearch, swing: SwingFile, found: dict[str, float | int | str]) -> None:
         """Drives the full cars with the swing at higher and higher friction (or speed) up to the trust region."""
         objective, reached = self.options.objective, None
         shares = (0.0, 0.25, 0.5, 0.75, 1.0) if objective in ("friction", "speed") else (0.0,)
@@ -285,7 +285,7 @@ def _with_gains(swing: SwingFile, scenario: Scenario, progress: ProgressLine) ->
         return swing
 
 
-def _words(solution: Solution) -> str:
+def _words(solution: SwingSolution) -> str:
     if solution.violations:
         return "not feasible: " + "; ".join(map(str, solution.violations[:3]))
     end = "" if solution.success else ", stopped early"

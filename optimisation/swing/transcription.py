@@ -23,8 +23,8 @@ from aerodima.optimisation.swing.swing_problem import (
     TORQUE,
     CarVariables,
     Index,
-    Member,
-    Problem,
+    ReducedMember,
+    SwingProblem,
 )
 from aerodima.workbench.config.array_types import FloatArray
 
@@ -98,7 +98,7 @@ class Block:
         return found
 
 
-def constraints(problem: Problem) -> list[Block]:
+def constraints(problem: SwingProblem) -> list[Block]:
     """The whole problem beside its bounds and its cost."""
     layout, limits, h = problem.layout, problem.limits, np.diff(problem.knots)
     found = []
@@ -134,7 +134,7 @@ def constraints(problem: Problem) -> list[Block]:
     return found
 
 
-def bounds(problem: Problem) -> list[Rows]:
+def bounds(problem: SwingProblem) -> list[Rows]:
     """Bounds of every variable: in rows of one column."""
     layout, limits, knots = problem.layout, problem.limits, len(problem.knots)
     waiting, last = problem.knots <= problem.wait + 1e-12, np.arange(knots) == knots - 1
@@ -170,7 +170,7 @@ def bounds(problem: Problem) -> list[Rows]:
     return found
 
 
-def cost(problem: Problem) -> tuple[FloatArray, FloatArray]:
+def cost(problem: SwingProblem) -> tuple[FloatArray, FloatArray]:
     """Weights of every scaled variable and of its square, (n,) each."""
     layout, knots = problem.layout, len(problem.knots)
     linear, squares = np.zeros(layout.size), np.zeros(layout.size)
@@ -185,7 +185,7 @@ def cost(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _linear(
-    problem: Problem, name: str, unit: str, size: float, lower: Any, upper: Any, *terms: tuple[Any, Index]
+    problem: SwingProblem, name: str, unit: str, size: float, lower: Any, upper: Any, *terms: tuple[Any, Index]
 ) -> Block:
     """Rows of lower <= sum of coefficient x variable <= upper."""
     index = np.column_stack([place for _, place in terms])
@@ -204,7 +204,7 @@ class _Dynamics:
     parameter. An array of values with their slopes behind them, (..., 1 + slopes), is added and scaled as one.
     """
 
-    def __init__(self, problem: Problem, member: Member, car: CarVariables) -> None:
+    def __init__(self, problem: SwingProblem, member: ReducedMember, car: CarVariables) -> None:
         self._problem, self._member, self._car = problem, member, car
         knots, joints = problem.knots, problem.joints
         tail = np.moveaxis(np.array(problem.layout.tail), 1, 0).reshape(3 * joints, -1)
@@ -269,7 +269,7 @@ class _Dynamics:
         return np.column_stack([first[:, :-1], last[:, :-1], first[:, -1] + last[:, -1]])
 
 
-def _above_ground(problem: Problem, member: Member, car: CarVariables) -> Block:
+def _above_ground(problem: SwingProblem, member: ReducedMember, car: CarVariables) -> Block:
     """Height of the tail's tip over the ground at the knots."""
     index = np.column_stack([car.roll, *(tail.angle for tail in problem.layout.tail)])
     return _clearance(
@@ -278,7 +278,7 @@ def _above_ground(problem: Problem, member: Member, car: CarVariables) -> Block:
     )  # fmt: skip
 
 
-def _free_of_car(problem: Problem) -> Block:
+def _free_of_car(problem: SwingProblem) -> Block:
     """Distance of the tail from the car at the knots."""
     free_of, index = problem.free_of, np.column_stack([tail.angle for tail in problem.layout.tail])
     assert free_of is not None
@@ -288,7 +288,7 @@ def _free_of_car(problem: Problem) -> Block:
     )  # fmt: skip
 
 
-def _clearance(problem: Problem, name: str, least: float, index: Index, distance: Callable[[Any], Any]) -> Block:
+def _clearance(problem: SwingProblem, name: str, least: float, index: Index, distance: Callable[[Any], Any]) -> Block:
     low = np.append(-np.inf, np.full(len(index) - 1, least))  # no choice of the swing can change the rest position
     rows = Rows(name, "m", HEIGHT, index, low, np.full(len(index), np.inf))
     return Block((rows,), lambda z: [_with_slopes(distance, z[index])], problem.units)

@@ -21,6 +21,7 @@ from aerodima.optimisation.sweep.rollover_threshold import is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP
+from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
@@ -33,7 +34,6 @@ from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.plants.clearance import RangeOfMotion, ground_clearance
 from aerodima.workbench.simulate.simulation import simulate
 
-Row = dict[str, Any]
 REFERENCE_SETTINGS = ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=8.0")
 LOWER_FRICTION, MOST_LOWER = 0.05, 6
 """Where the reference flips, headings are compared at a friction lower by this, at most so many times."""

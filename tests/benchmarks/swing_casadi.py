@@ -13,7 +13,7 @@ import numpy as np
 from aerodima.optimisation.swing import reduced_car
 from aerodima.optimisation.swing import reduced_model as model_module
 from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY, bounds_of
-from aerodima.optimisation.swing.swing_problem import ROLL, ROLL_RATE, TORQUE, Problem
+from aerodima.optimisation.swing.swing_problem import ROLL, ROLL_RATE, TORQUE, SwingProblem
 from aerodima.optimisation.swing.transcription import constraints
 
 reduced_model: Any = model_module  # a name that it imports is replaced below
@@ -31,13 +31,13 @@ class CasadiResult:
 class CasadiProblem:
     """A single-member planar problem with friction as parameter, ready to be solved by CasADi's IPOPT."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: SwingProblem) -> None:
         import casadi as ca  # type: ignore[import-not-found, unused-ignore]  # of the extra `bench`
 
         with _traceable(ca):
             self._build(ca, problem)
 
-    def _build(self, ca: Any, problem: Problem) -> None:
+    def _build(self, ca: Any, problem: SwingProblem) -> None:
         layout, knots = problem.layout, problem.knots
         member = problem.members[0]
         x = ca.SX.sym("x", layout.size)

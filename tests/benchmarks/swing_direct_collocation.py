@@ -20,7 +20,15 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from aerodima.optimisation.swing.reduced_model import COMPLEX_STEP, motion
 from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY
-from aerodima.optimisation.swing.swing_problem import ACCELERATION, ANGLE, RATE, ROLL, ROLL_RATE, Member, Problem
+from aerodima.optimisation.swing.swing_problem import (
+    ACCELERATION,
+    ANGLE,
+    RATE,
+    ROLL,
+    ROLL_RATE,
+    ReducedMember,
+    SwingProblem,
+)
 
 _DRAKE: Any = framework  # the stubs know neither the templates nor arrays of variables
 _TEMPLATE: Any = scalar_conversion.TemplateSystem
@@ -32,7 +40,7 @@ TIME_DIFFERENCE = 1e-6
 """s; to either side, for the slope of the profile over time."""
 
 
-def _slopes(member: Member, state: np.ndarray, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(member: ReducedMember, state: np.ndarray, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
     """Derivative of the six states, (6,), and its Jacobian with states and control, (6, 7)."""
     before, here, after = member.profile.curve(state[TIME_PLACE] + TIME_DIFFERENCE * np.array([-1.0, 0.0, 1.0]))
 
@@ -60,7 +68,7 @@ def RollingCar_(T: Any) -> Any:  # noqa: N802 (a template of classes)
     """Car and tail under a prescribed tail acceleration: states as the places above, input rad/s2."""
 
     class Impl(_DRAKE.LeafSystem_[T]):  # type: ignore[misc, valid-type, unused-ignore]
-        def _construct(self, member: Member, converter: Any = None) -> None:
+        def _construct(self, member: ReducedMember, converter: Any = None) -> None:
             super().__init__(converter=converter)
             self.member = member
             self.DeclareVectorInputPort("tail_roll_acceleration", 1)
@@ -93,7 +101,7 @@ class DirectResult:
     success: bool
 
 
-def solve_directly(problem: Problem, start: np.ndarray, iterations: int = 300) -> DirectResult:
+def solve_directly(problem: SwingProblem, start: np.ndarray, iterations: int = 300) -> DirectResult:
     """One solve of a single-member planar problem for friction, from the start of `solve` (scaled variables)."""
     (member,) = problem.members
     layout, limits, knots = problem.layout, problem.limits, problem.knots

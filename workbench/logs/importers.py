@@ -19,7 +19,7 @@ from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log
 from aerodima.workbench.logs.log_findings import (
-    Finding,
+    LogFinding,
     gap_findings,
     nan_findings,
     refuse_implausible,
@@ -39,7 +39,7 @@ class Imported:
     """A run log and what was odd in the files it came from."""
 
     run_log: RunLog
-    findings: tuple[Finding, ...]
+    findings: tuple[LogFinding, ...]
 
 
 def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None = None) -> Imported:
@@ -68,13 +68,13 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
 
 
-def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[Finding]]:
+def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[LogFinding]]:
     """The table of a run log from foreign columns: SI units, one time grid, `time_s` first.
 
     Raises:
         LogError: as for `import_log`, apart from the checks of units.
     """
-    findings: list[Finding] = []
+    findings: list[LogFinding] = []
     time = _times(foreign, mapping.time.from_, mapping.time.unit)
     columns: dict[str, FloatArray] = {}
     held = []
@@ -99,7 +99,7 @@ def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, l
 
 
 def _column(
-    foreign: ForeignLog, mapping: Mapping, name: str, source: ColumnSource, time: FloatArray, findings: list[Finding]
+    foreign: ForeignLog, mapping: Mapping, name: str, source: ColumnSource, time: FloatArray, findings: list[LogFinding]
 ) -> tuple[FloatArray, bool]:
     """One of our columns on the grid `time`, and whether it had other times and is held between them."""
     if source.from_ is None:
@@ -149,46 +149,48 @@ def _unwrapped(angle: FloatArray) -> FloatArray:
     return result
 
 
-def _absent(foreign: ForeignLog, name: str, wanted: str) -> Finding:
-    return Finding(name, None, f"left out: the file has no column {wanted!r}; it has {', '.join(foreign.columns)}")
+def _absent(foreign: ForeignLog, name: str, wanted: str) -> LogFinding:
+    return LogFinding(name, None, f"left out: the file has no column {wanted!r}; it has {', '.join(foreign.columns)}")
 
 
-def _unused(foreign: ForeignLog, mapping: Mapping) -> list[Finding]:
+def _unused(foreign: ForeignLog, mapping: Mapping) -> list[LogFinding]:
     used = {mapping.time.from_, *foreign.time_of.values()}
     used |= {part for source in mapping.columns.values() for part in (source.from_, source.time) if part}
     unused = [name for name in foreign.columns if name not in used and not name.endswith("@publish_time")]
-    found = [Finding(name, None, f"not read: {reason}") for name, reason in foreign.unreadable.items()]
+    found = [LogFinding(name, None, f"not read: {reason}") for name, reason in foreign.unreadable.items()]
     if unused:
-        found.append(Finding("", None, f"columns of the file that are not in the mapping: {', '.join(unused)}"))
+        found.append(LogFinding("", None, f"columns of the file that are not in the mapping: {', '.join(unused)}"))
     return found
 
 
-def _stale_end(name: str, time: FloatArray, sample_time: FloatArray) -> list[Finding]:
+def _stale_end(name: str, time: FloatArray, sample_time: FloatArray) -> list[LogFinding]:
     age = float(time[-1] - sample_time[-1])
     if age <= GAP_FACTOR * float(np.median(np.diff(sample_time))):
         return []
-    return [Finding(name, float(sample_time[-1]), f"no sample in the last {age:.3g} s of the log, the value is held")]
+    return [
+        LogFinding(name, float(sample_time[-1]), f"no sample in the last {age:.3g} s of the log, the value is held")
+    ]
 
 
-def _without_empty(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[Finding]]:
+def _without_empty(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[LogFinding]]:
     """The columns that hold at least one number."""
     empty = [name for name, values in columns.items() if not np.isfinite(values).any()]
-    found = [Finding(name, None, "left out: not one sample is a number") for name in empty]
+    found = [LogFinding(name, None, "left out: not one sample is a number") for name in empty]
     return {name: values for name, values in columns.items() if name not in empty}, found
 
 
-def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, list[Finding]]:
+def _from_first_samples(table: pd.DataFrame, held: list[str]) -> tuple[pd.DataFrame, list[LogFinding]]:
     """The rows from which on every held column has had a sample."""
     first = {name: int(np.argmax(np.isfinite(table[name].to_numpy()))) for name in held}
     name, start = max(first.items(), key=lambda item: item[1], default=("", 0))
     if start == 0:
         return table, []
     time = float(table[TIME].iloc[start])
-    found = Finding(name, time, f"its first sample is here; the {start} earlier rows of the log are left out")
+    found = LogFinding(name, time, f"its first sample is here; the {start} earlier rows of the log are left out")
     return table.iloc[start:].reset_index(drop=True), [found]
 
 
-def _metadata(mapping: Mapping, files: list[str], findings: list[Finding]) -> dict[str, Any]:
+def _metadata(mapping: Mapping, files: list[str], findings: list[LogFinding]) -> dict[str, Any]:
     scenario = _scenario(mapping)
     facts = mapping.facts
     if "tail" in facts:

@@ -46,7 +46,7 @@ _MEASURED = ("angle", "angular_velocity", "current", "force_", "torque_", "imu_"
 
 
 @dataclass(frozen=True)
-class Finding:
+class LogFinding:
     """Something odd: column ("" when it concerns the file), time (s; None when it is not at a time), and what it is."""
 
     column: str
@@ -60,11 +60,11 @@ class Finding:
         return f"{where}: {self.text}" if where else self.text
 
 
-def gap_findings(time: FloatArray, column: str = TIME) -> list[Finding]:
+def gap_findings(time: FloatArray, column: str = TIME) -> list[LogFinding]:
     """Steps longer than 1.5 median steps; the first few each, the rest as a number."""
     steps, wide = np.diff(time), gaps_in(time)
     found = [
-        Finding(
+        LogFinding(
             column,
             float(time[at]),
             f"gap of {steps[at]:.6g} s, about {round(steps[at] / np.median(steps)) - 1} samples lost",
@@ -72,26 +72,26 @@ def gap_findings(time: FloatArray, column: str = TIME) -> list[Finding]:
         for at in wide[:_MOST_LISTED]
     ]
     if wide.size > _MOST_LISTED:
-        found.append(Finding(column, float(time[wide[_MOST_LISTED]]), f"{wide.size - _MOST_LISTED} further gap(s)"))
+        found.append(LogFinding(column, float(time[wide[_MOST_LISTED]]), f"{wide.size - _MOST_LISTED} further gap(s)"))
     return found
 
 
-def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[Finding]:
+def nan_findings(time: FloatArray, column: str, values: FloatArray) -> list[LogFinding]:
     """How many samples are NaN or infinite, and where the first one is."""
     bad = np.flatnonzero(~np.isfinite(values))
     if not bad.size:
         return []
     return [
-        Finding(column, float(time[bad[0]]), f"{bad.size} of {values.size} samples are not numbers, the first here")
+        LogFinding(column, float(time[bad[0]]), f"{bad.size} of {values.size} samples are not numbers, the first here")
     ]
 
 
-def table_findings(table: pd.DataFrame, kind: str = "") -> list[Finding]:
+def table_findings(table: pd.DataFrame, kind: str = "") -> list[LogFinding]:
     """Gaps, NaN, too few rows and constant measurements of a table whose times are sorted; `kind` of the log."""
     time = table[TIME].to_numpy(dtype=np.float64)
     found = gap_findings(time)
     if time.size < FEW_SAMPLES:
-        found.append(Finding(TIME, None, f"only {time.size} samples; no filter and no fit can work on them"))
+        found.append(LogFinding(TIME, None, f"only {time.size} samples; no filter and no fit can work on them"))
     for name in table.columns:
         values = table[name].to_numpy(dtype=np.float64)
         found += nan_findings(time, name, values)
@@ -104,7 +104,7 @@ def table_findings(table: pd.DataFrame, kind: str = "") -> list[Finding]:
             and finite.size > 1
             and np.ptp(finite) == 0.0
         ):
-            found.append(Finding(name, None, f"constant, {finite[0]:g} in every row: is the sensor connected?"))
+            found.append(LogFinding(name, None, f"constant, {finite[0]:g} in every row: is the sensor connected?"))
     return found
 
 

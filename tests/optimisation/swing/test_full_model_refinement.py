@@ -14,7 +14,7 @@ import pytest
 
 from aerodima.optimisation.swing import full_car as full_car_module
 from aerodima.optimisation.swing import swing_ranking as candidate_module
-from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Car, Outcome, Reference, shares
+from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, Car, DriveOutcome, Reference, shares
 from aerodima.optimisation.swing.full_model_refinement import _comparable, refine, refined
 from aerodima.optimisation.swing.search_state import SearchOptions
 from aerodima.optimisation.swing.swing_construction import PITCH, PLACES, ROLL, changed, changes
@@ -107,7 +107,7 @@ def test_a_swing_without_a_yaw_rate_is_refused() -> None:
         changed(timed, np.zeros(changes(1)))
 
 
-def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], Outcome]) -> Score:
+def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], DriveOutcome]) -> Score:
     """Score of a car whose outcome is a function of the friction; one that rolls over does so 1 s into the turn."""
 
     def drive(_scenario: Any, _swing: Any, friction: float) -> Any:
@@ -120,10 +120,10 @@ def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], Outcome]) -> Sc
 
 
 def test_candidates_rank_by_feasibility_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    clean, lost = Outcome(True, True, 0.2, 0.75, 2.1), Outcome(False, False, 1.5, 0.75, 2.1)
-    touched, leaning = Outcome(False, True, 0.5, 0.75, 2.1), Outcome(True, True, 0.3, 0.75, 2.1)
-    short = Outcome(True, True, 0.02, 0.70, 2.1)
-    flat, wide = Outcome(True, True, 0.1, 0.74, 2.1), Outcome(True, True, 0.1, 0.80, 2.1)
+    clean, lost = DriveOutcome(True, True, 0.2, 0.75, 2.1), DriveOutcome(False, False, 1.5, 0.75, 2.1)
+    touched, leaning = DriveOutcome(False, True, 0.5, 0.75, 2.1), DriveOutcome(True, True, 0.3, 0.75, 2.1)
+    short = DriveOutcome(True, True, 0.02, 0.70, 2.1)
+    flat, wide = DriveOutcome(True, True, 0.1, 0.74, 2.1), DriveOutcome(True, True, 0.1, 0.80, 2.1)
     in_order = [
         ranks(monkeypatch, lambda _friction: flat),
         ranks(monkeypatch, lambda _friction: wide),
@@ -154,7 +154,7 @@ def joint(monkeypatch: pytest.MonkeyPatch, *headings: float, lost: float = 2.0) 
         driven.append(friction)
         place = round(10 * (scenario.car.mass - 6.0))
         clean = place + 1 < len(headings) or friction < lost
-        found = Outcome(clean, clean, 0.1, headings[place], 2.1)
+        found = DriveOutcome(clean, clean, 0.1, headings[place], 2.1)
         return SimpleNamespace(found=found, time=np.array([0.0, 3.0]), signal=lambda _name: np.array([0.0, 1.0]))
 
     monkeypatch.setattr(candidate_module, "drive", drive)
@@ -210,12 +210,12 @@ def test_a_claim_is_an_unbroken_row_at_the_fine_step(monkeypatch: pytest.MonkeyP
     """The first swing survives 0.8 but not 0.75; the second up to 0.7625; the third turns too little."""
     first, second, third = (swing().model_copy(update={"name": str(n)}) for n in range(3))
 
-    def drive(scenario: Any, played: Any, friction: float) -> Outcome:
+    def drive(scenario: Any, played: Any, friction: float) -> DriveOutcome:
         assert scenario.simulation.step == FINE_STEP
         if played is None:
-            return Outcome(friction < 0.681, True, 0.2, 0.8, 2.1)
+            return DriveOutcome(friction < 0.681, True, 0.2, 0.8, 2.1)
         clean = {"0": abs(friction - 0.75) > 0.01, "1": friction < 0.77, "2": True}[played.name]
-        return Outcome(clean, True, 0.1, 0.7 if played.name == "2" else 0.79, 2.1)
+        return DriveOutcome(clean, True, 0.1, 0.7 if played.name == "2" else 0.79, 2.1)
 
     for module in (candidate_module, full_car_module):
         monkeypatch.setattr(module, "drive", drive)
@@ -235,10 +235,10 @@ def test_of_several_cars_the_least_gain_is_claimed(monkeypatch: pytest.MonkeyPat
     first, second = (swing().model_copy(update={"name": str(n)}) for n in range(2))
     cars = [Car(load_scenario("turn_swing", [f"car.mass={mass}"]).resolved(), Reference(0.5, 1.0)) for mass in (6, 7)]
 
-    def drive(scenario: Any, played: Any, friction: float) -> Outcome:
+    def drive(scenario: Any, played: Any, friction: float) -> DriveOutcome:
         light = scenario.car.mass < 6.5
         most = 0.505 if played is None else {"0": 0.66 if light else 0.515, "1": 0.54}[played.name]
-        return Outcome(friction < most, True, 0.1, 1.0, 2.1)
+        return DriveOutcome(friction < most, True, 0.1, 1.0, 2.1)
 
     for module in (candidate_module, full_car_module):
         monkeypatch.setattr(module, "drive", drive)

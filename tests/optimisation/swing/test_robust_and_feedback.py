@@ -9,7 +9,7 @@ import pytest
 
 from aerodima.optimisation.swing import full_car
 from aerodima.optimisation.swing import swing_search as optimise
-from aerodima.optimisation.swing.full_car import Outcome, drive_all, varied
+from aerodima.optimisation.swing.full_car import DriveOutcome, drive_all, varied
 from aerodima.optimisation.swing.search_state import SearchOptions
 from aerodima.optimisation.swing.swing_search import optimise_swing
 from aerodima.workbench.config.ensemble import load_ensemble
@@ -41,9 +41,9 @@ def test_a_swing_for_several_cars_is_as_good_as_on_the_worst_of_them(monkeypatch
     cars = [varied(turn(), car={"tyre_friction": friction}) for friction in (0.6, 0.9)]
     driven = []
 
-    def drive(_scenario: Scenario, _swing: Any, friction: float) -> Outcome:
+    def drive(_scenario: Scenario, _swing: Any, friction: float) -> DriveOutcome:
         driven.append(friction)
-        return Outcome(friction < 1.0, True, friction, 1.0 - friction / 10, 2.0 + friction)
+        return DriveOutcome(friction < 1.0, True, friction, 1.0 - friction / 10, 2.0 + friction)
 
     monkeypatch.setattr(full_car, "drive", drive)
     monkeypatch.setattr(full_car, "outcome", lambda found: found)

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.swing_problem import Member, Problem, SwingLimits
+from aerodima.optimisation.swing.swing_problem import ReducedMember, SwingLimits, SwingProblem
 from aerodima.optimisation.swing.turn_profile import TurnProfile
 from aerodima.workbench.config.scenario import load_scenario
 
@@ -27,11 +27,11 @@ def smooth_turn(friction: float = 0.75, speed: float = 4.5) -> TurnProfile:
     return TurnProfile(time, inputs, friction, speed, 0.02 * share, 0.0 * time, 2.04)
 
 
-def problem(dof: int = 1, knots: int = 21, members: int = 1, **changes: object) -> Problem:
+def problem(dof: int = 1, knots: int = 21, members: int = 1, **changes: object) -> SwingProblem:
     limits = SwingLimits.of(car(), dof, **changes.pop("limits", {}))  # type: ignore[arg-type]
     data: dict = {"parameter_range": (0.8, 1.2)} | changes
-    return Problem(
-        (Member(car(), smooth_turn()),) * members,
+    return SwingProblem(
+        (ReducedMember(car(), smooth_turn()),) * members,
         np.linspace(0.0, 1.0, knots),
         (-np.pi / 2, 0.0)[:dof],
         limits,
