@@ -4,7 +4,7 @@ import pytest
 
 from aerodima.optimisation.calibration.calibration_plan import load_plan
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.metrics.published_figures import published_figures
+from aerodima.workbench.metrics.published_values import published_values
 from aerodima.workbench.report.statements import (
     Statement,
     load_statements,
@@ -89,7 +89,7 @@ def test_the_page_has_every_row_with_its_verdict() -> None:
 
 def test_what_the_cars_are_calibrated_to_is_no_evidence() -> None:
     plan = load_plan("car")
-    platforms = {figures.source: f"{figures.platform}_{figures.configuration}_" for figures in published_figures()}
+    platforms = {figures.source: f"{figures.platform}_{figures.configuration}_" for figures in published_values()}
     fitted = {
         platforms.get(place, "") + name
         for place, figures in plan.figures.items()

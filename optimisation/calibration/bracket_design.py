@@ -24,7 +24,7 @@ from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.metrics.published_figures import FlipBracket
+from aerodima.workbench.metrics.published_values import FlipBracket
 
 TAIL_MODE = "none"
 """Of the runs of a target."""

@@ -23,7 +23,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.metrics.published_figures import flip_bracket
+from aerodima.workbench.metrics.published_values import flip_bracket
 
 BASE_SCENARIO = "turn_swing"
 SHIPPED_DIGITS = 3

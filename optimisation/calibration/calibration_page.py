@@ -13,7 +13,7 @@ from aerodima.optimisation.calibration.identifiability import FLIP_SPEED, Direct
 from aerodima.optimisation.calibration.validation import Shipped, Validated, ValidatedOutcome
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
-from aerodima.workbench.metrics.published_figures import SIGNALS
+from aerodima.workbench.metrics.published_values import SIGNALS
 from aerodima.workbench.report.report_page import (
     Bullets,
     Finding,

@@ -17,7 +17,7 @@ from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
 from aerodima.workbench.config.scenario_file import ParameterEntry
 from aerodima.workbench.errors import ScenarioError
-from aerodima.workbench.metrics.published_figures import TurnMetrics
+from aerodima.workbench.metrics.published_values import TurnMetrics
 
 OWN_METRICS = tuple(
     name for name in TurnMetrics.__dataclass_fields__ if name != "speed_m_per_s" and "kohut" not in name
@@ -35,8 +35,8 @@ FIGURES = {
 """What a plan must say of each place of the thesis."""
 
 
-class Figure(StrictModel):
-    """What the calibration does with one published figure.
+class ValueUse(StrictModel):
+    """What the calibration does with one published value.
 
     Attributes:
         use: `fitted` figures make the weights, those that are `held out` test them.
@@ -130,7 +130,7 @@ class CalibrationPlan(StrictModel):
     seed: int = Field(ge=0)
     car: tuple[str, ...] = Field(min_length=1)
     tail: tuple[str, ...] = Field(min_length=1)
-    figures: dict[str, dict[str, Figure]]
+    figures: dict[str, dict[str, ValueUse]]
     outcomes: Outcomes
     plausible: Plausible
     size: Size

@@ -24,13 +24,13 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.metrics.published_figures import (
-    PublishedFigures,
+from aerodima.workbench.metrics.published_values import (
+    PublishedValues,
     TurnMetrics,
     flip_bracket,
     inner_lift_yaw_rate,
     metric_column,
-    published_figures,
+    published_values,
 )
 
 Use = Literal["fitted", "follows", "commanded", "held out"]
@@ -113,7 +113,7 @@ def plan_data(plan: CalibrationPlan, names: Collection[str] | None = None) -> tu
         relative = 0.0 if metric == COMMANDED else plan.figures[source][own].discrepancy
         found.append(Datum(source, metric, figure, relative * abs(figure), use, turn, prefix + metric))
 
-    for published in published_figures():
+    for published in published_values():
         turn = turn_of(published)
         for field in fields(TurnMetrics):
             prefix = metric_column("", published.platform)
@@ -129,7 +129,7 @@ def fitted(data: Sequence[Datum]) -> tuple[Datum, ...]:
     return tuple(datum for datum in data if datum.use == "fitted")
 
 
-def turn_of(published: PublishedFigures) -> Turn:
+def turn_of(published: PublishedValues) -> Turn:
     """The run of a published row: at the commanded speed of the simulated ones, else at the speed of the row."""
     speed = published.metrics.speed_m_per_s
     if published.platform == "simulated":

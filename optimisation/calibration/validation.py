@@ -1,7 +1,7 @@
 """Every published figure and outcome beside the ensemble, and where the car of `models/parameters` lies in it.
 
 Each row is compared with metrics from the signals that the thesis took for it
-(`aerodima.workbench.metrics.published_figures.SIGNALS`). The turns are those of the simulation at the speed of the row,
+(`aerodima.workbench.metrics.published_values.SIGNALS`). The turns are those of the simulation at the speed of the row,
 not the car's AUTO sequence: the thesis gives throttle, not speed, for those.
 """
 
@@ -29,7 +29,7 @@ from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
-from aerodima.workbench.metrics.published_figures import flip_bracket, published_figures
+from aerodima.workbench.metrics.published_values import flip_bracket, published_values
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def validate(
 
     figures = [compare(datum, run(datum.turn), weights) for datum in plan_data(plan)]
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
-    real = next(r for r in published_figures() if (r.platform, r.configuration) == ("physical", "tailed"))
+    real = next(r for r in published_values() if (r.platform, r.configuration) == ("physical", "tailed"))
     fastest = real.metrics.speed_m_per_s
     outcomes = []
     claims: tuple[tuple[str, str, float, Use], ...] = (

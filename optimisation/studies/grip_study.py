@@ -21,7 +21,7 @@ from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
-from aerodima.workbench.metrics.published_figures import flip_bracket
+from aerodima.workbench.metrics.published_values import flip_bracket
 from aerodima.workbench.metrics.run_summary import KM_PER_H
 from aerodima.workbench.report.report_page import Plot
 

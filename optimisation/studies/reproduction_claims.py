@@ -20,13 +20,13 @@ from aerodima.optimisation.studies.reproduction_evidence import (
     recomputed_row,
     share_row,
 )
-from aerodima.workbench.metrics.published_figures import (
+from aerodima.workbench.metrics.published_values import (
     FILTERED,
     SIGNALS,
-    PublishedFigures,
+    PublishedValues,
     TurnMetrics,
     flip_bracket,
-    published_figures,
+    published_values,
 )
 from aerodima.workbench.report.report_page import metric_name, metric_unit
 from aerodima.workbench.resources import published_table
@@ -142,8 +142,8 @@ def _tipped(evidence: Evidence, mode: str, speed: float) -> str:
     return f"; {share:.0%} of the weight tipped over before its turn" if share > 0.0 else ""
 
 
-def _physical(configuration: str) -> PublishedFigures:
-    return next(r for r in published_figures() if (r.platform, r.configuration) == ("physical", configuration))
+def _physical(configuration: str) -> PublishedValues:
+    return next(r for r in published_values() if (r.platform, r.configuration) == ("physical", configuration))
 
 
 def _figure(evidence: Evidence, datum: Datum) -> ClaimRow:

@@ -35,7 +35,7 @@ from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.config.scenario import load_parameter_entries
 from aerodima.workbench.figures.figure_style import MODE_STYLES
-from aerodima.workbench.metrics.published_figures import flip_bracket, published_figures
+from aerodima.workbench.metrics.published_values import flip_bracket, published_values
 from aerodima.workbench.report.report_page import Finding, Part, Section, Table
 
 Verdict = Literal["reproduced", "direction only", "not reproduced", "not computable"]
@@ -234,7 +234,7 @@ def wanted_pairs(held_speed: float) -> list[tuple[str, float]]:
     """(tail mode, speed) of the runs: both brackets, the physical rows, and the held tail beside the swung one."""
     none, swing = flip_bracket("tailless"), flip_bracket("tailed")
     physical = {
-        row.configuration: row.metrics.speed_m_per_s for row in published_figures() if row.platform == "physical"
+        row.configuration: row.metrics.speed_m_per_s for row in published_values() if row.platform == "physical"
     }
     return [
         *(("none", speed) for speed in (none.survived, none.flipped, physical["tailless"])),

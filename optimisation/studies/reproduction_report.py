@@ -28,7 +28,7 @@ from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import BAND, Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
-from aerodima.workbench.metrics.published_figures import SIGNALS, flip_bracket, metric_column, published_figures
+from aerodima.workbench.metrics.published_values import SIGNALS, flip_bracket, metric_column, published_values
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.report.report_page import (
     Bullets,
@@ -166,11 +166,11 @@ def plot_metrics(evidence: Evidence) -> Figure:
     with styled():
         drawing, axes = new_figure(10.5, 5.2, 2, 3)
         for axis, name in zip(axes.flat, SHOWN, strict=True):
-            for place, row in enumerate(published_figures()):
+            for place, row in enumerate(published_values()):
                 turn, column = turn_of(row), metric_column(name, row.platform)
                 _bar(axis, place, evidence.column(turn.tail_mode, turn.speed, column), evidence.weights)
                 axis.plot(place, getattr(row.metrics, name), "*", color=VERMILION, markersize=12)
-            labels = [f"{row.source[-3:]}\n{row.metrics.speed_m_per_s:g} m/s" for row in published_figures()]
+            labels = [f"{row.source[-3:]}\n{row.metrics.speed_m_per_s:g} m/s" for row in published_values()]
             axis.set_xticks(range(len(labels)), labels, fontsize=8)
             axis.set_title(f"{metric_name(name)} [{metric_unit(name)}]")
             axis.set_ylim(bottom=0)

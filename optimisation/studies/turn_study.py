@@ -25,7 +25,7 @@ from aerodima.optimisation.sweep.rollover_threshold import SPEED
 from aerodima.optimisation.sweep.study import Block, Range, Study, Value
 from aerodima.workbench.config.ensemble import weighted_quantiles
 from aerodima.workbench.figures.figure_style import FLIPPED_MARKER, GREY, MODE_STYLES, new_figure, styled
-from aerodima.workbench.metrics.published_figures import published_figures
+from aerodima.workbench.metrics.published_values import published_values
 from aerodima.workbench.metrics.run_summary import KM_PER_H
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.report.report_page import Plot
@@ -200,7 +200,7 @@ def _draw_mode(ax: Axes, part: pd.DataFrame, mode: str, column: str) -> None:
 
 
 def _draw_published(ax: Axes, column: str) -> None:
-    for row in published_figures():
+    for row in published_values():
         value: Any = getattr(row.metrics, column, None)
         if row.platform == "simulated" and value is not None:
             colour = MODE_STYLES["none" if row.configuration == "tailless" else "swing"].colour

@@ -3,7 +3,7 @@
 import math
 from dataclasses import fields
 
-from aerodima.workbench.metrics.published_figures import TurnMetrics, flip_bracket, published_figures
+from aerodima.workbench.metrics.published_values import TurnMetrics, flip_bracket, published_values
 from aerodima.workbench.report.demo import DemoPlan
 from aerodima.workbench.report.statements import Value
 from tests.built.registry import check
@@ -15,7 +15,7 @@ def speeds_of_the_demo_in_whole_km_per_h() -> Value:
 
 
 def physical(configuration: str) -> TurnMetrics:
-    return next(r.metrics for r in published_figures() if (r.platform, r.configuration) == ("physical", configuration))
+    return next(r.metrics for r in published_values() if (r.platform, r.configuration) == ("physical", configuration))
 
 
 @check
@@ -53,7 +53,7 @@ def metrics_that_improve() -> Value:
 def largest_error_of_kohut() -> Value:
     """Of the printed Kohut figures against speed x yaw rate in degrees, largest relative difference."""
     worst = 0.0
-    for row in published_figures():
+    for row in published_values():
         for kind in ("max", "average"):
             printed = getattr(row.metrics, f"{kind}_kohut_deg_m_per_s2")
             product = row.metrics.speed_m_per_s * math.degrees(getattr(row.metrics, f"{kind}_yaw_rate_rad_per_s"))

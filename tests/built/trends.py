@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from aerodima.optimisation.studies.reproduction_evidence import throttle_speed
 from aerodima.optimisation.studies.turn_study import TAIL_SPEEDS, TAILED_SPEEDS, TAILLESS_SPEEDS
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.metrics.published_figures import TurnMetrics
+from aerodima.workbench.metrics.published_values import TurnMetrics
 from aerodima.workbench.report.statements import Value
 from tests.built.registry import RUNS, SLOW, slow
 from tests.built.turns import ROUNDING, TAILED, TAILLESS, Trial, run_trial, trial

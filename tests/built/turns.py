@@ -15,7 +15,7 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.signal_table import AXLES
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
-from aerodima.workbench.metrics.published_figures import Platform, TurnMetrics, published_figures
+from aerodima.workbench.metrics.published_values import Platform, TurnMetrics, published_values
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.report.statements import Value
@@ -87,14 +87,14 @@ def outcome_swing_at_6_10() -> Value:
 
 def metric(platform: Platform, configuration: str, name: str) -> Value:
     """A metric of a published row's run: raw signals for the simulated car, filtered ones for the real one."""
-    row = next(r for r in published_figures() if (r.platform, r.configuration) == (platform, configuration))
+    row = next(r for r in published_values() if (r.platform, r.configuration) == (platform, configuration))
     fast = TAILLESS if configuration == "tailless" else TAILED
     speed = fast if platform == "simulated" else row.metrics.speed_m_per_s
     metrics = trial("none" if configuration == "tailless" else "swing", speed).summary.metrics
     return float(getattr(metrics.like(platform), name))
 
 
-for row in published_figures():
+for row in published_values():
     for field in fields(TurnMetrics):
         RUNS[f"{row.platform}_{row.configuration}_{field.name}"] = partial(
             metric, row.platform, row.configuration, field.name

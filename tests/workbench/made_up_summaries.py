@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from aerodima.workbench.metrics.published_figures import TurnMetrics
+from aerodima.workbench.metrics.published_values import TurnMetrics
 from aerodima.workbench.metrics.run_summary import RunSummary
 from aerodima.workbench.metrics.tail_impulses import Impulses
 from aerodima.workbench.metrics.turn_metrics import Outcome, RunMetrics

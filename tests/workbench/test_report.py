@@ -12,7 +12,7 @@ from jinja2 import UndefinedError
 
 from aerodima.workbench.figures.figure_style import new_figure
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_figures import FlipBracket, flip_bracket, published_figures, tyre_damping
+from aerodima.workbench.metrics.published_values import FlipBracket, flip_bracket, published_values, tyre_damping
 from aerodima.workbench.metrics.run_summary import RunSummary, summarise
 from aerodima.workbench.report import turn_findings as findings
 from aerodima.workbench.report.report_page import (
@@ -133,7 +133,7 @@ def test_late_and_missing_triggers_are_named_with_their_times() -> None:
 
 def test_tipping_is_that_of_a_rigid_car_on_the_edges_of_its_tyres() -> None:
     # On points under the middle of its tyres 9.81 x 0.14 / 0.2433 = 5.64 m/s2, on edges 0.025 m outside 6.65 m/s2.
-    tailless = next(r for r in published_figures() if r.source == "Table 7.1")
+    tailless = next(r for r in published_values() if r.source == "Table 7.1")
     run = made_up_summary(raw={"max_linear_acceleration_m_per_s2": 6.2})
     car = {"track": 0.28, "com_height": 0.2433, "tyre_friction": 0.6, "tyre_width": 0.05, "tyre_shape": "ellipsoid"}
     said = " ".join(findings.tipping_sentences(car, 9.81, tailless, run))

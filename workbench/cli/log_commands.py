@@ -59,7 +59,7 @@ def metrics(
 
 def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """The table: what is of the run as a whole, then the eight metrics raw, then filtered."""
-    from aerodima.workbench.metrics.published_figures import FILTERED, SIGNALS
+    from aerodima.workbench.metrics.published_values import FILTERED, SIGNALS
 
     known = all(row["signals"] == "truth" for row in rows.values())
     raw_signals = SIGNALS["simulated"] if known else "as the sensors reported them, where `signals` is sensors"

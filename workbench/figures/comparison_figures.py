@@ -23,7 +23,7 @@ from aerodima.workbench.figures.figure_style import (
     styled,
 )
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_figures import Platform, PublishedFigures, published_figures
+from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
 from aerodima.workbench.metrics.run_summary import RunSummary, summarise
 from aerodima.workbench.metrics.turn_signals import turn_window
 
@@ -85,7 +85,7 @@ def plot_metrics(summaries: Sequence[RunSummary], platform: Platform = "simulate
         summaries: runs; flipped ones are crosses.
         platform: whose rows, and whose signals (`published_figures.SIGNALS`) the metrics of the runs are from.
     """
-    rows = [row for row in published_figures() if row.platform == platform]
+    rows = [row for row in published_values() if row.platform == platform]
     modes = modes_of(summaries)
     with styled():
         figure, grid = new_figure(11.0, 5.6, 2, 4)
@@ -119,7 +119,7 @@ def _point(axes: Axes, run: RunSummary, x: float, y: float, **options: Any) -> N
     axes.plot(x, y, linestyle="none", marker=marker, color=style.colour, markerfacecolor=face, **options)
 
 
-def _star(axes: Axes, row: PublishedFigures, metric: str) -> None:
+def _star(axes: Axes, row: PublishedValues, metric: str) -> None:
     colour = MODE_STYLES["none" if row.configuration == "tailless" else "swing"].colour
     face = colour if row.platform == "simulated" else "white"
     value = getattr(row.metrics, metric)

@@ -18,7 +18,7 @@ from aerodima.workbench.controllers.law_of_scenario import NO_SWING
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_figures import Platform, PublishedFigures, TurnMetrics, published_figures
+from aerodima.workbench.metrics.published_values import Platform, PublishedValues, TurnMetrics, published_values
 from aerodima.workbench.metrics.tail_impulses import Impulses, tail_impulses
 from aerodima.workbench.metrics.turn_metrics import (
     RunMetrics,
@@ -111,14 +111,14 @@ def summarise(run_log: RunLog, name: str) -> RunSummary:
     )
 
 
-def published_for(summary: RunSummary) -> dict[Platform, PublishedFigures]:
+def published_for(summary: RunSummary) -> dict[Platform, PublishedValues]:
     """Published rows that were made as this run was, by platform."""
     kilometres_per_hour = KM_PER_H * summary.commanded_speed
     whole = round(kilometres_per_hour)
     if not math.isclose(kilometres_per_hour, whole, abs_tol=0.02):
         return {}
     wanted = PUBLISHED_RUNS.get((summary.tail_mode, whole), ())
-    rows = {(row.platform, row.configuration): row for row in published_figures()}
+    rows = {(row.platform, row.configuration): row for row in published_values()}
     return {platform: rows[platform, configuration] for platform, configuration in wanted}
 
 

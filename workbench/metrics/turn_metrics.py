@@ -19,7 +19,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, check_time, low_pass
-from aerodima.workbench.metrics.published_figures import (
+from aerodima.workbench.metrics.published_values import (
     FILTERED,
     SAMPLE_TIMES,
     Platform,

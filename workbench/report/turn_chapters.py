@@ -8,15 +8,15 @@ from aerodima.workbench.figures.comparison_figures import plot_comparison, plot_
 from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
 from aerodima.workbench.figures.tail_figures import plot_impulses, plot_moments
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_figures import (
+from aerodima.workbench.metrics.published_values import (
     SIGNALS,
     Comparison,
     FlipBracket,
-    PublishedFigures,
+    PublishedValues,
     TurnMetrics,
-    compare_figures,
+    compare_values,
     flip_bracket,
-    published_figures,
+    published_values,
 )
 from aerodima.workbench.metrics.run_summary import RunSummary, published_for
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
@@ -105,12 +105,12 @@ def beside_published(summaries: Sequence[RunSummary], scenario: dict) -> Section
     if not pairs:
         parts.append("None of these runs was made by the thesis too.")
     for run, row in pairs:
-        comparisons = compare_figures(run.metrics.like(row.platform), row.configuration, row.platform)  # type: ignore[arg-type]
+        comparisons = compare_values(run.metrics.like(row.platform), row.configuration, row.platform)  # type: ignore[arg-type]
         parts += _beside(run, row, comparisons)
     if pairs:
         parts.append(_WORDS)
     parts += _together(pairs, scenario)
-    missing = [row for row in published_figures() if row not in [found for _, found in pairs]]
+    missing = [row for row in published_values() if row not in [found for _, found in pairs]]
     if missing:
         named = "; ".join(
             f"{r.source} ({r.platform}, {r.configuration}, {r.metrics.speed_m_per_s:.2f} m/s)" for r in missing
@@ -127,7 +127,7 @@ def beside_published(summaries: Sequence[RunSummary], scenario: dict) -> Section
     return Section("Beside the published figures", parts)
 
 
-def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Comparison]) -> list[Part]:
+def _beside(run: RunSummary, row: PublishedValues, comparisons: Sequence[Comparison]) -> list[Part]:
     header = ("metric", "unit", "published", "run", "difference", "in %")
     rows = []
     for c in comparisons:
@@ -154,7 +154,7 @@ def _beside(run: RunSummary, row: PublishedFigures, comparisons: Sequence[Compar
     ]
 
 
-def _together(pairs: Sequence[tuple[RunSummary, PublishedFigures]], scenario: dict) -> list[Part]:
+def _together(pairs: Sequence[tuple[RunSummary, PublishedValues]], scenario: dict) -> list[Part]:
     """What cannot be met at the same time, by how much."""
     for run, row in pairs:
         if (row.platform, row.configuration) == ("simulated", "tailless"):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
-from aerodima.workbench.metrics.published_figures import Comparison, FlipBracket, PublishedFigures
+from aerodima.workbench.metrics.published_values import Comparison, FlipBracket, PublishedValues
 from aerodima.workbench.metrics.run_summary import RunSummary
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.report.report_page import degrees, metric_name, percent, span
@@ -99,7 +99,7 @@ def close_metrics(comparisons: Sequence[Comparison], share: float) -> int:
     return sum(abs(c.relative) <= share for c in comparisons)
 
 
-def tipping_sentences(car: dict[str, Any], gravity: float, published: PublishedFigures, run: RunSummary) -> list[str]:
+def tipping_sentences(car: dict[str, Any], gravity: float, published: PublishedValues, run: RunSummary) -> list[str]:
     """Why flip bracket and published lateral acceleration do not go together, from the statics of a rigid car.
 
     Args:

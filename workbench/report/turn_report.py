@@ -12,7 +12,7 @@ from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
 from aerodima.workbench.figures.figure_style import MODE_STYLES, modes_of
 from aerodima.workbench.figures.run_figures import plot_turn
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_figures import tyre_damping
+from aerodima.workbench.metrics.published_values import tyre_damping
 from aerodima.workbench.metrics.run_summary import RunSummary, tail_mode_of
 from aerodima.workbench.report import turn_chapters as chapters
 from aerodima.workbench.report import turn_findings as findings

@@ -7,7 +7,7 @@ import pytest
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
-from aerodima.workbench.metrics.published_figures import compare_figures, published_figures
+from aerodima.workbench.metrics.published_values import compare_values, published_values
 from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
@@ -366,7 +366,7 @@ def test_outcome_reads_the_log() -> None:
 
 
 def test_the_published_rows_are_the_printed_ones() -> None:
-    rows = {(row.platform, row.configuration): row for row in published_figures()}
+    rows = {(row.platform, row.configuration): row for row in published_values()}
     assert set(rows) == {(p, c) for p in ("simulated", "physical") for c in ("tailless", "tailed")}
     tailless = rows["simulated", "tailless"]
     assert (tailless.metrics.speed_m_per_s, tailless.metrics.max_kohut_deg_m_per_s2) == (3.30, 413.31)
@@ -378,7 +378,7 @@ def test_the_published_rows_are_the_printed_ones() -> None:
 
 def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees() -> None:
     """ERRATA E36: all eight agree within 1.7 %, which rules out radians and a missing factor."""
-    for row in published_figures():
+    for row in published_values():
         m = row.metrics
         assert m.max_kohut_deg_m_per_s2 == pytest.approx(
             m.speed_m_per_s * math.degrees(m.max_yaw_rate_rad_per_s), rel=0.017
@@ -390,7 +390,7 @@ def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees() -> None:
 
 def test_comparison_gives_all_metrics_and_the_roll_integral_both_ways() -> None:
     metrics = metrics_of(made_up_run(turning(1.0)))
-    compared = {row.metric: row for row in compare_figures(metrics.raw, "tailless", "simulated")}
+    compared = {row.metric: row for row in compare_values(metrics.raw, "tailless", "simulated")}
     assert len(compared) == 9
     speed = compared["speed_m_per_s"]
     assert (speed.ours, speed.published) == (3.0, 3.30)
@@ -400,7 +400,7 @@ def test_comparison_gives_all_metrics_and_the_roll_integral_both_ways() -> None:
     printed = compared["integral_of_roll_rate_as_printed"]
     assert printed.published == 932.43
     assert printed.ours == pytest.approx(1000.0 * metrics.raw.roll_integral_rad)
-    on_the_car = {row.metric: row for row in compare_figures(metrics.filtered, "tailed", "physical")}
+    on_the_car = {row.metric: row for row in compare_values(metrics.filtered, "tailed", "physical")}
     assert on_the_car["speed_m_per_s"].published == 6.10
     assert on_the_car["integral_of_roll_rate_as_printed"].ours == pytest.approx(
         100.0 * metrics.filtered.roll_integral_rad

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.metrics.published_figures import metric_column
+from aerodima.workbench.metrics.published_values import metric_column
 from aerodima.workbench.metrics.tail_impulses import tail_impulses
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.report.demo import DemoPlan, demo_runs, do_run, make_demo

@@ -1,4 +1,4 @@
-"""The published manoeuvre figures (thesis Tables 7.1-7.4) and how a run compares with them."""
+"""The published manoeuvre values (thesis Tables 7.1-7.4) and how a run compares with them."""
 
 import math
 from dataclasses import dataclass, fields
@@ -52,7 +52,7 @@ class TurnMetrics:
 
 
 @dataclass(frozen=True)
-class PublishedFigures:
+class PublishedValues:
     """One published row.
 
     Attributes:
@@ -104,7 +104,7 @@ class Comparison:
         return self.difference / self.published
 
 
-def published_figures() -> tuple[PublishedFigures, ...]:
+def published_values() -> tuple[PublishedValues, ...]:
     """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
     return tuple(_figures(row) for row in published_rows("manoeuvre_metrics"))
 
@@ -136,7 +136,7 @@ def tyre_damping() -> tuple[float, float]:
     return named["Front tyres"], named["Back tyres"]
 
 
-def compare_figures(
+def compare_values(
     ours: TurnMetrics,
     configuration: Literal["tailless", "tailed"],
     platform: Platform = "simulated",
@@ -151,7 +151,7 @@ def compare_figures(
     Raises:
         LogError: nothing is published for that platform and configuration.
     """
-    rows = [row for row in published_figures() if (row.platform, row.configuration) == (platform, configuration)]
+    rows = [row for row in published_values() if (row.platform, row.configuration) == (platform, configuration)]
     if not rows:
         raise LogError(f"no published figures for {platform!r}, {configuration!r}")
     row, sample_time = rows[0], SAMPLE_TIMES[platform]
@@ -168,10 +168,10 @@ def metric_column(metric: str, platform: str) -> str:
     return FILTERED + metric if platform == "physical" else metric
 
 
-def _figures(row: dict[str, str]) -> PublishedFigures:
+def _figures(row: dict[str, str]) -> PublishedValues:
     printed = float(row[_ROLL_SUM])
     direct = {field.name: float(row[field.name]) for field in fields(TurnMetrics) if field.name in row}
-    return PublishedFigures(
+    return PublishedValues(
         platform=row["platform"],  # type: ignore[arg-type]  # the file holds these two
         configuration=row["configuration"],
         metrics=TurnMetrics(**direct, roll_integral_rad=printed * SAMPLE_TIMES[row["platform"]]),
