@@ -1,6 +1,6 @@
-"""Draws `signs.png`, the sign picture of README.md, with forces that the laws themselves return.
+"""Draws the sign picture of `workbench/aero/README.md` with forces that the laws themselves return.
 
-`python -m aerodima.workbench.aero.sign_picture` writes it again.
+`python docs/sign_picture.py` writes it again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import SectionLayout
 
-PICTURE = Path(__file__).with_name("signs.png")
+PICTURE = Path(__file__).resolve().parent.parent / "workbench" / "aero" / "signs.png"
 _TAIL: dict[str, Any] = {"color": "0.25", "linewidth": 6.0, "solid_capstyle": "round"}
 
 
