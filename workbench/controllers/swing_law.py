@@ -18,7 +18,7 @@ waits on the left (-90 degrees) and swings with positive roll rate. A right turn
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
@@ -149,12 +149,12 @@ class SwingMachine(ABC, Generic[Memory]):
 
     def start(self) -> np.ndarray:
         """Memory (memory_size,) before the first tick."""
-        return np.array(astuple(self.memory_type()))
+        return _as_array(self.memory_type())
 
     def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """One tick: new memory (memory_size,), pitch command (5), roll command (5), number of the state."""
         after, pitch_command, roll_command = self.tick(self.memory_type(*memory.tolist()), observation)
-        return np.array(astuple(after)), pitch_command, roll_command, int(after.state)
+        return _as_array(after), pitch_command, roll_command, int(after.state)
 
     def tick(self, memory: Memory, observation: Observation) -> Tick[Memory]:
         """One tick of the law.
@@ -239,6 +239,10 @@ class SwingMachine(ABC, Generic[Memory]):
     @abstractmethod
     def _commands(self, memory: Memory, observation: Observation, time: float) -> Tick[Memory]:
         """What the tail is to do in any state but OFF."""
+
+
+def _as_array(memory: SwingMemory) -> np.ndarray:
+    return np.array(list(vars(memory).values()))  # in the order of the fields; `astuple` copies deeply
 
 
 def enter(state: SwingState, memory: Memory, time: float) -> Memory:

@@ -1,62 +1,35 @@
-"""Motion of the chassis alone, for sensors that would otherwise ask the plant for that of every body."""
+"""Motion of the chassis alone as one vector, for sensors that would otherwise ask the plant for that of every body.
 
-from typing import Any
+The plant's own lists cost about 25 us each to read, since every body becomes a Python object.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
-from pydrake.systems.framework import Context, LeafSystem
 
 from aerodima.workbench.aero.sail_motion import rotation_rows
-from aerodima.workbench.systems.autodiff_system import declare_abstract_output
+from aerodima.workbench.config.array_types import FloatArray
+
+CHASSIS_MOTION_SIZE = 20
+"""Quaternion w, x, y, z; position, m; angular velocity, rad/s, and velocity, m/s, in W; angular velocity and velocity
+before the plant's last step; 0 before the first step of a run, when there is no acceleration yet, then 1."""
 
 
-class ChassisMotion(LeafSystem):
-    """Pose, velocity and acceleration of the chassis, on ports of the plant's names with lists of one.
+class ChassisMotion(NamedTuple):
+    """Of a body: R_WB (3, 3); in W angular velocity (3), rad/s, its change (3), rad/s2, and acceleration (3), m/s2."""
 
-    The plant's own lists cost about 25 us each to read, since every body becomes a Python object.
+    R_WB: FloatArray
+    w_WB: FloatArray
+    alpha_WB: FloatArray
+    a_WB: FloatArray
 
-    Input ports:
-        chassis (13): quaternion, position m, angular velocity rad/s, velocity m/s, in W.
-        before (6): angular velocity and velocity before the plant's last step.
-        stepped (1): 0 before the first step of a run: then there is no acceleration yet.
-    Output ports:
-        body_poses, body_spatial_velocities: as the plant's.
-        body_spatial_accelerations: of the last step.
 
-    Args:
-        step: of the plant, s.
-    """
+def chassis_motion(values: Any, step: float) -> ChassisMotion:
+    """What a vector of `CHASSIS_MOTION_SIZE` says, for a plant of this step, s."""
+    change = values[19] * (values[7:13] - values[13:19]) / step
+    return ChassisMotion(np.array(rotation_rows(values[:4].tolist())), values[7:10], change[:3], change[3:])
 
-    def __init__(self, step: float) -> None:
-        super().__init__()
-        self.set_name("chassis_motion")
-        self._step = step
-        sizes = {"chassis": 13, "before": 6, "stepped": 1}
-        self._chassis, self._before, self._stepped = (
-            self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
-        )
-        inputs = {self.all_input_ports_ticket()}
-        for name, make, calc in (
-            ("body_poses", Value[list[RigidTransform]], self._calc_pose),
-            ("body_spatial_velocities", Value[list[SpatialVelocity]], self._calc_velocity),
-            ("body_spatial_accelerations", Value[list[SpatialAcceleration]], self._calc_acceleration),
-        ):
-            declare_abstract_output(self, name, make, calc, inputs)
 
-    def _calc_pose(self, context: Context, output: Any) -> None:
-        chassis: Any = self._chassis.Eval(context)
-        R_WB = RotationMatrix(np.array(rotation_rows(chassis[:4].tolist())))
-        output.set_value([RigidTransform(R_WB, chassis[4:7])])
-
-    def _calc_velocity(self, context: Context, output: Any) -> None:
-        chassis: Any = self._chassis.Eval(context)
-        output.set_value([SpatialVelocity(chassis[7:10], chassis[10:])])
-
-    def _calc_acceleration(self, context: Context, output: Any) -> None:
-        chassis: Any = self._chassis.Eval(context)
-        before: Any = self._before.Eval(context)
-        stepped: Any = self._stepped.Eval(context)
-        change = stepped[0] * (chassis[7:] - before) / self._step
-        output.set_value([SpatialAcceleration(change[:3], change[3:])])
+def horizontal_velocity(values: Any) -> tuple[float, float]:
+    """Along x and y of W, m/s."""
+    return values[10], values[11]

@@ -8,8 +8,9 @@ from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
+from aerodima.workbench.sensors.chassis_motion import CHASSIS_MOTION_SIZE, horizontal_velocity
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
 
@@ -22,13 +23,14 @@ class GpsSpeed(SampledSensor):
 
     Input ports:
         body_spatial_velocities: list[SpatialVelocity], W axes, from the plant.
+        chassis_motion (20): in its place where `body_index` is None, see `chassis_motion`.
     Output ports:
         speed (1): m/s.
         sample_time (1), age (1): s, see `SampledSensor`.
 
     Args:
         settings: `scenario.gps`: rate Hz, delay s, noise m/s (standard deviation).
-        body_index: of the car body in the plant.
+        body_index: of the car body in the plant; None for a vector that has its motion.
         seed: of the run.
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
@@ -41,7 +43,7 @@ class GpsSpeed(SampledSensor):
         self,
         settings: Any,
         *,
-        body_index: BodyIndex | int,
+        body_index: BodyIndex | int | None,
         seed: int,
         step: float | None = None,
         discrete: bool = False,
@@ -49,8 +51,11 @@ class GpsSpeed(SampledSensor):
         super().__init__(
             name="gps", outputs={"speed": 1}, rate=settings.rate, delay=settings.delay, step=step, discrete=discrete
         )
-        self._body = int(body_index)
-        self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
+        self._body = body_index
+        if body_index is None:
+            self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
+        else:
+            self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
         self._deviation = settings.noise
         self._noise = CounterNoise(seed, "gps", 1)
 
@@ -63,28 +68,32 @@ class GpsSpeed(SampledSensor):
         plant: MultibodyPlant,
         body: RigidBody,
         seed: int,
-        motion: System | None = None,
+        motion: OutputPort | None = None,
     ) -> "GpsSpeed":
         """Adds the receiver on a body of a plant and connects it.
 
-        `motion` gives the body's motion in the plant's place, see `ChassisMotion`.
+        `motion` gives the body's motion in the plant's place, see `chassis_motion`.
         """
         gps = cls(
             settings,
-            body_index=body.index() if motion is None else 0,
+            body_index=body.index() if motion is None else None,
             seed=seed,
             step=plant.time_step() or None,
             discrete=plant.time_step() > 0.0,
         )
         builder.AddSystem(gps)
-        builder.Connect(
-            (motion or plant).GetOutputPort("body_spatial_velocities"), gps.GetInputPort("body_spatial_velocities")
-        )
+        source = motion or plant.GetOutputPort("body_spatial_velocities")
+        builder.Connect(source, gps.get_input_port())
         return gps
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (1,): speed in m/s."""
-        velocities: Any = self._velocities.Eval(context)
-        velocity = velocities[self._body].translational()
-        speed = math.hypot(velocity[0], velocity[1]) + self._deviation * self._noise.at(index)[0]
+        speed = math.hypot(*self._velocity(context)) + self._deviation * self._noise.at(index)[0]
         return np.array([max(0.0, speed)])
+
+    def _velocity(self, context: Context) -> tuple[float, float]:
+        if self._body is None:
+            return horizontal_velocity(self._motion.Eval(context))
+        velocities: Any = self._velocities.Eval(context)
+        velocity = velocities[int(self._body)].translational()
+        return velocity[0], velocity[1]

@@ -10,9 +10,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from aerodima.workbench.config.signal_table import IMU
+from aerodima.workbench.sensors.chassis_motion import CHASSIS_MOTION_SIZE, ChassisMotion, chassis_motion
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
 
@@ -38,26 +39,35 @@ class ImuRange:
 
 BNO055 = ImuRange()
 
+PLANT_PORTS = {
+    "body_poses": Value[list[RigidTransform]](),
+    "body_spatial_velocities": Value[list[SpatialVelocity]](),
+    "body_spatial_accelerations": Value[list[SpatialAcceleration]](),
+}
+"""Of a plant, with the motion of all its bodies."""
 
-def motion_at_imu(
-    X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration, p_BoImu_B: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+
+def motion_of(X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration) -> ChassisMotion:
+    """Motion of a body B from its pose, its spatial velocity and acceleration at Bo, W axes."""
+    R_WB: Any = X_WB.rotation().matrix()
+    return ChassisMotion(R_WB, V_WB.rotational(), A_WB.rotational(), A_WB.translational())
+
+
+def motion_at_imu(motion: ChassisMotion, p_BoImu_B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """True motion that an IMU fixed to body B feels.
 
     a_WImu = a_WBo + alpha x p + omega x (omega x p), all turned into B axes. The acceleration is that of the point:
     the chip reports it with gravity removed ("linear acceleration").
 
     Args:
-        X_WB: pose of the body.
-        V_WB: spatial velocity of the body at Bo, W axes.
-        A_WB: spatial acceleration of the body at Bo, W axes.
+        motion: of the body.
         p_BoImu_B: position (3) of the IMU, m.
 
     Returns:
         Roll-pitch-yaw (3) of B in W, rad, yaw in (-pi, pi]; angular velocity (3), rad/s, and acceleration (3), m/s2,
         both in B axes.
     """
-    R_WB: Any = X_WB.rotation().matrix()
+    R_WB = motion.R_WB
     roll_pitch_yaw = np.array(
         [
             math.atan2(R_WB[2, 1], R_WB[2, 2]),
@@ -66,8 +76,8 @@ def motion_at_imu(
         ]
     )
     R_BW = R_WB.T
-    omega = R_BW @ V_WB.rotational()
-    alpha = R_BW @ A_WB.rotational()
+    omega = R_BW @ motion.w_WB
+    alpha = R_BW @ motion.alpha_WB
     wx, wy, wz = omega.tolist()
     ax, ay, az = alpha.tolist()
     px, py, pz = p_BoImu_B.tolist()
@@ -80,7 +90,7 @@ def motion_at_imu(
             ax * py - ay * px + wz * along - square * pz,
         ]
     )
-    return roll_pitch_yaw, omega, R_BW @ A_WB.translational() + relative
+    return roll_pitch_yaw, omega, R_BW @ motion.a_WB + relative
 
 
 class Imu(SampledSensor):
@@ -94,6 +104,7 @@ class Imu(SampledSensor):
         body_poses: list[RigidTransform], from the plant.
         body_spatial_velocities: list[SpatialVelocity], from the plant.
         body_spatial_accelerations: list[SpatialAcceleration], from the plant.
+        chassis_motion (20): in place of these three where `body_index` is None, see `chassis_motion`.
     Output ports:
         imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes (`signal_table.IMU`).
         sample_time (1), age (1): s, see `SampledSensor`.
@@ -101,7 +112,7 @@ class Imu(SampledSensor):
     Args:
         settings: `scenario.imu`: rate Hz, delay s; standard deviations gyro_noise rad/s, gyro_bias rad/s,
             accelerometer_noise m/s2, attitude_noise rad.
-        body_index: of the car body in the plant.
+        body_index: of the car body in the plant; None for a vector that has its motion.
         p_BoImu_B: position (3) of the IMU in the body, m.
         seed: of the run.
         step: of the plant, s.
@@ -117,7 +128,7 @@ class Imu(SampledSensor):
         self,
         settings: Any,
         *,
-        body_index: BodyIndex | int,
+        body_index: BodyIndex | int | None,
         p_BoImu_B: np.ndarray,
         seed: int,
         step: float | None = None,
@@ -133,15 +144,16 @@ class Imu(SampledSensor):
             step=step,
             discrete=discrete,
         )
-        self._body = int(body_index)
+        self._body, self._step = body_index, step
         self._p_BoImu_B = np.array(p_BoImu_B, dtype=float)
         self._gravity = gravity
         self._limit = np.repeat([math.inf, limits.gyro, limits.specific_force], 3)
-        self._poses = self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
-        self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
-        self._accelerations = self.DeclareAbstractInputPort(
-            "body_spatial_accelerations", Value[list[SpatialAcceleration]]()
-        )
+        if body_index is None:
+            self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
+        else:
+            self._poses, self._velocities, self._accelerations = (
+                self.DeclareAbstractInputPort(name, value) for name, value in PLANT_PORTS.items()
+            )
         self._noise = CounterNoise(seed, "imu", IMU.size)
         self._deviation = np.repeat([settings.attitude_noise, settings.gyro_noise, settings.accelerometer_noise], 3)
         self._bias = self._noise.constant() * np.repeat([0.0, settings.gyro_bias, 0.0], 3)
@@ -157,15 +169,15 @@ class Imu(SampledSensor):
         body: RigidBody,
         p_BoImu_B: np.ndarray,
         seed: int,
-        motion: System | None = None,
+        motion: OutputPort | None = None,
     ) -> "Imu":
         """Adds the IMU on a body of a plant and connects it; step and gravity are the plant's.
 
-        `motion` gives the body's motion in the plant's place, see `ChassisMotion`.
+        `motion` gives the body's motion in the plant's place, see `chassis_motion`.
         """
         imu = cls(
             settings,
-            body_index=body.index() if motion is None else 0,
+            body_index=body.index() if motion is None else None,
             p_BoImu_B=p_BoImu_B,
             seed=seed,
             step=plant.time_step() or None,
@@ -173,23 +185,30 @@ class Imu(SampledSensor):
             gravity=-float(plant.gravity_field().gravity_vector()[2]),
         )
         builder.AddSystem(imu)
-        for port in ("body_poses", "body_spatial_velocities", "body_spatial_accelerations"):
-            builder.Connect((motion or plant).GetOutputPort(port), imu.GetInputPort(port))
+        sources = (
+            {name: plant.GetOutputPort(name) for name in PLANT_PORTS} if motion is None else {"chassis_motion": motion}
+        )
+        for name, source in sources.items():
+            builder.Connect(source, imu.GetInputPort(name))
         return imu
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (9,) of the body's motion."""
-        poses: Any = self._poses.Eval(context)
-        velocities: Any = self._velocities.Eval(context)
-        accelerations: Any = self._accelerations.Eval(context)
-        X_WB = poses[self._body]
-        roll_pitch_yaw, omega, acceleration = motion_at_imu(
-            X_WB, velocities[self._body], accelerations[self._body], self._p_BoImu_B
-        )
+        motion = self._body_motion(context)
+        roll_pitch_yaw, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
         sample = np.concatenate((roll_pitch_yaw, omega, acceleration))
         sample += self._bias + self._deviation * self._noise.at(index)
-        reaction = self._gravity * X_WB.rotation().matrix()[2]
+        reaction = self._gravity * motion.R_WB[2]
         sample[6:] += reaction
         sample = np.minimum(np.maximum(sample, -self._limit), self._limit)
         sample[6:] -= reaction
         return np.rint(sample * self._counts) / self._counts
+
+    def _body_motion(self, context: Context) -> ChassisMotion:
+        if self._body is None:
+            return chassis_motion(self._motion.Eval(context), self._step or math.nan)
+        index = int(self._body)
+        poses: Any = self._poses.Eval(context)
+        velocities: Any = self._velocities.Eval(context)
+        accelerations: Any = self._accelerations.Eval(context)
+        return motion_of(poses[index], velocities[index], accelerations[index])

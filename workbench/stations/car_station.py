@@ -158,7 +158,7 @@ class _Driven:
     drive: System | None = None
     torque: OutputPort | None = None
     force: SailForce | None = None
-    chassis_motion: System | None = None
+    chassis_motion: OutputPort | None = None
 
 
 def _drive_separately(
@@ -183,8 +183,7 @@ def _drive_at_once(
     port = None if wind is None else wind.GetOutputPort("wind_velocity")
     fused = add_fused_step(builder, scenario, car, servo.GetOutputPort("frame"), port)
     builder.ExportInput(fused.step.GetInputPort("throttle"), "throttle")
-    motion = add_chassis_motion(builder, fused, scenario.simulation.step)
-    driven = _Driven({}, chassis_motion=motion)
+    driven = _Driven({}, chassis_motion=add_chassis_motion(builder, fused))
     if car.tail is not None:
         for name in _TAIL_COMMANDS:
             builder.ExportInput(fused.step.GetInputPort(name), name)

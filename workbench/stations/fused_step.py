@@ -22,7 +22,6 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.car_model import axle_statics
-from aerodima.workbench.sensors.chassis_motion import ChassisMotion
 from aerodima.workbench.stations.car_air import sail_strips
 from aerodima.workbench.systems.connections import constant, select, stacked, transformed
 
@@ -173,17 +172,12 @@ def add_fused_step(
     return FusedPorts(step, motion, last.get_output_port())
 
 
-def add_chassis_motion(builder: DiagramBuilder, ports: FusedPorts, step: float) -> ChassisMotion:
-    """Adds the motion of the chassis, for its sensors."""
-    system = ChassisMotion(step)
-    builder.AddSystem(system)
-    for name, port, numbers in (
-        ("chassis", ports.motion, range(*CHASSIS.indices(MOTION_SIZE))),
-        ("before", ports.last, [1 + index for index in range(*VELOCITY.indices(MOTION_SIZE))]),
-        ("stepped", ports.last, [0]),
-    ):
-        builder.Connect(select(builder, f"{name}_of_chassis", port, numbers), system.GetInputPort(name))
-    return system
+def add_chassis_motion(builder: DiagramBuilder, ports: FusedPorts) -> OutputPort:
+    """Motion of the chassis for its sensors, see `chassis_motion`."""
+    before = [1 + index for index in range(*VELOCITY.indices(MOTION_SIZE))]
+    now = select(builder, "chassis", ports.motion, range(*CHASSIS.indices(MOTION_SIZE)))
+    last = select(builder, "chassis_before", ports.last, [*before, 0])
+    return stacked(builder, "chassis_motion", [now, last])
 
 
 def _motion_of_state(plant: MultibodyPlant) -> np.ndarray:

@@ -14,7 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, PortFields, names_of
 from aerodima.workbench.plants.car import CarPlant
-from aerodima.workbench.sensors.imu import motion_at_imu
+from aerodima.workbench.sensors.imu import motion_at_imu, motion_of
 
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
@@ -85,7 +85,7 @@ class CarTruth(LeafSystem):
         accelerations: Any = self._acceleration_port.Eval(context)
         A_WB = accelerations[int(self._chassis)]
         R_WB = X_WB.rotation().matrix()
-        angles, gyro, acceleration = motion_at_imu(X_WB, V_WB, A_WB, self._p_BoImu_B)
+        angles, gyro, acceleration = motion_at_imu(motion_of(X_WB, V_WB, A_WB), self._p_BoImu_B)
         com = self._plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances)
         tilt = math.acos(min(max(R_WB[2, 2], -1.0), 1.0))
         output.SetFromVector(

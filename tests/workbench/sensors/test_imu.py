@@ -15,6 +15,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.sensors.chassis_motion import ChassisMotion
 from aerodima.workbench.sensors.imu import BNO055, Imu, motion_at_imu
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}
@@ -117,12 +118,15 @@ def test_motion_at_the_imu_is_the_second_derivative_of_its_path():
         return np.array(axis.axis()) * axis.angle() / (2 * h), velocity
 
     t, h = 0.7, 1e-3
-    omega, velocity = twist(t)
+    omega, _ = twist(t)
     (omega_after, velocity_after), (omega_before, velocity_before) = twist(t + h), twist(t - h)
     roll_pitch_yaw, gyro, acceleration = motion_at_imu(
-        X_WB(t),
-        SpatialVelocity(omega, velocity),
-        SpatialAcceleration((omega_after - omega_before) / (2 * h), (velocity_after - velocity_before) / (2 * h)),
+        ChassisMotion(
+            X_WB(t).rotation().matrix(),
+            omega,
+            (omega_after - omega_before) / (2 * h),
+            (velocity_after - velocity_before) / (2 * h),
+        ),
         p_BoImu_B,
     )
     path = [X_WB(t + k * h) @ p_BoImu_B for k in (-1, 0, 1)]
