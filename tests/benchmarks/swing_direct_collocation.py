@@ -2,7 +2,7 @@
 
 DirectCollocation knows neither parameters nor dynamics that change with time (it ignores the latter without a word), so
 time and friction are states here, with the derivatives 1 and 0. The limits of the torque and of the tail's height are
-left out: it has no place for an output that is bounded. The rest is the problem of `transcription.Problem`.
+left out: it has no place for an output that is bounded. The rest is the problem of `swing_problem.SwingProblem`.
 """
 
 from __future__ import annotations

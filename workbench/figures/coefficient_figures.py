@@ -134,7 +134,7 @@ def _plot_curves(axes: Axes, coefficients: PolarTable, name: str) -> None:
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top + 0.35 * (top - bottom))  # room for the legend above what is drawn
     axes.legend(fontsize=7, ncols=3, loc="upper center")
-    axes.set_title("table: edge value held outside the measured range; band: percentiles 10 to 90", fontsize=8)
+    axes.set_title("edge value held outside; band: percentiles 10 to 90", fontsize=8)
 
 
 def _plot_surface(
@@ -150,4 +150,4 @@ def _plot_surface(
         axes.plot(nodes.speed_m_per_s, np.degrees(nodes.angle_rad), "wo", markeredgecolor="k", clip_on=False)
     p, q = surface.degree
     axes.set(xlabel="relative speed [m/s]", ylabel=r"$|\gamma|$ [deg]")
-    axes.set_title(f"polynomial surface of degree {p} x {q} through the measured nodes", fontsize=8)
+    axes.set_title(f"polynomial of degree {p} x {q} through the nodes", fontsize=8)

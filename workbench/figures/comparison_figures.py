@@ -83,7 +83,7 @@ def plot_metrics(summaries: Sequence[RunSummary], platform: Platform = "simulate
 
     Args:
         summaries: runs; flipped ones are crosses.
-        platform: whose rows, and whose signals (`published_figures.SIGNALS`) the metrics of the runs are from.
+        platform: whose rows, and whose signals (`published_values.SIGNALS`) the metrics of the runs are from.
     """
     rows = [row for row in published_values() if row.platform == platform]
     modes = modes_of(summaries)

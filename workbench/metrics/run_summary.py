@@ -125,7 +125,7 @@ def published_for(summary: RunSummary) -> dict[Platform, PublishedValues]:
 def summary_row(summary: RunSummary) -> dict[str, Any]:
     """One flat row: the run, its metrics, and where they exist the published figures and the differences to them.
 
-    A difference is the metric, from the signals of that platform (`published_figures.SIGNALS`), less the published
+    A difference is the metric, from the signals of that platform (`published_values.SIGNALS`), less the published
     figure. Units are at the end of the names.
     """
     metrics = summary.metrics

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ def refusal(overrides: dict) -> str:
     return str(caught.value)
 
 
-def file_refusal(path: Path, content: str | bytes, settings: list[str] | None = None) -> str:
+def file_refusal(path: Path, content: str | bytes, settings: Sequence[str] = ()) -> str:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(ScenarioError) as caught:
         load_scenario(path, settings)
