@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.workbench.batch import check_workers, run_batch
+from aerodima.workbench.batch import check_workers, dask_cluster, run_batch
 from aerodima.workbench.errors import UserError
 
 
@@ -89,6 +89,15 @@ def test_workers_have_one_blas_thread_and_the_caller_keeps_its_own(monkeypatch: 
     assert seen == ["1", "1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "MKL_NUM_THREADS" not in os.environ
+
+
+def test_workers_preload_a_fast_allocator_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("LD_PRELOAD", raising=False)
+    monkeypatch.setattr(dask_cluster, "find_library", {"jemalloc": "libm.so.6"}.get)
+    assert run_batch(os.getenv, ["LD_PRELOAD"] * 2, 2) == ["libm.so.6"] * 2
+    assert "LD_PRELOAD" not in os.environ
+    monkeypatch.setattr(dask_cluster, "find_library", lambda name: None)
+    assert run_batch(os.getenv, ["LD_PRELOAD"] * 2, 2) == [None] * 2
 
 
 @pytest.mark.parametrize("workers", [0, -1, 65])
