@@ -63,7 +63,7 @@ def swing(
         ),
     ] = 0,
     feedback: Annotated[bool, typer.Option(help="Store gains for the tracker with the swing.")] = True,
-    workers: Annotated[int, typer.Option(help="Worker processes of the refinement.", min=1)] = 2,
+    workers: Workers = 2,
     wall_time: Annotated[float, typer.Option(help="Limit of the collocation, s.", min=1.0)] = 600.0,
     warm_start: Annotated[
         str | None, typer.Option(help="Swing to begin with: a file, or the name of one that ships.")
@@ -110,7 +110,7 @@ def swing(
     )  # fmt: skip
     turn = load_scenario(scenario, settings or ())
     record = out.with_suffix(".workers.jsonl")
-    with open_run_engine(workers, record=record) if refine else nullcontext(SerialRunEngine()) as engine:
+    with open_run_engine(workers, record=record) if refine or workers > 1 else nullcontext(SerialRunEngine()) as engine:
         found = optimise_swing(
             turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
             warm_start=None if warm_start is None else find_swing(warm_start),

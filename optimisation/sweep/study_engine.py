@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -159,6 +160,16 @@ class RunEngine(Protocol):
 
     def call(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """`function` (of a module) of each item; raises what it raises, and UserError when it kills its worker."""
+
+
+def in_waves(engine: RunEngine, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """`RunEngine.call`, as many items at a time as the engine has workers: who stops asking stops the work.
+
+    So what is found does not depend on the number of workers, only how much is done in vain.
+    """
+    waiting = iter(items)
+    while wave := list(islice(waiting, engine.workers)):
+        yield from engine.call(function, wave)
 
 
 class BatchRunEngine:

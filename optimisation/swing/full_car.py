@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Start, Threshold, search_rows
+from aerodima.optimisation.sweep.study_engine import RunEngine, in_waves
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import TurnProfile, turn_profile
 from aerodima.workbench.config.scenario import Scenario, default_values
@@ -82,18 +84,41 @@ def outcome(run: RunLog) -> DriveOutcome:
     )
 
 
-def drive_all(scenarios: Sequence[Scenario], swing: SwingFile | None, friction: float) -> DriveOutcome:
-    """The worst of several cars at one friction of the first, the others in proportion; `released` is of the first."""
-    found = [
-        outcome(drive(car, swing, here)) for car, here in zip(scenarios, frictions(scenarios, friction), strict=True)
-    ]
-    return DriveOutcome(
-        clean=all(one.clean for one in found),
-        survived=all(one.survived for one in found),
-        peak_roll=max(one.peak_roll for one in found),
-        heading=min(one.heading for one in found),
-        released=found[0].released,
+Ride = tuple[Scenario, SwingFile | None, float]
+"""Car and turn, swing and friction, as for `drive`."""
+
+
+def outcome_of(ride: Ride) -> DriveOutcome:
+    """For an engine."""
+    return outcome(drive(*ride))
+
+
+def drive_all(
+    cars: Sequence[Scenario], swing: SwingFile | None, places: Sequence[tuple[float, float]], engine: RunEngine
+) -> Iterator[DriveOutcome]:
+    """The worst of several cars at one (friction, speed) after another, driven in waves: who stops asking stops them.
+
+    Args:
+        cars: scenarios of the same turn.
+        swing: as `drive`.
+        places: frictions of the first car, those of the others are in proportion; speeds in m/s.
+        engine: where the cars are driven.
+    """
+    rides = (
+        (varied(car, manoeuvre={"speed": speed}), swing, here)
+        for friction, speed in places
+        for car, here in zip(cars, frictions(cars, friction), strict=True)
     )
+    driven = in_waves(engine, outcome_of, rides)
+    for _ in places:
+        found = list(islice(driven, len(cars)))
+        yield DriveOutcome(
+            clean=all(one.clean for one in found),
+            survived=all(one.survived for one in found),
+            peak_roll=max(one.peak_roll for one in found),
+            heading=min(one.heading for one in found),
+            released=found[0].released,
+        )
 
 
 def frictions(scenarios: Sequence[Scenario], friction: float) -> list[float]:
@@ -105,10 +130,12 @@ def frictions(scenarios: Sequence[Scenario], friction: float) -> list[float]:
     return [friction * scenario.car.tyre_friction / own for scenario in scenarios]
 
 
-def profile_of(run: RunLog, scenario: Scenario, friction: float, fallback_release: float) -> TurnProfile:
-    """Profile of a run with all signals, from the release of its swing on; without one from `fallback_release` (s)."""
+def profile_of(ride: Ride) -> TurnProfile:
+    """Profile of a run from the release of its swing on, without one from the start of the turn; for an engine."""
+    scenario, _, friction = ride
+    run = drive(*ride, all_signals=True)
     released = summarise(run, "").trigger_time
-    release = fallback_release if released is None else released
+    release = scenario.manoeuvre.turn_start if released is None else released
     return turn_profile(run, ReducedCar.of(scenario), release, friction)
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from aerodima.optimisation.swing.full_car import DriveOutcome, drive, drive_all, outcome, varied
+from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.optimisation.swing.full_car import drive, drive_all, outcome, varied
 from aerodima.optimisation.swing.reduced_car import ReducedCar, lift_roll
 from aerodima.optimisation.swing.solver import SolverName
 from aerodima.optimisation.swing.swing_problem import Objective
@@ -102,7 +103,11 @@ class SwingSearch:
 
 
 def begin(
-    cars: tuple[Scenario, ...], options: SearchOptions, warm: SwingFile | None, progress: ProgressLine
+    cars: tuple[Scenario, ...],
+    options: SearchOptions,
+    warm: SwingFile | None,
+    engine: RunEngine,
+    progress: ProgressLine,
 ) -> SwingSearch:
     """Where the search begins: the highest friction or speed not above the scenario's that all cars survive.
 
@@ -110,6 +115,7 @@ def begin(
         cars: scenarios of the same turn, that of the nominal car first.
         options: of the search.
         warm: swing to begin with.
+        engine: where the cars are driven.
         progress: takes lines of text.
 
     Raises:
@@ -127,29 +133,20 @@ def begin(
                 f"this turn needs no swing: with the tail held the car rolls {held.peak_roll:.3f} rad, its inner "
                 f"wheels lift at {lift_roll(car):.3f} rad"
             )
-    friction, speed = scenario.car.tyre_friction, scenario.manoeuvre.speed
-    for _ in range(MOST_LOWER):
-        trial = run(cars, warm, friction, speed)
+    places = [(scenario.car.tyre_friction, scenario.manoeuvre.speed)]
+    lower = {"friction": (LOWER, 1.0), "speed": (1.0, LOWER)}.get(options.objective)
+    while lower and len(places) < MOST_LOWER:
+        places.append((places[-1][0] * lower[0], places[-1][1] * lower[1]))
+    for (friction, speed), trial in zip(places, drive_all(cars, warm, places, engine), strict=True):
         if trial.survived:
             _refuse_late_release(scenario, options, trial.released, friction, speed)
             progress(f"begin at {speed:.2f} m/s, friction {friction:.3f}: peak roll {trial.peak_roll:.3f} rad")
             return SwingSearch(friction, speed, warm)
-        if options.objective == "speed":
-            speed *= LOWER
-        elif options.objective == "friction":
-            friction *= LOWER
-        else:
-            break
-    lowest = f"{speed:.2f} m/s" if options.objective == "speed" else f"friction {friction:.3f}"
+    lowest = f"{places[-1][1]:.2f} m/s" if options.objective == "speed" else f"friction {places[-1][0]:.3f}"
     raise SwingError(
         f"nothing survives this turn at {scenario.manoeuvre.speed:g} m/s, looked down to {lowest}; "
         "allowed: a slower turn"
     )
-
-
-def run(cars: tuple[Scenario, ...], swing: SwingFile | None, friction: float, speed: float) -> DriveOutcome:
-    """The worst of all cars at a friction and a speed (m/s)."""
-    return drive_all([varied(car, manoeuvre={"speed": speed}) for car in cars], swing, friction)
 
 
 def _refuse_late_release(

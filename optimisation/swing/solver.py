@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -11,6 +11,7 @@ import numpy as np
 from pydrake.autodiffutils import ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver, SolverOptions
 
+from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine, in_waves
 from aerodima.optimisation.swing.swing_problem import SwingProblem, random_start
 from aerodima.optimisation.swing.transcription import Block, Rows, bounds, constraints, cost
 from aerodima.workbench.config.array_types import FloatArray
@@ -153,6 +154,7 @@ def multi_start(
     solver: SolverName = "snopt",
     iterations: int = _ITERATIONS,
     wall_time: float = 60.0,
+    engine: RunEngine | None = None,
     done: Callable[[int, SwingSolution], None] | None = None,
 ) -> list[SwingSolution]:
     """Solutions from `starts` random starts of a seed, in their order; fewer when the wall time is over.
@@ -160,16 +162,26 @@ def multi_start(
     Start k depends on seed and k alone, so more starts begin with the same ones.
     """
     deadline = time.perf_counter() + wall_time
+
+    def begun() -> Iterator[tuple[SwingProblem, FloatArray, SolverName, int, float]]:
+        for number in range(starts):
+            left = deadline - time.perf_counter()
+            if left <= 0.0 and number:
+                return
+            start = random_start(problem, np.random.default_rng([seed, number]))
+            yield problem, start, solver, iterations, max(left, 0.0)
+
     solutions: list[SwingSolution] = []
-    for number in range(starts):
-        left = deadline - time.perf_counter()
-        if left <= 0.0 and solutions:
-            break
-        start = random_start(problem, np.random.default_rng([seed, number]))
-        solutions.append(solve(problem, start, solver=solver, iterations=iterations, wall_time=max(left, 0.0)))
+    for solution in in_waves(engine or SerialRunEngine(), _solved, begun()):
+        solutions.append(solution)
         if done is not None:
-            done(number, solutions[-1])
+            done(len(solutions) - 1, solution)
     return solutions
+
+
+def _solved(start: tuple[SwingProblem, FloatArray, SolverName, int, float]) -> SwingSolution:
+    problem, x, solver, iterations, wall_time = start
+    return solve(problem, x, solver=solver, iterations=iterations, wall_time=wall_time)
 
 
 def best_of(solutions: list[SwingSolution]) -> SwingSolution:

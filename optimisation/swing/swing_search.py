@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
-from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine
 from aerodima.optimisation.swing.feedback_gains import with_feedback
-from aerodima.optimisation.swing.full_car import drive, frictions, profile_of, varied
+from aerodima.optimisation.swing.full_car import drive_all, frictions, profile_of, varied
 from aerodima.optimisation.swing.full_model_refinement import refined
 from aerodima.optimisation.swing.mesh_refinement import refine
 from aerodima.optimisation.swing.reduced_car import ReducedCar
@@ -30,7 +30,6 @@ from aerodima.optimisation.swing.search_state import (
     keep,
     open_search,
     resumed,
-    run,
 )
 from aerodima.optimisation.swing.solver import SwingSolution, best_of, multi_start
 from aerodima.optimisation.swing.swing_construction import constant_rate_swing, swing_file
@@ -72,7 +71,7 @@ def optimise_swing(
         warm_start: a swing to begin with instead of the scenario's controller.
         checkpoint: file that keeps the search between rounds; a search found there goes on. The candidates of a
             refinement are kept beside it.
-        engine: where a refinement drives its cars.
+        engine: where cars are driven and programmes solved; None is this process.
         progress: takes lines of text.
 
     Raises:
@@ -80,7 +79,8 @@ def optimise_swing(
             no swing (names the violated constraints), the solver is missing, a warm start for another car.
         EnsembleError: the ensemble of `options.members` cannot be read.
     """
-    work = _Work.of(scenario, options, name, scenario_name, settings, progress)
+    engine = engine or SerialRunEngine()
+    work = _Work.of(scenario, options, name, scenario_name, settings, engine, progress)
     checkpoint = None if checkpoint is None else Path(checkpoint)
     if not options.rounds and not options.polish and warm_start is None:
         raise SwingError("--rounds: 0; allowed: from 1 on, or 0 with --refine")
@@ -89,7 +89,7 @@ def optimise_swing(
             name, work.cars[0], length=options.length, knots=options.knots, provenance={"source": SOURCE}
         )
     with open_search(checkpoint, work.cars[0], options) as store:
-        search = resumed(store) or begin(work.cars, options, warm_start, progress)
+        search = resumed(store) or begin(work.cars, options, warm_start, engine, progress)
         while not search.finished and search.rounds < options.rounds and work.left() > 0.0:
             work.round(search)
             keep(store, search)
@@ -124,6 +124,7 @@ class _Work:
     name: str
     origin: dict[str, Any]
     deadline: float
+    engine: RunEngine
     progress: ProgressLine
 
     @classmethod
@@ -134,6 +135,7 @@ class _Work:
         name: str,
         scenario_name: str,
         settings: tuple[str, ...],
+        engine: RunEngine,
         progress: ProgressLine,
     ) -> _Work:
         """As `optimise_swing`."""
@@ -153,7 +155,7 @@ class _Work:
             "seed": options.seed,
         }
         origin["options"] = options.stored()
-        return cls(cars, options, limits, name, origin, time.perf_counter() + options.wall_time, progress)
+        return cls(cars, options, limits, name, origin, time.perf_counter() + options.wall_time, engine, progress)
 
     def left(self) -> float:
         """Time until the deadline, s."""
@@ -171,7 +173,8 @@ class _Work:
         options, progress, problem = self.options, self.progress, self._problem(search)
         solutions = multi_start(
             problem, options.seed, options.starts, solver=options.solver, iterations=options.iterations,
-            wall_time=max(self.left(), 0.0), done=lambda k, s: progress(f"  start {k + 1}: {_words(s)}"),
+            wall_time=max(self.left(), 0.0), engine=self.engine,
+            done=lambda k, s: progress(f"  start {k + 1}: {_words(s)}"),
         )  # fmt: skip
         best = best_of(solutions)
         if best.violations:
@@ -201,12 +204,11 @@ class _Work:
 
     def _problem(self, search: SwingSearch) -> SwingProblem:
         """The programme around the runs of all cars with the present swing."""
-        options, controller, members = self.options, self.cars[0].controller, []
-        for car, friction in zip(self.cars, frictions(self.cars, search.friction), strict=True):
-            here = varied(car, manoeuvre={"speed": search.speed})
-            run = drive(here, search.swing, friction, all_signals=True)
-            profile = profile_of(run, here, friction, here.manoeuvre.turn_start)
-            members.append(ReducedMember(ReducedCar.of(here), profile))
+        options, controller = self.options, self.cars[0].controller
+        here = [varied(car, manoeuvre={"speed": search.speed}) for car in self.cars]
+        rides = [(car, search.swing, grip) for car, grip in zip(here, frictions(here, search.friction), strict=True)]
+        profiles = self.engine.call(profile_of, rides)
+        members = [ReducedMember(ReducedCar.of(car), one) for car, one in zip(here, profiles, strict=True)]
         centre = {"friction": 1.0, "speed": members[0].profile.speed}.get(options.objective)
         return SwingProblem(
             tuple(members),
@@ -223,10 +225,15 @@ class _Work:
         """Drives the full cars with the swing at higher and higher friction (or speed) up to the trust region."""
         objective, reached = self.options.objective, None
         shares = (0.0, 0.25, 0.5, 0.75, 1.0) if objective in ("friction", "speed") else (0.0,)
-        for step in (1.0 + self.options.trust * share for share in shares):
-            friction = search.friction * (step if objective == "friction" else 1.0)
-            speed = search.speed * (step if objective == "speed" else 1.0)
-            seen = run(self.cars, swing, friction, speed)
+        places = [
+            (
+                search.friction * (step if objective == "friction" else 1.0),
+                search.speed * (step if objective == "speed" else 1.0),
+            )
+            for step in (1.0 + self.options.trust * share for share in shares)
+        ]
+        driven = drive_all(self.cars, swing, places, self.engine)
+        for (friction, speed), seen in zip(places, driven, strict=True):
             end = "clean" if seen.clean else "survived" if seen.survived else "rolled over"
             self.progress(
                 f"  full car at {speed:.2f} m/s, friction {friction:.3f}: {end}, peak {seen.peak_roll:.3f} rad"

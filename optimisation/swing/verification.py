@@ -127,27 +127,36 @@ def verify_swing(
     playing = ("tail.mode=swing", f"controller.swing_file={swing_path}", f"controller.tracking={tracking}")
     own = (*settings, *fine, *playing)
     scenario = load_scenario(scenario_name, own)
-    run = simulate(scenario, stop_when_flipped=True)
+    thesis = load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS])
+    run, reference = engine.call(_logged, [scenario, thesis])
     summary = summarise(run, scenario.name)
     if summary.trigger_time is None:
         raise SwingError(f"swing {swing.name}: was never released in this turn ({scenario_name} {' '.join(settings)})")
-    thesis = load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS])
-    reference = simulate(thesis, stop_when_flipped=True)
     errors = _state_errors(swing, scenario, run, motion)
     chosen = ensemble.members if members is None else ensemble.drawn(members)
-    rows = []
-    for who, law in (("swing", playing), ("8 rad/s", REFERENCE_SETTINGS)):
-        tasks = [RunTask(m.name, scenario_name, (*m.settings, *settings, *fine, *law)) for m in chosen]
-        for member, row in zip(chosen, engine.rows(tasks), strict=True):
-            rows.append({"who": who, "member": member.name, "weight": member.weight} | row)
-    frame = make_frame(rows)
+    laws = {"swing": playing, "8 rad/s": REFERENCE_SETTINGS}
+    runs = [(who, member) for who in laws for member in chosen]
+    tasks = [RunTask(m.name, scenario_name, (*m.settings, *settings, *fine, *laws[who])) for who, m in runs]
+    frame = make_frame(
+        [
+            {"who": who, "member": member.name, "weight": member.weight} | row
+            for (who, member), row in zip(runs, engine.rows(tasks), strict=True)
+        ]
+    )
     survival = {}
-    for who in ("swing", "8 rad/s"):
+    for who in laws:
         part = frame[frame["who"] == who]
         survival[who] = float(part.loc[part["clean"].fillna(False).astype(bool), "weight"].sum() / part["weight"].sum())
-    ratio, friction = heading_ratio(scenario_name, (*settings, *fine), playing, scenario.car.tyre_friction, engine)
+    pair = [summary.metrics.as_row(), summarise(reference, thesis.name).metrics.as_row()]
+    ratio, friction = heading_ratio(
+        scenario_name, (*settings, *fine), playing, scenario.car.tyre_friction, pair, engine
+    )
     complaints = _complaints(swing, summary, errors, ratio)
     return Verification(errors, frame, ratio, friction, survival, tuple(complaints), run, summary, reference)
+
+
+def _logged(scenario: Scenario) -> RunLog:
+    return simulate(scenario, stop_when_flipped=True)
 
 
 def heading_ratio(
@@ -155,17 +164,20 @@ def heading_ratio(
     settings: Sequence[str],
     playing: Sequence[str],
     friction: float,
+    pair: Sequence[Row],
     engine: RunEngine,
-    reference: Sequence[str] = REFERENCE_SETTINGS,
 ) -> tuple[float, float]:
     """Heading change over the reference's at the highest friction that both survive clean, and that friction.
 
-    From `friction` downwards in steps; NaN twice where there is none. SwingError when a run fails.
+    From `friction`, where the rows of both are `pair`, downwards in steps; NaN twice where there is none. SwingError
+    when a run fails.
     """
 
     def run(mu: float) -> Sequence[Row]:
+        if mu == friction:
+            return pair
         here = (*settings, f"car.tyre_friction={mu:.9g}")
-        rows = engine.rows([RunTask("", scenario, (*here, *law)) for law in (playing, reference)])
+        rows = engine.rows([RunTask("", scenario, (*here, *law)) for law in (playing, REFERENCE_SETTINGS)])
         for row in rows:
             if row["error"]:
                 raise SwingError(f"{scenario} {' '.join(here)}: {row['error']}")

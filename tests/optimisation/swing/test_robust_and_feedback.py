@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import pytest
 
+from aerodima.optimisation.sweep.study_engine import SerialRunEngine
 from aerodima.optimisation.swing import full_car
 from aerodima.optimisation.swing import swing_search as optimise
 from aerodima.optimisation.swing.full_car import DriveOutcome, drive_all, varied
@@ -47,8 +49,10 @@ def test_a_swing_for_several_cars_is_as_good_as_on_the_worst_of_them(monkeypatch
 
     monkeypatch.setattr(full_car, "drive", drive)
     monkeypatch.setattr(full_car, "outcome", lambda found: found)
-    worst = drive_all(cars, None, 0.7)
-    assert driven == pytest.approx([0.7, 1.05])
+    engine = SerialRunEngine()
+    worst, other = islice(drive_all(cars, None, [(0.7, 4.5), (0.6, 4.5), (0.5, 4.5)], engine), 2)
+    assert driven == pytest.approx([0.7, 1.05, 0.6, 0.9])  # nobody asked for the third
+    assert other.clean
     assert (worst.clean, worst.survived) == (False, True)
     assert (worst.peak_roll, worst.heading, worst.released) == pytest.approx((1.05, 0.895, 2.7))
 
@@ -89,7 +93,9 @@ def test_two_cars_get_one_swing_with_gains_that_both_survive() -> None:
     swing = optimise_swing(scenario, options, name="both")
     cars = optimise._cars(varied(scenario, tail={"mode": "swing"}), options)
     assert len(cars) == 2
-    found = drive_all(cars, swing, float(swing.provenance.found["survived_friction"]))
+    facts = swing.provenance.found
+    place = float(facts["survived_friction"]), float(facts["survived_speed_m_per_s"])
+    (found,) = drive_all(cars, swing, [place], SerialRunEngine())
     assert found.clean
     assert found.peak_roll == pytest.approx(float(swing.provenance.found["peak_roll_rad"]), abs=0.02)
     gains = swing.gains.feedback

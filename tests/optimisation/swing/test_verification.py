@@ -52,11 +52,13 @@ class Told:
 
 
 def test_headings_are_compared_at_the_highest_friction_that_both_survive() -> None:
-    engine = Told({0.7: 0.9, 0.65: None, 0.6: 0.8}, {0.7: None, 0.65: 1.1, 0.6: 1.0})
-    ratio, friction = heading_ratio("turn_swing", (), (), 0.7, engine)
+    here = [{"outcome": "survived", "clean": clean, "heading_change_rad": 0.9} for clean in (True, False)]
+    engine = Told({0.65: None, 0.6: 0.8}, {0.65: 1.1, 0.6: 1.0})  # knows no 0.7: what ran there is not run again
+    ratio, friction = heading_ratio("turn_swing", (), (), 0.7, here, engine)
     assert (ratio, friction) == (pytest.approx(0.8), pytest.approx(0.6))
-    never = dict.fromkeys([round(0.7 - 0.05 * i, 9) for i in range(7)])
-    assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, Told(never, never))[0])
+    assert heading_ratio("turn_swing", (), (), 0.7, here[:1] * 2, engine) == (1.0, 0.7)
+    never = dict.fromkeys([round(0.7 - 0.05 * i, 9) for i in range(1, 7)])
+    assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, here, Told(never, never))[0])
 
 
 class _Upright:
