@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
@@ -110,8 +111,12 @@ def mark_top(axes: Axes, values: np.ndarray, headroom: float = 1.15) -> float:
 
 
 def png(figure: Figure, dpi: int = 130) -> bytes:
-    """The figure as PNG, the same bytes for the same figure (no time stamp, no version in it)."""
+    """The figure as PNG, the same bytes for the same figure (no time stamp, no version in it).
+
+    The canvas is asked itself: `Figure.savefig` draws every figure twice, once only to lay it out.
+    """
     buffer = io.BytesIO()
+    figure.set_dpi(dpi)
     with styled():
-        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()
