@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -21,6 +20,7 @@ from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class CarInterface(LeafSystem):
@@ -77,7 +77,7 @@ class CarInterface(LeafSystem):
         return EventStatus.Succeeded()
 
     def _command(self, context: Context, name: str) -> np.ndarray:
-        values: Any = self._ports[name].Eval(context)
+        values = vector_of(self._ports[name], context)
         return np.array(values)
 
 

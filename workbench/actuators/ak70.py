@@ -1,7 +1,7 @@
 """AK70-10 tail motors in MIT mode (design section 6)."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -11,6 +11,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
 from aerodima.workbench.plants.tail import ArmInertia, arm_inertia
+from aerodima.workbench.systems.port_values import vector_of
 
 JOINTS, ROLL = 2, 1
 """Pitch and roll, in this order, as in the tail plant: how many, and which one is roll."""
@@ -173,9 +174,9 @@ class TailMotors(LeafSystem):
         output.SetFromVector(np.array([motor for motor, _ in self._torques(context)]))
 
     def _torques(self, context: Context) -> list[tuple[float, float]]:
-        motion: list[Any] = [port.Eval(context) for port in self._motion]
+        motion = [vector_of(port, context) for port in self._motion]
         state, accelerations, last_torques = (values.tolist() for values in motion)
-        commands: list[Any] = [port.Eval(context) for port in self._commands]
+        commands = [vector_of(port, context) for port in self._commands]
         return self._joints.torques(
             state[:JOINTS], state[JOINTS:], accelerations, last_torques, [command.tolist() for command in commands]
         )

@@ -1,11 +1,10 @@
 """Brushless drive on the rear differential (design section 6)."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.config.car_parameters import CarParameters, DriveParameters
+from aerodima.workbench.systems.port_values import vector_of
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:
@@ -74,7 +73,7 @@ class Drive(LeafSystem):
         )
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        command: Any = self._throttle.Eval(context)
-        speed: Any = self._speed.Eval(context)
+        command = vector_of(self._throttle, context)
+        speed = vector_of(self._speed, context)
         torque = shaft_torque(float(command[0]), float(speed[0]), self._drive, self._gain, self._radius)
         output.SetFromVector(np.array([torque]))

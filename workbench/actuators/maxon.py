@@ -1,12 +1,11 @@
 """Maxon DCX35L with its gearbox, driven by current (design section 6)."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.config.rig_parameters import MaxonParameters
 from aerodima.workbench.systems.noise import CounterNoise
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class MaxonMotor(LeafSystem):
@@ -36,11 +35,11 @@ class MaxonMotor(LeafSystem):
         return min(max(command, -limit), limit) if command == command else 0.0
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        command: Any = self._command.Eval(context)
+        command = vector_of(self._command, context)
         output.SetFromVector(np.array([-self._settings.torque_constant * self.current(float(command[0]))]))
 
     def _calc_current(self, context: Context, output: BasicVector) -> None:
-        command: Any = self._command.Eval(context)
+        command = vector_of(self._command, context)
         output.SetFromVector(np.array([self.current(float(command[0]))]))
 
 

@@ -1,13 +1,12 @@
 """One AK70-10 in MIT mode on a continuous plant: the robot's tail on the wind-tunnel rig (design section 6)."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.actuators.ak70 import mit_torque, torque_speed_limits
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class MitMotor(LeafSystem):
@@ -38,8 +37,8 @@ class MitMotor(LeafSystem):
         self.DeclareVectorOutputPort("current", 1, self._calc_current, tickets)
 
     def _torque(self, context: Context) -> float:
-        state: Any = self._state.Eval(context)
-        command: Any = self._command.Eval(context)
+        state = vector_of(self._state, context)
+        command = vector_of(self._command, context)
         angle, rate = state.tolist()
         torque = mit_torque(angle, rate, command.tolist(), self._motor, self._line)
         return torque if torque == torque else 0.0

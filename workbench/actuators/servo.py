@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -10,6 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from aerodima.workbench.config.car_parameters import CarParameters, ServoParameters
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time
+from aerodima.workbench.systems.port_values import vector_of
 
 
 def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[float, float]:
@@ -89,7 +89,7 @@ class SteeringServo(LeafSystem):
         )
 
     def _read_frame(self, context: Context, next_state: DiscreteValues) -> None:
-        commanded: Any = self._command.Eval(context)
+        commanded = vector_of(self._command, context)
         command = float(commanded[0])
         time = nominal_time(context.get_time(), self._servo.frame_rate)
         angle, _ = self._motion(context, time)

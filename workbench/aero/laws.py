@@ -85,6 +85,24 @@ def angle_of_attack(v: Vector, a: Vector) -> Scalar:
     return arctan2(spanwise, across)
 
 
+def wind_direction(
+    u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar]
+) -> Scalar:
+    """Angle (rad) about the axis a from the normal n to where the air moves across the axis; 0 in still air.
+
+    The direction of the sum of area |v_p| v_p over the sections, with v_p their relative velocity across the axis.
+    """
+    b = cross(a, n)
+    along_normal = across = 0.0
+    for s, area in zip(distances, areas, strict=True):
+        v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
+        v_n, v_b = dot(v, n), dot(v, b)
+        weight = area * length((v_n, v_b, 0.0 * v_n))
+        along_normal, across = along_normal + weight * v_n, across + weight * v_b
+    still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
+    return 0.0 * across if still else arctan2(across, along_normal)
+
+
 def float_of(value: Scalar) -> float:
     """The number behind a float or an AutoDiffXd."""
     return value if isinstance(value, float) else float(value.value())

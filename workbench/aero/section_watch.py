@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 
 from aerodima.workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
 from aerodima.workbench.systems.event_order import Stage, period_of
+from aerodima.workbench.systems.port_values import vector_of
 
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
 
@@ -72,8 +71,8 @@ class SectionWatch(LeafSystem):
         return EventStatus.Succeeded()
 
     def _look(self, context: Context) -> EventStatus:
-        sections: Any = self._sections.Eval(context)
-        validity: Any = self._validity.Eval(context)
+        sections = vector_of(self._sections, context)
+        validity = vector_of(self._validity, context)
         self._looks += 1
         self._outside += bool(np.any(validity == EXTRAPOLATED))
         self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))

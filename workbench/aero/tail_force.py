@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pydrake.math import arctan2
 from pydrake.multibody.math import SpatialForce_
 from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce_,
@@ -21,7 +20,15 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.aero.jet import Jet
-from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, angle_of_attack, cross, dot, float_of, length
+from aerodima.workbench.aero.laws import (
+    NormalForceLaw,
+    SectionLaw,
+    angle_of_attack,
+    cross,
+    float_of,
+    length,
+    wind_direction,
+)
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.systems.autodiff_system import LeafSystem_, declare_spatial_forces, system_template
@@ -55,8 +62,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             sections (4 n): per section |v_rel| m/s, gamma rad, Reynolds number, magnitude of the force N.
             validity (n): per section 0 outside the jet, 1 inside the measured range, 2 outside it (edge value held),
                 3 inside it but above the quasi-steady limit.
-            wind_direction (1): angle (rad) about the axis from the normal to where the air moves across the axis,
-                sum of area |v_p| v_p over the sections; 0 in still air. A sail that faces the wind has turned so far.
+            wind_direction (1): see the function of that name, rad; a sail that faces the wind has turned so far.
 
         Args:
             plant: finalised plant, of double scalar; read for its kinematics only.
@@ -183,13 +189,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             output.SetFromVector(values)
 
         def _calc_wind_direction(self, context: Any, output: Any) -> None:
-            along_normal = across = 0.0
-            for v, area, _, _, a, n in self._section_rows(context):
-                v_n, v_b = dot(v, n), dot(v, cross(a, n))
-                weight = area * length((v_n, v_b, 0.0 * v_n))
-                along_normal, across = along_normal + weight * v_n, across + weight * v_b
-            still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
-            output.SetFromVector([0.0 * across if still else arctan2(across, along_normal)])
+            X_WB, a, n, u, k = self._motion(context)
+            output.SetFromVector([wind_direction(u, k, a, n, *self._exposed(X_WB, a))])
 
         def _validity(self, area: float, speed: float, angle: float) -> float:
             if area <= 0.0:

@@ -26,6 +26,7 @@ from aerodima.workbench.controllers.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.controllers.tail_law import AGE_LIMIT, Observation, TailLaw, observe
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time, stage_before
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class TailController(LeafSystem):
@@ -90,12 +91,12 @@ class TailController(LeafSystem):
 
     def observe(self, context: Context) -> Observation:
         """What the law is given at this instant."""
-        tail: Any = self._tail_state.Eval(context)
-        imu: Any = self._imu.Eval(context)
-        status: Any = self._status.Eval(context)
-        planned_turn: Any = self._planned_turn.Eval(context)
-        speed: Any = self._speed.Eval(context) if self._speed.HasValue(context) else None
-        steering: Any = self._steering.Eval(context) if self._steering.HasValue(context) else (math.nan,)
+        tail = vector_of(self._tail_state, context)
+        imu = vector_of(self._imu, context)
+        status = vector_of(self._status, context)
+        planned_turn = vector_of(self._planned_turn, context)
+        speed = vector_of(self._speed, context) if self._speed.HasValue(context) else None
+        steering = vector_of(self._steering, context) if self._steering.HasValue(context) else (math.nan,)
         return observe(
             nominal_time(context.get_time(), self._law.rate),
             tail,
@@ -200,7 +201,7 @@ class CurrentController(LeafSystem):
         return min(max(current, -self._limit), self._limit)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        state: Any = self._state.Eval(context)
+        state = vector_of(self._state, context)
         self._current.write(values, [self.current(context.get_time(), float(state[0]), float(state[1]))])
 
 

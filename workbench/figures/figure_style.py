@@ -117,6 +117,7 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
     """
     buffer = io.BytesIO()
     figure.set_dpi(dpi)
+    canvas: Any = FigureCanvasAgg(figure)
     with styled():
-        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
+        canvas.print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()

@@ -23,6 +23,7 @@ from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class LogInMemory:
@@ -133,7 +134,7 @@ class RunRecorder(LeafSystem):
         row = self._row
         row[0] = nominal_time(context.get_time(), self._rate)
         for port, start, end in self._ports:
-            values: Any = port.Eval(context)
+            values = vector_of(port, context)
             row[start:end] = values
         self._journal.append(self._unwrapper.apply(row))
         return EventStatus.Succeeded()

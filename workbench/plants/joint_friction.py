@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from aerodima.workbench.systems.port_values import vector_of
+
 FrictionLaw = Callable[[Any], Any]
 """Joint rate (rad/s) to friction torque (N m), which opposes it."""
 
@@ -48,6 +50,6 @@ class JointFriction(LeafSystem):
         self.DeclareVectorOutputPort("torque", count, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        state: Any = self._state.Eval(context)
+        state = vector_of(self._state, context)
         rates = state[self._count :].tolist()
         output.SetFromVector(np.array([self._law(rate) for rate in rates]))

@@ -9,7 +9,6 @@ torque. A discrete plant has reactions only after a step; README.md beside this 
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pydrake.geometry import SceneGraph
@@ -31,6 +30,7 @@ from aerodima.workbench.plants.rig_air import rig_jet, rig_law
 from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, robot_rig_sdf, tail_layout
 from aerodima.workbench.plants.rig_reactions import SpanwiseBalance, SupportWrench
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
+from aerodima.workbench.systems.port_values import vector_of
 
 
 @dataclass(frozen=True)
@@ -176,8 +176,8 @@ class Rig:
             UserError: the angle is outside `mount.angle_limit`, or an argument is not finite.
         """
         self.set_state(angle, rate, torque)
-        acceleration: Any = self._acceleration.Eval(self._plant_context)
-        wrench: Any = self._wrench.Eval(self._context)
+        acceleration = vector_of(self._acceleration, self._plant_context)
+        wrench = vector_of(self._wrench, self._context)
         return RigReaction(float(acceleration[0]), np.array(wrench))
 
     def reaction_at_current(self, angle: float, rate: float, current: float) -> RigReaction:
@@ -216,7 +216,7 @@ class Rig:
             return False
         self.set_state(angle, 0.0, 0.0)
         force = self._rig.tail_force
-        validity: Any = force.GetOutputPort("validity").Eval(force.GetMyContextFromRoot(self._context))
+        validity = vector_of(force.GetOutputPort("validity"), force.GetMyContextFromRoot(self._context))
         return bool(np.any(validity > 0.0))
 
     def sections(self, angle: float, rate: float) -> np.ndarray:
@@ -226,8 +226,8 @@ class Rig:
             return np.empty((0, len(SECTION_COLUMNS)))
         self.set_state(angle, rate, 0.0)
         context = force.GetMyContextFromRoot(self._context)
-        values: Any = force.GetOutputPort("sections").Eval(context)
-        validity: Any = force.GetOutputPort("validity").Eval(context)
+        values = vector_of(force.GetOutputPort("sections"), context)
+        validity = vector_of(force.GetOutputPort("validity"), context)
         table = np.array(values).reshape(-1, len(SECTION_COLUMNS))
         table[np.array(validity) == NOT_EXPOSED] = np.nan
         return table

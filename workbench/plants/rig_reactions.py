@@ -10,6 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.aero.added_mass import AddedMass
 from aerodima.workbench.systems.autodiff_system import declare_spatial_forces
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class SupportWrench(LeafSystem):
@@ -59,7 +60,7 @@ class SpanwiseBalance(LeafSystem):
 
     def _calc(self, context: Context, output: Any) -> None:
         plant, mine = self._plant, self._context
-        state: Any = self._state.Eval(context)
+        state = vector_of(self._state, context)
         plant.SetPositionsAndVelocities(mine, state)
         pose = plant.EvalBodyPoseInWorld(mine, plant.get_body(self._body))
         axis = pose.rotation().matrix()[:, 2]

@@ -13,6 +13,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 from aerodima.workbench.systems.noise import CounterNoise
+from aerodima.workbench.systems.port_values import vector_of
 
 TURN = 2.0 * math.pi
 
@@ -108,7 +109,7 @@ class SailEncoder(SampledSensor):
         return np.array([angle, math.remainder(angle - earlier, TURN) / self._window])
 
     def _reading(self, context: Context, index: int) -> float:
-        state: Any = self._plant_state.Eval(context)
+        state = vector_of(self._plant_state, context)
         angle = state[self._position_index] + self._deviation * self._noise.at(index)[0]
         return float(np.floor(angle / TURN * self._steps) % self._steps * (TURN / self._steps))
 
@@ -228,5 +229,5 @@ class MotorEncoder(SampledSensor):
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (4,)."""
-        state: Any = self._plant_state.Eval(context)
+        state = vector_of(self._plant_state, context)
         return np.array([quantise_symmetric(float(state[index]), limit, bits) for index, limit, bits in self._words])

@@ -7,7 +7,6 @@ hundredth of it (design section 11). Bias and drift are drawn once per log from 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
@@ -15,6 +14,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 from aerodima.workbench.config.rig_parameters import ForceSensorParameters
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
+from aerodima.workbench.systems.port_values import vector_of
 
 AXES = 6
 """F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""
@@ -113,7 +113,7 @@ class ForceTorqueSensor(SampledSensor):
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (6,)."""
-        wrench: Any = self._wrench.Eval(context)
+        wrench = vector_of(self._wrench, context)
         errors = self._errors
         drift = errors.drift * (index / self.rate)
         reading = wrench - self._offsets + errors.bias + drift + errors.noise * self._noise.at(index)

@@ -1,12 +1,11 @@
 """The motor current as its amplifier reports it: sampled, with white noise."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class MotorCurrentSensor(SampledSensor):
@@ -52,5 +51,5 @@ class MotorCurrentSensor(SampledSensor):
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (1,)."""
-        current: Any = self._current.Eval(context)
+        current = vector_of(self._current, context)
         return np.array(current) + self._deviation * self._noise.at(index)

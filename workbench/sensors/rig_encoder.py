@@ -1,7 +1,6 @@
 """The rig's incremental encoder: counts of the rotor, so its angle is exact to half a count and never wraps."""
 
 import math
-from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, State
@@ -10,6 +9,7 @@ from aerodima.workbench.config.rig_parameters import RigEncoderParameters
 from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
+from aerodima.workbench.systems.port_values import vector_of
 
 
 def count_angle(scenario: RigScenario) -> float:
@@ -65,7 +65,7 @@ class RigEncoder(SampledSensor):
         return np.array([angle, 0.0 if math.isnan(earlier) else (angle - earlier) / self._window])
 
     def _reading(self, context: Context) -> float:
-        state: Any = self._state.Eval(context)
+        state = vector_of(self._state, context)
         return quantise(float(state[0]), self._count)
 
     def _sample(self, context: Context, state: State) -> None:

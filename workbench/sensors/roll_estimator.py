@@ -1,13 +1,12 @@
 """Roll angle and roll rate of the car from what its IMU reports, as a Drake system around `roll_filter`."""
 
-from typing import Any
-
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
 from aerodima.workbench.config.signal_table import IMU, SPEED
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, stage_before
+from aerodima.workbench.systems.port_values import vector_of
 
 
 class RollEstimator(LeafSystem):
@@ -49,8 +48,8 @@ class RollEstimator(LeafSystem):
 
     def _tick(self, context: Context, discrete_state: DiscreteValues) -> None:
         before = RollEstimate(*self._filter.read(context).tolist())
-        imu: Any = self._imu.Eval(context)
-        speed: Any = self._speed.Eval(context)
+        imu = vector_of(self._imu, context)
+        speed = vector_of(self._speed, context)
         after = estimate_roll(before, imu, float(speed[0]), self._settings)
         self._filter.write(discrete_state, after)
         self._roll.write(discrete_state, [after.roll])

@@ -25,7 +25,13 @@ from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEnc
 from aerodima.workbench.sensors.gps import GpsSpeed
 from aerodima.workbench.sensors.imu import Imu
 from aerodima.workbench.stations.car_air import SailForce, add_sail_force, add_wind_source
-from aerodima.workbench.stations.fused_step import MOTION_SIZE, MOTOR_TORQUES, add_chassis_motion, add_fused_step
+from aerodima.workbench.stations.fused_step import (
+    MOTION_SIZE,
+    MOTOR_TORQUES,
+    TAIL_COMMANDS,
+    add_chassis_motion,
+    add_fused_step,
+)
 from aerodima.workbench.stations.ground_truth import CarTruth
 from aerodima.workbench.systems.connections import (
     add_status,
@@ -40,8 +46,6 @@ from aerodima.workbench.systems.connections import (
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without tail arm."""
-
-_TAIL_COMMANDS = ("tail_pitch_command", "tail_roll_command")
 
 Systems = Literal["separate", "fused"]
 
@@ -150,13 +154,15 @@ class _Driven:
         truth: ports to export.
         drive: the separate drive; None where a `FusedStep` drives the plant.
         torque: of the tail motors (2), N m; None without a tail.
-        force: of the air on the tail; None without a tail.
+        wind_direction: where a sail that faces the wind stands, rad; None without a tail.
+        force: of the air on the tail; None without a tail, or of a `FusedStep`.
         chassis_motion: what the sensors read instead of the plant; None where they read the plant.
     """
 
     truth: dict[str, OutputPort]
     drive: System | None = None
     torque: OutputPort | None = None
+    wind_direction: OutputPort | None = None
     force: SailForce | None = None
     chassis_motion: OutputPort | None = None
 
@@ -169,9 +175,10 @@ def _drive_separately(
     driven = _Driven({}, _add_drive(builder, scenario, car))
     if car.tail is not None:
         motors = add_tail_drive(builder, car.plant, car.tail, scenario)
-        for name in _TAIL_COMMANDS:
+        for name in TAIL_COMMANDS:
             builder.ExportInput(motors.GetInputPort(name), name)
         driven.torque, driven.force = motors.GetOutputPort("torque"), add_sail_force(builder, car.plant, scenario, wind)
+        driven.wind_direction = driven.force.system.GetOutputPort("wind_direction")
         driven.truth["tail_actuation_truth"] = motors.GetOutputPort("actuation")
     return driven
 
@@ -179,20 +186,19 @@ def _drive_separately(
 def _drive_at_once(
     builder: DiagramBuilder, scenario: Scenario, car: CarPlant, servo: System, wind: System | None
 ) -> _Driven:
-    """One system for all; what only reports of the air (where the sail faces, its sections) costs nothing unread."""
+    """One system for all; it says where the sail faces, and has no report of its sections."""
     port = None if wind is None else wind.GetOutputPort("wind_velocity")
     fused = add_fused_step(builder, scenario, car, servo.GetOutputPort("frame"), port)
-    builder.ExportInput(fused.step.GetInputPort("throttle"), "throttle")
+    for name, command in fused.commands.items():
+        builder.ExportInput(command, name)
     driven = _Driven({}, chassis_motion=add_chassis_motion(builder, fused))
     if car.tail is not None:
-        for name in _TAIL_COMMANDS:
-            builder.ExportInput(fused.step.GetInputPort(name), name)
         motors = [MOTOR_TORQUES, MOTOR_TORQUES + 1]
-        driven.torque = select(builder, "tail_torque", fused.step.get_output_port(), motors)
+        driven.torque = select(builder, "tail_torque", fused.step.GetOutputPort("drives"), motors)
         driven.truth["last_tail_torque_truth"] = select(
             builder, "last_tail_torque", fused.last, [1 + MOTION_SIZE + index for index in motors]
         )
-        driven.force = add_sail_force(builder, car.plant, scenario, wind, applied=False)
+        driven.wind_direction = fused.step.GetOutputPort("wind_direction")
     return driven
 
 
@@ -225,7 +231,7 @@ def _connect_steering(builder: DiagramBuilder, car: CarPlant, servo: System) -> 
 
 def _add_tail(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, driven: _Driven) -> _TailPorts:
     assert driven.torque is not None
-    assert driven.force is not None
+    assert driven.wind_direction is not None
     encoders = MotorEncoder.add_to_builder(
         builder,
         scenario.controller.rate,
@@ -239,25 +245,27 @@ def _add_tail(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant
         angle = rate = constant(builder, "sail_locked", [0.0])
         sail_age = age
     else:
-        encoder = _add_sail_encoder(builder, scenario, plant, driven.force)
+        encoder = _add_sail_encoder(builder, scenario, plant, driven.wind_direction)
         angle, rate, sail_age = (encoder.GetOutputPort(name) for name in ("angle", "rate", "age"))
     parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
     return _TailPorts(stacked(builder, "tail_state", parts), driven.torque, age, sail_age)
 
 
-def _add_sail_encoder(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, force: SailForce) -> System:
+def _add_sail_encoder(
+    builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, wind_direction: OutputPort
+) -> System:
     """On the joint of a free sail; a sail that faces the wind has no joint, its angle is that of the wind."""
     settings, seed = scenario.sail_encoder, scenario.seed
     if scenario.tail.sail == "free":
         joint = plant.GetJointByName("tail_sail_turn")
         return SailEncoder.add_to_builder(builder, settings, plant=plant, joint=joint, seed=seed)
     encoder = builder.AddSystem(SailEncoder(settings, seed=seed, step=plant.time_step()))
-    builder.Connect(force.system.GetOutputPort("wind_direction"), encoder.GetInputPort("plant_state"))
+    builder.Connect(wind_direction, encoder.GetInputPort("plant_state"))
     return encoder
 
 
 def _stand_in_for_tail(builder: DiagramBuilder) -> _TailPorts:
-    for name in _TAIL_COMMANDS:
+    for name in TAIL_COMMANDS:
         ignored = builder.AddNamedSystem(f"{name}_ignored", MatrixGain(np.eye(STATION_INPUTS[name].size)))
         builder.ExportInput(ignored.get_input_port(), name)
     age = constant(builder, "no_tail_age", [0.0])

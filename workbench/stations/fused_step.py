@@ -5,18 +5,18 @@ are four calls from C++ into Python, each with its own ports to read. Here one s
 motion of the sail in closed form. The separate systems are the readable reference: a test holds both together.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
-from pydrake.systems.primitives import ZeroOrderHold
+from pydrake.systems.primitives import Multiplexer, ZeroOrderHold
 
 from aerodima.workbench.actuators.ak70 import TailJoints
 from aerodima.workbench.actuators.drive import shaft_gain, shaft_torque
 from aerodima.workbench.actuators.servo import knuckle_motion, steering_motion
-from aerodima.workbench.aero.laws import cross, dot
+from aerodima.workbench.aero.laws import cross, dot, wind_direction
 from aerodima.workbench.aero.sail_motion import SailMotion, generalised_force, sail_motion
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
@@ -24,8 +24,10 @@ from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_air import sail_strips
 from aerodima.workbench.systems.connections import constant, select, stacked, transformed
+from aerodima.workbench.systems.port_values import vector_of
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll", "tail_sail_turn")
+TAIL_COMMANDS = ("tail_pitch_command", "tail_roll_command")
 
 CHASSIS = slice(0, 13)
 QUATERNION, VELOCITY, ANGLES, RATES, SHAFT = slice(0, 4), slice(7, 13), slice(13, 16), slice(16, 19), 19
@@ -45,73 +47,83 @@ class FusedStep(LeafSystem):
     """What drives the plant, from the commands and its state.
 
     Input ports:
-        throttle (1): -1..1.
-        frame (3): of the `SteeringServo`.
-        motion (20): see `MOTION_SIZE`.
-        tail_pitch_command (5), tail_roll_command (5): with a tail, as for `TailMotors`.
-        wind_velocity (3): with a tail, v_WA in W, m/s; still air when not connected.
-        last (39): with a tail, 1 once the plant has stepped and 0 before, then motion and drives at its last step.
+        inputs (n): one vector, since each port that is read costs as much as a law: the parts of `input_sizes` in their
+            order. motion: see `MOTION_SIZE`. throttle: -1..1. frame: of the `SteeringServo`. With a tail, last: 1 once
+            the plant has stepped and 0 before, then motion and drives at its last step; tail commands: as for
+            `TailMotors`; in wind, wind_velocity: v_WA in W, m/s.
     Output ports:
         drives (18): see `DRIVES_SIZE`.
+        wind_direction (1): with a tail, of a sail that is one line of sections, as `TailForce.wind_direction`, rad.
 
     Args:
         scenario: of the car.
         p_BoSo_B: where the tail's joint axes cross, in the chassis frame (3), m; None without a tail.
+        windy: whether the inputs have the velocity of the air.
     """
 
-    def __init__(self, scenario: Scenario, p_BoSo_B: np.ndarray | None) -> None:
+    def __init__(self, scenario: Scenario, p_BoSo_B: np.ndarray | None, windy: bool = False) -> None:
         super().__init__()
         self.set_name("fused_step")
         self._scenario = scenario
         self._gain = shaft_gain(scenario.drive, scenario.car)
         self._radius = axle_statics(scenario.car, scenario.environment.gravity, "rear").wheel_height
-        self._throttle = self.DeclareVectorInputPort("throttle", 1)
-        self._frame = self.DeclareVectorInputPort("frame", 3)
-        self._motion = self.DeclareVectorInputPort("motion", MOTION_SIZE)
+        self.input_sizes = {"motion": MOTION_SIZE, "throttle": 1, "frame": 3}
         self._has_tail = p_BoSo_B is not None
+        if p_BoSo_B is not None:
+            self.input_sizes["last"] = 1 + MOTION_SIZE + DRIVES_SIZE
+            self.input_sizes |= dict.fromkeys(TAIL_COMMANDS, TAIL_COMMAND.size)
+            self.input_sizes |= {"wind_velocity": 3} if windy else {}
+        ends = np.cumsum([*self.input_sizes.values()]).tolist()
+        places = zip(self.input_sizes.items(), ends, strict=True)
+        self._places = {name: slice(end - size, end) for (name, size), end in places}
+        self._inputs = self.DeclareVectorInputPort("inputs", ends[-1])
+        tickets = {self.time_ticket(), self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("drives", DRIVES_SIZE, self._calc, prerequisites_of_calc=tickets)
         if p_BoSo_B is not None:
             self._p_BoSo_B, self._step = p_BoSo_B.tolist(), scenario.simulation.step
             self._joints = TailJoints.of_scenario(scenario)
             self._strips, self._density = sail_strips(scenario.tail), scenario.environment.air_density
-            self._commands = [
-                self.DeclareVectorInputPort(f"tail_{joint}_command", TAIL_COMMAND.size) for joint in ("pitch", "roll")
-            ]
-            self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
-            self._last = self.DeclareVectorInputPort("last", 1 + MOTION_SIZE + DRIVES_SIZE)
-        tickets = {self.time_ticket(), self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("drives", DRIVES_SIZE, self._calc, prerequisites_of_calc=tickets)
+            inputs = {self.all_input_ports_ticket()}
+            self.DeclareVectorOutputPort("wind_direction", 1, self._calc_wind_direction, prerequisites_of_calc=inputs)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        motion: Any = self._motion.Eval(context)
-        motion = motion.tolist()
-        drives = self._car_drives(context, motion[SHAFT])
-        drives += self._tail_drives(context, motion) if self._has_tail else [0.0] * (DRIVES_SIZE - len(drives))
+        inputs = vector_of(self._inputs, context)
+        inputs = inputs.tolist()
+        drives = self._car_drives(context.get_time(), inputs)
+        drives += self._tail_drives(inputs) if self._has_tail else [0.0] * (DRIVES_SIZE - len(drives))
         output.SetFromVector(np.array(drives))
 
-    def _car_drives(self, context: Context, shaft_speed: float) -> list[float]:
+    def _car_drives(self, time: float, inputs: list[float]) -> list[float]:
         """Torque on the shaft, N m; angles, rad, and rates, rad/s, of the knuckles."""
         scenario = self._scenario
-        throttle: Any = self._throttle.Eval(context)
-        frame: Any = self._frame.Eval(context)
-        torque = shaft_torque(float(throttle[0]), shaft_speed, scenario.drive, self._gain, self._radius)
-        angle, rate = steering_motion(frame.tolist(), context.get_time(), scenario.servo.rate)
+        (throttle,) = inputs[self._places["throttle"]]
+        torque = shaft_torque(throttle, inputs[SHAFT], scenario.drive, self._gain, self._radius)
+        angle, rate = steering_motion(inputs[self._places["frame"]], time, scenario.servo.rate)
         return [torque, *knuckle_motion(angle, rate, scenario.servo, scenario.car)]
 
-    def _tail_drives(self, context: Context, motion: list[float]) -> list[float]:
+    def _tail_drives(self, inputs: list[float]) -> list[float]:
         """Torques on the joints, N m; the air's force on the coordinates of chassis and joints, N m and N."""
-        last: Any = self._last.Eval(context)
-        commands: list[Any] = [port.Eval(context) for port in self._commands]
-        wind: Any = self._wind.Eval(context) if self._wind.HasValue(context) else None
-        angles, rates = motion[ANGLES], motion[RATES]
-        stepped, *before = last.tolist()
+        angles, rates = inputs[ANGLES], inputs[RATES]
+        stepped, *before = inputs[self._places["last"]]
         accelerations = [stepped * (now - then) / self._step for now, then in zip(rates, before[RATES], strict=True)]
-        last_torques = before[MOTION_SIZE:][JOINT_TORQUES]
-        torques = self._joints.torques(
-            angles, rates, accelerations, last_torques, [command.tolist() for command in commands]
-        )
-        sail = sail_motion(motion[QUATERNION], motion[VELOCITY], angles, rates, self._p_BoSo_B)
-        force = self._air_force(sail, None if wind is None else wind.tolist())
+        commands = [inputs[self._places[name]] for name in TAIL_COMMANDS]
+        torques = self._joints.torques(angles, rates, accelerations, before[MOTION_SIZE:][JOINT_TORQUES], commands)
+        force = self._air_force(self._sail(inputs), self._wind(inputs))
         return [motor + friction for motor, friction in torques] + force + [motor for motor, _ in torques]
+
+    def _sail(self, inputs: list[float]) -> SailMotion:
+        return sail_motion(inputs[QUATERNION], inputs[VELOCITY], inputs[ANGLES], inputs[RATES], self._p_BoSo_B)
+
+    def _wind(self, inputs: list[float]) -> list[float] | None:
+        place = self._places.get("wind_velocity")
+        return None if place is None else inputs[place]
+
+    def _calc_wind_direction(self, context: Context, output: BasicVector) -> None:
+        inputs = vector_of(self._inputs, context)
+        inputs = inputs.tolist()
+        sail, (layout, _) = self._sail(inputs), self._strips[0]
+        a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, self._wind(inputs))
+        output[0] = wind_direction(u, k, a, n, layout.distances, layout.areas)
 
     def _air_force(self, sail: SailMotion, wind: list[float] | None) -> list[float]:
         """Of all strips of the sail together, see `generalised_force`."""
@@ -132,11 +144,13 @@ class FusedPorts(NamedTuple):
     """A `FusedStep` as it is wired.
 
     Attributes:
-        step: the system; its inputs `throttle`, `tail_pitch_command` and `tail_roll_command` are left to the caller.
+        step: the system.
+        commands: input ports by name, `throttle` and those of the tail, that are left to the caller.
         motion, last: ports that feed its inputs of that name.
     """
 
     step: FusedStep
+    commands: dict[str, InputPort]
     motion: OutputPort
     last: OutputPort
 
@@ -155,21 +169,24 @@ def add_fused_step(
     if car.tail is not None:
         chassis, sail = (plant.GetFrameByName(name) for name in ("chassis", "tail_sail"))
         p_BoSo_B = plant.CalcRelativeTransform(plant.CreateDefaultContext(), chassis, sail).translation()
-    step = FusedStep(scenario, p_BoSo_B)
+    step = FusedStep(scenario, p_BoSo_B, windy=wind is not None)
     builder.AddSystem(step)
-    drives = step.get_output_port()
+    drives = step.GetOutputPort("drives")
     motion = transformed(builder, "motion", plant.get_state_output_port(), _motion_of_state(plant))
     this_step = stacked(builder, "this_step", [constant(builder, "has_stepped", [1.0]), motion, drives])
     last = builder.AddNamedSystem("last_step", ZeroOrderHold(scenario.simulation.step, this_step.size()))
     builder.Connect(this_step, last.get_input_port())
-    sources = {"frame": frame, "motion": motion}
-    if car.tail is not None:
-        sources |= {"last": last.get_output_port()} | ({} if wind is None else {"wind_velocity": wind})
-    for name, port in sources.items():
-        builder.Connect(port, step.GetInputPort(name))
+    sources = {"motion": motion, "frame": frame, "last": last.get_output_port(), "wind_velocity": wind}
+    inputs = builder.AddNamedSystem("fused_step_inputs", Multiplexer([*step.input_sizes.values()]))
+    builder.Connect(inputs.get_output_port(), step.get_input_port())
+    ports = {name: inputs.get_input_port(index) for index, name in enumerate(step.input_sizes)}
+    for name, source in sources.items():
+        if source is not None and name in ports:
+            builder.Connect(source, ports[name])
     for name, driven, place in _driven_ports(car):
         builder.Connect(transformed(builder, name, drives, place), driven)
-    return FusedPorts(step, motion, last.get_output_port())
+    commands = {name: port for name, port in ports.items() if name not in sources}
+    return FusedPorts(step, commands, motion, last.get_output_port())
 
 
 def add_chassis_motion(builder: DiagramBuilder, ports: FusedPorts) -> OutputPort:

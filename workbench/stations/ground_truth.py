@@ -15,6 +15,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, PortFields, names_of
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.sensors.imu import motion_at_imu, motion_of
+from aerodima.workbench.systems.port_values import vector_of
 
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))
@@ -69,7 +70,7 @@ class CarTruth(LeafSystem):
             self.DeclareVectorOutputPort("tail_truth", TAIL_TRUTH.size, self._calc_tail)
 
     def _kinematics_at(self, context: Context) -> Context:
-        state: Any = self._state_port.Eval(context)
+        state = vector_of(self._state_port, context)
         self._plant.SetPositionsAndVelocities(self._kinematics, state)
         return self._kinematics
 
@@ -105,7 +106,7 @@ class CarTruth(LeafSystem):
                 ground[slot] += float(np.linalg.norm(force))
         points = {name: place / max(forces[name][2], LEAST_LOAD) for name, place in points.items()}
         kinematics = self._kinematics_at(context)
-        torque: Any = self._drive_port.Eval(context)
+        torque = vector_of(self._drive_port, context)
         power = float(torque[0]) * self._rate(self._shaft, kinematics)
         output.SetFromVector(np.concatenate([*forces.values(), *points.values(), list(ground.values()), [power]]))
 
@@ -113,9 +114,9 @@ class CarTruth(LeafSystem):
         kinematics, plant = self._kinematics_at(context), self._plant
         X_WT = plant.EvalBodyPoseInWorld(kinematics, plant.get_body(self._rod))
         momentum = plant.CalcSpatialMomentumInWorldAboutPoint(kinematics, self._instances[1:], np.zeros(3))
-        wrench: Any = self._wrench_port.Eval(context)
+        wrench = vector_of(self._wrench_port, context)
         force, moment, p_WTo = wrench[:3], wrench[3:6], wrench[6:]
-        torque: Any = self._torque_port.Eval(context)
+        torque = vector_of(self._torque_port, context)
         rates = [self._rate(joint, kinematics) for joint in self._tail_joints]
         output.SetFromVector(
             np.concatenate(

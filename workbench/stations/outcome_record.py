@@ -22,6 +22,7 @@ from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_loads import GroundLoads
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
+from aerodima.workbench.systems.port_values import vector_of
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]
@@ -78,7 +79,7 @@ class FlipWatch(LeafSystem):
         return {} if self.stopped is None else {STOPPED: self.stopped}
 
     def _look(self, context: Context) -> EventStatus:
-        state: Any = self._state.Eval(context)
+        state = vector_of(self._state, context)
         self._flipped = self._flipped or has_flipped(state[self._quaternion : self._quaternion + 4].tolist())
         time = nominal_time(context.get_time(), self._rate)
         if not (self._flipped and time >= self._stop_after):
@@ -179,7 +180,7 @@ class OutcomeRecord:
             return {name: np.zeros(steps.size) for name in names}
         # At a step the log has what acted in the step before; at the end of the run nobody has stepped yet.
         port = self._station.GetOutputPort("tail_torque")
-        at_end: Any = port.Eval(self._station.GetMyContextFromRoot(context))
+        at_end = vector_of(port, self._station.GetMyContextFromRoot(context))
         torques = np.column_stack((self._torques.FindLog(context).data()[:, 1:], at_end))[:, steps]
         joints = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
         rates = states[[self._plant.num_positions() + joint.velocity_start() for joint in joints]][:, steps]
