@@ -39,6 +39,8 @@ def local_cluster(workers: int, memory: float | None = None) -> Iterator[Client]
         "distributed.scheduler.allowed-failures": 0,  # a piece whose worker died is ours to give out again
         "distributed.scheduler.worker-ttl": None,  # a solver that keeps the interpreter busy for long is not dead
         "distributed.worker.multiprocessing-method": "spawn",
+        "distributed.worker.profile.enabled": False,  # looks at every stack 100 times a second: 2 to 4 % of a run
+        "distributed.admin.tick.interval": "1s",  # 50 a second, in every process, by default
         # So long after a worker went, the cluster gives it up for good if it finds none of that name. One that is just
         # being replaced once more is not there either, and would never come back.
         "distributed.deploy.lost-worker-timeout": "30 days",

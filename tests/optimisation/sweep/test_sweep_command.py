@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ PATIENCE = 300.0
 """s; a busy machine starts workers slowly."""
 MANY = 80
 """Runs of a study that cannot end before a test that watches it has stepped in, however late that test is served."""
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "studies.md"
 AERODIMA = [sys.executable, "-m", "aerodima"]
 
 
@@ -93,16 +95,17 @@ def test_killed_worker_and_ctrl_c_lose_and_double_nothing(tmp_path):
 
 
 @pytest.mark.slow
-def test_scheduler_and_worker_started_by_hand_give_the_same_table(tmp_path):
+def test_scheduler_and_worker_of_the_page_give_the_same_table(tmp_path):
     study, found = tiny_study(tmp_path), tmp_path / "scheduler.json"
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker"]
-    here = ["--host", "127.0.0.1", "--scheduler-file", str(found), "--no-dashboard"]
+    dask = str(Path(sys.executable).with_name("dask"))
+    scheduler, worker = (line.split()[1:] for line in re.findall(r"^dask .*", PAGE.read_text(), re.MULTILINE))
     with ExitStack() as stack:
-        stack.enter_context(started(*dask, *here, "--port", "0"))
+        stack.enter_context(started(dask, *scheduler, "--port", "0", "--scheduler-file", str(found)))
         wait_for(found.exists)
-        stack.enter_context(started(*worker, *here, "--nthreads", "1", "--local-directory", str(tmp_path)))
         address = json.loads(found.read_text())["address"]
+        chosen = {"tcp://127.0.0.1:8786": address, "32": "1"}
+        worker = [chosen.get(word, word) for word in worker]
+        stack.enter_context(started(dask, *worker, "--local-directory", str(tmp_path)))
         wait_for(lambda: _has_worker(address))
         command = [*AERODIMA, "sweep", "run", str(study), "--out", str(tmp_path / "out"), "--scheduler", address]
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
