@@ -22,6 +22,7 @@ from .identify.log_rig import FitOptions as FitOptions
 from .identify.static_fit import fit_static_log as fit_static_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
+from .screening.grip_screening import screened_friction as screened_friction
 from .studies.reproduction_report import write_reproduction_report as write_reproduction_report
 from .studies.survival_study import survival_figure as survival_figure
 from .studies.survival_study import survival_study as survival_study

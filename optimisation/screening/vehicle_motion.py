@@ -1,0 +1,400 @@
+"""Equations of motion of many cars at once: a rigid body on four suspended wheels, with its tail on two joints.
+
+Pure functions of arrays without branches, whose last axis is the car; complex steps pass through. Body frame B and
+signs as everywhere (design section 4): x forward, y left, z up, roll +x, pitch +y (nose down), yaw and steering to the
+left; tail roll 0 = up, positive to the right.
+
+    M(x) A = f(x),   A = (angular acceleration, acceleration of the origin of B, of the wheels' spin, of the tail)
+
+with vectors in B. As on the full car: both edges of every tyre with stiffness, dissipation and Coulomb friction, spin
+of the wheels with open differential and governor, suspension as prismatic along z of B, the anti-ramp board on the
+ground, air on the sail, friction and motors of the tail's joints, its weight and inertia. Left out: unsprung masses
+move with the body, so that their travel has no inertia and is a state of the first order; the wheels steer as the
+servo's linkage asks; a stop of a joint is a stiff spring; tail and cage do not feel the ground (the tail's height is an
+answer).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.plants.car_model import CAGE_STIFFNESS
+
+STATES = (
+    *("x", "y", "z", "yaw", "pitch", "roll", "tail_pitch", "tail_roll"),
+    *(f"travel_{wheel}" for wheel in ("front_left", "front_right", "rear_left", "rear_right")),
+    *("w_x", "w_y", "w_z", "v_x", "v_y", "v_z"),
+    *(f"spin_{wheel}" for wheel in ("front_left", "front_right", "rear_left", "rear_right")),
+    *("tail_pitch_rate", "tail_roll_rate"),
+)
+"""m, rad, rad/s, m/s. Position of the origin of B in W, its velocity and the angular velocity in B, spin forwards."""
+POSITION, ANGLES, TAIL, TRAVEL, RATES = slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 12), slice(12, 24)
+W, V, SPIN, TAIL_RATE = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 12)
+"""Of the twelve rates."""
+DEGREES = 12
+SLIDING = 0.01
+"""Slip below which Coulomb friction is rounded off, m/s."""
+STOP_RATE = 150.0
+"""Natural frequency of a joint on its stop, rad/s."""
+BOARD_DISSIPATION = 1.0
+"""Of the board's contact with the ground, s/m, as `plants.car_model` sets it."""
+TINY = 1e-12
+"""Under roots, so that they are smooth at 0; m2/s2, or of squared sines."""
+
+
+class Commands(NamedTuple):
+    """What drives the cars.
+
+    Attributes:
+        steering: angles of the front wheels, left and right (2, n), rad.
+        shaft_speed: target of the governor (n), rad/s.
+        tail: to the pitch and roll motor (2, 4, n): rad, rad/s, N m/rad, N m s/rad.
+    """
+
+    steering: FloatArray
+    shaft_speed: FloatArray
+    tail: FloatArray
+
+
+class Equations(NamedTuple):
+    """M A = f, and what a step that is implicit in friction and damping needs.
+
+    Attributes:
+        mass: M (12, 12, n).
+        force: f (12, n).
+        damping: -df/drate, positive semidefinite (12, 12, n); stiff.
+        stiffness: -df/dangle of the tail's joints (2, n).
+        travel_rate: of the suspensions (4, n), m/s.
+        loads: vertical force of the ground on every wheel (4, n), N.
+    """
+
+    mass: FloatArray
+    force: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+    travel_rate: FloatArray
+    loads: FloatArray
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Vector product along the first axis."""
+    x = a[1] * b[2] - a[2] * b[1]
+    found = np.empty((3, *x.shape), x.dtype)
+    found[0], found[1], found[2] = x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return found
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Scalar product along the first axis."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def up(pitch: FloatArray, roll: FloatArray) -> FloatArray:
+    """Upright direction in B (3, n)."""
+    return np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
+
+
+def tail_axes(pitch: FloatArray, roll: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chord (axis of the roll joint), normal of the sail and axis of the tail in B, (3, n) each."""
+    sp, cp, sq, cq = np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+    return (
+        np.stack([cp, 0.0 * cp, -sp]),
+        np.stack([sp * sq, cq, cp * sq]),
+        np.stack([sp * cq, -sq, cp * cq]),
+    )
+
+
+def equations(state: FloatArray, commands: Commands, cars: Vehicles) -> Equations:
+    """The equations of motion at a state (24, n)."""
+    mass, force, damping = _body(state, cars)
+    stiffness = _tail(state, commands, cars, mass, force, damping)
+    travel_rate, loads = _tyres(state, commands, cars, mass, force, damping)
+    _board(state, cars, force, damping)
+    return Equations(mass, force, damping, stiffness, travel_rate, loads)
+
+
+def derivative(state: FloatArray, commands: Commands, cars: Vehicles) -> FloatArray:
+    """dx/dt (24, n)."""
+    found = equations(state, commands, cars)
+    acceleration = solve(found.mass, found.force)
+    rates = state[RATES]
+    acceleration[V] -= cross(rates[W], rates[V])
+    return np.concatenate([configuration_rate(state, rates, found.travel_rate), acceleration])
+
+
+def step(state: FloatArray, found: Equations, length: float) -> FloatArray:
+    """State after a time (s): implicit in friction and damping, positions from the new rates."""
+    rates = state[RATES]
+    matrix = found.mass + length * found.damping
+    # Tyres turn with the car: what slips less is the velocity in B, whose rate is A - w x v.
+    force = found.force + length * np.sum(found.damping[:, V] * cross(rates[W], rates[V]), axis=1)
+    for joint, place in enumerate(range(DEGREES)[TAIL_RATE]):
+        matrix[place, place] += length**2 * found.stiffness[joint]
+        force[place] -= length * found.stiffness[joint] * rates[place]
+    new = rates + length * solve(matrix, force)
+    moved = state[: RATES.start] + length * configuration_rate(state, new, found.travel_rate)
+    turn = length * new[W]
+    v = new[V] - cross(turn, new[V])
+    new[V] = v + 0.5 * cross(turn, cross(turn, v))
+    return np.concatenate([moved, new])
+
+
+def configuration_rate(state: FloatArray, rates: FloatArray, travel_rate: FloatArray) -> FloatArray:
+    """Of the first twelve states (12, n)."""
+    yaw, pitch, roll = state[ANGLES]
+    (p, q, r), (u, v, w) = rates[W], rates[V]
+    sy, cy, sp, cp, sr, cr = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+    turning, ahead, left = q * sr + r * cr, cp * u + sp * (sr * v + cr * w), cr * v - sr * w
+    place = [ahead * cy - left * sy, ahead * sy + left * cy, cp * (sr * v + cr * w) - sp * u]
+    angles = [turning / cp, q * cr - r * sr, p + turning * sp / cp]
+    return np.concatenate([np.stack(place + angles), rates[TAIL_RATE], travel_rate])
+
+
+def solve(matrix: FloatArray, force: FloatArray) -> FloatArray:
+    """Solution (k, n) of n symmetric positive definite systems (k, k, n) at once."""
+    rows, right = matrix.copy(), force.copy()
+    size = len(right)
+    for k in range(size - 1):
+        factor = rows[k + 1 :, k] / rows[k, k]
+        rows[k + 1 :, k + 1 :] -= factor[:, None] * rows[k, k + 1 :]
+        right[k + 1 :] -= factor * right[k]
+    for k in reversed(range(size)):
+        right[k] = (right[k] - np.sum(rows[k, k + 1 :] * right[k + 1 :], axis=0)) / rows[k, k]
+    return right
+
+
+def _skew(a: FloatArray) -> FloatArray:
+    """[a]x with [a]x b = a x b, (3, 3, n)."""
+    zero = 0.0 * a[0]
+    return np.stack([np.stack([zero, -a[2], a[1]]), np.stack([a[2], zero, -a[0]]), np.stack([-a[1], a[0], zero])])
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return a[:, None] * b[None]
+
+
+def _apply(matrix: FloatArray, a: FloatArray) -> FloatArray:
+    """(3, 3, n) on (3, n)."""
+    return np.sum(matrix * a[None], axis=1)
+
+
+def _body(state: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Inertia and weight of all that does not move with the tail."""
+    n, kind = cars.count, state.dtype
+    mass, damping = np.zeros((2, DEGREES, DEGREES, n), kind)
+    force = np.zeros((DEGREES, n), kind)
+    w = state[RATES][W]
+    moment = cars.mass * cars.centre
+    mass[W, W] = cars.inertia
+    mass[W, V] = _skew(moment)
+    for axis in range(3, 6):
+        mass[axis, axis] = cars.mass
+    weight = cars.gravity * up(state[4], state[5])
+    force[V] = -cars.mass * weight - cross(w, cross(w, moment))
+    force[W] = -cross(moment, weight) - cross(w, _apply(cars.inertia, w))
+    return mass, force, damping
+
+
+def _tail(
+    state: FloatArray, commands: Commands, cars: Vehicles, mass: FloatArray, force: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """Adds the arm with its joints, motors and air; returns the stiffness of the joints."""
+    rates = state[RATES]
+    w, joint_rates = rates[W], rates[TAIL_RATE]
+    x, y, e = tail_axes(state[6], state[7])
+    m, P, L = cars.tail_mass, cars.mount, cars.tail_centre * e
+    J = cars.tail_inertia[0] * _outer(x, x) + cars.tail_inertia[1] * _outer(y, y) + cars.tail_inertia[2] * _outer(e, e)
+    pitch_axis = np.zeros_like(x)
+    pitch_axis[1] = 1.0
+
+    moment = m * (P + L)
+    for row in range(3, 6):
+        mass[row, row] += m
+    mass[W, V] += _skew(moment)
+    mass[V, W] = -mass[W, V]
+    eye = np.eye(3)[:, :, None]
+    PL = _outer(P, L)
+    mass[W, W] += J + m * ((dot(P, P) + 2 * dot(P, L)) * eye - _outer(P, P) - PL - np.swapaxes(PL, 0, 1))
+    for place, axis in zip(range(DEGREES)[TAIL_RATE], (pitch_axis, x), strict=True):
+        pull = m * cross(axis, L)
+        twist = _apply(J, axis)
+        mass[V, place] = mass[place, V] = pull
+        both = cross(P, pull) + twist
+        mass[W, place] = mass[place, W] = both
+        mass[place, place] = dot(axis, twist) + cars.rotor_inertia
+    mass[1, 10] += cars.hub_inertia
+    mass[10, 1] += cars.hub_inertia
+    mass[10, 10] += cars.hub_inertia
+
+    pitching = joint_rates[0] * pitch_axis
+    turn = w + pitching + joint_rates[1] * x
+    alpha = cross(w, pitching) + cross(w + pitching, joint_rates[1] * x)
+    a_S = cross(w, cross(w, P)) + cars.gravity * up(state[4], state[5])
+    F_air, M_air = _air(rates[V] + cross(w, P), cross(turn, e), x, y, cars)
+    F = m * (a_S + cross(alpha, L) + cross(turn, cross(turn, L))) - F_air
+    M = cross(L, m * a_S) + _apply(J, alpha) + cross(turn, _apply(J, turn)) - M_air
+    force[V] -= F
+    force[W] -= cross(P, F) + M
+    force[10] -= M[1]
+    force[11] -= dot(x, M)
+    return _joints(state, commands, cars, mass, force, damping)
+
+
+def _air(v_S: FloatArray, k: FloatArray, x: FloatArray, y: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
+    """Force of the air on the sail, and its moment about the joints; the law of design section 5.
+
+    Args:
+        v_S: velocity of the joints (3, n); `k` what a distance along the tail adds to it, per m.
+        x, y: chord and normal of the sail.
+    """
+    s = cars.section_distances
+    across, along = dot(y, v_S) + s * dot(y, k), dot(x, v_S) + s * dot(x, k)
+    pressure = -0.5 * cars.air_density * cars.section_areas * np.sqrt(across * across + along * along + TINY)
+    normal, chord = pressure * cars.force_across * across, pressure * cars.force_chord * along
+    F = np.sum(normal, axis=0) * y + np.sum(chord, axis=0) * x
+    return F, np.sum(chord * s, axis=0) * y - np.sum(normal * s, axis=0) * x
+
+
+def _joints(
+    state: FloatArray, commands: Commands, cars: Vehicles, mass: FloatArray, force: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """Adds motors (design section 6), friction and stops of the tail's joints."""
+    found = []
+    for joint, limit in enumerate((cars.pitch_limit, cars.roll_limit)):
+        place = 10 + joint
+        angle, rate = state[6 + joint], state[RATES][place]
+        target, speed, kp, kd = commands.tail[joint]
+        kp, kd = cars.torque_scale * kp, cars.torque_scale * kd
+        asked = kp * (target - angle) + kd * (speed - rate)
+        upper = np.minimum(cars.torque_limit, np.maximum(0.0, cars.stall_torque * (1.0 - rate / cars.no_load_speed)))
+        lower = -np.minimum(cars.torque_limit, np.maximum(0.0, cars.stall_torque * (1.0 + rate / cars.no_load_speed)))
+        free = (asked < upper) & (asked > lower)
+        rounded = np.tanh(cars.tanh_gain * rate)
+        friction = -(cars.coulomb * rounded + cars.viscous * rate)
+        slope = cars.viscous + cars.coulomb * cars.tanh_gain * (1.0 - rounded * rounded)
+        beyond = np.maximum(angle - limit, 0.0) + np.minimum(angle + limit, 0.0)
+        stopped = (np.abs(angle) >= limit) * mass[place, place]
+        force[place] += np.clip(asked, lower, upper) + friction
+        force[place] -= mass[place, place] * STOP_RATE**2 * beyond + 2.0 * STOP_RATE * stopped * rate
+        damping[place, place] += free * kd + slope + 2.0 * STOP_RATE * stopped
+        found.append(free * kp + STOP_RATE**2 * stopped)
+    return np.stack(found)
+
+
+def _tyres(
+    state: FloatArray, commands: Commands, cars: Vehicles, mass: FloatArray, force: FloatArray, damping: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Adds wheels, drive and the forces of the ground; returns rates of the suspensions and loads of the wheels.
+
+    Arrays of the edges are (2 edges, 4 wheels, n), after the axis of a vector.
+    """
+    rates = state[RATES]
+    w, v, spin = rates[W], rates[V], rates[SPIN]
+    n = up(state[4], state[5])
+    zero = np.zeros((2, cars.count))
+    steer = np.concatenate([commands.steering, zero])
+    axle = np.stack([-np.sin(steer), np.cos(steer), 0.0 * steer])  # (3, 4, n)
+    n4 = n[:, None]
+    tilt = dot(axle, n4)
+    across = np.sqrt(1.0 - tilt * tilt + TINY)
+    ahead = cross(axle, n4) / across
+    left = cross(n4, ahead)
+
+    # Lowest point of each edge, an ellipsoid, and where it meets the ground.
+    R2, h2 = cars.tyre_radius**2, cars.tyre_half_width**2
+    reach = np.sqrt(R2 * across * across + h2 * tilt * tilt)
+    down = -(R2 * (n4 - tilt * axle) + h2 * tilt * axle) / reach
+    centre = np.stack([cars.wheel[0], cars.wheel[1], cars.wheel[2] + state[TRAVEL]])
+    sides = np.array([1.0, -1.0])[:, None, None]
+    middle = centre[:, None] + cars.edge * sides * axle[:, None]  # (3, 2, 4, n)
+    n_e = n[:, None, None]
+    sunk = np.maximum(reach - state[2] - dot(n_e, middle), 0.0)
+    lever = down[:, None] + sunk * n_e
+    place = middle + lever
+    spinning = cross(axle[:, None], lever)
+    velocity = v[:, None, None] + cross(w[:, None, None], place)
+
+    # Suspension: its rate and the loads follow from one balance per wheel.
+    slip_ahead = dot(ahead[:, None], velocity) + dot(ahead[:, None], spinning) * spin
+    slip_left = dot(left[:, None], velocity)
+    slip = np.sqrt(slip_ahead**2 + slip_left**2 + SLIDING**2)
+    lean = n[2] - cars.friction * (slip_ahead * ahead[2] + slip_left * left[2]) / slip
+    spring = cars.tyre_stiffness * sunk
+    closing = -dot(n_e, velocity)
+    undamped = spring * np.maximum(1.0 + cars.tyre_dissipation * closing, 0.0)
+    carried = cars.preload + cars.spring * state[TRAVEL] + cars.unsprung * cars.gravity * n[2]
+    holding = cars.damper + np.sum(np.maximum(lean, 0.0) * cars.tyre_dissipation * spring * n[2], axis=0)
+    travel_rate = (np.sum(undamped * lean, axis=0) - carried) / holding
+    load = spring * np.maximum(1.0 + cars.tyre_dissipation * (closing - n[2] * travel_rate), 0.0)
+
+    grip = cars.friction * load / slip
+    rows = np.stack([ahead, left], axis=1)[:, :, None]  # (3, direction, 1, 4, n)
+    slips = np.stack([slip_ahead, slip_left])
+    turned = dot(rows, spinning[:, None])  # of a wheel's own spin (2, 2, 4, n)
+    weighted = _slide(place[:, None], rows, slips, grip, force, damping)
+    force[W] += np.sum(cross(place, n_e * load), axis=(1, 2))
+    force[V] += np.sum(load, axis=(0, 1)) * n
+    force[SPIN] -= np.sum(turned * grip * slips, axis=(0, 1))
+    mixed = np.sum(weighted * turned, axis=(1, 2))  # (6, 4, n)
+    damping[:6, SPIN] += mixed
+    damping[SPIN, :6] += np.swapaxes(mixed, 0, 1)
+    own = np.sum(grip * turned * turned, axis=(0, 1))
+
+    # Wheels and drive: the shaft turns at the mean of the rear wheels.
+    share = cars.shaft_gain * (commands.shaft_speed - 0.5 * (spin[2] + spin[3]))
+    torque = np.clip(share, -cars.shaft_limit, cars.shaft_limit)
+    governed = 0.25 * cars.shaft_gain * (np.abs(share) < cars.shaft_limit)
+    for wheel in range(4):
+        mass[6 + wheel, 6 + wheel] = cars.wheel_inertia
+        mass[W, 6 + wheel] = mass[6 + wheel, W] = cars.wheel_inertia * axle[:, wheel]
+        damping[6 + wheel, 6 + wheel] += own[wheel]
+    mass[8:10, 8:10] += 0.25 * cars.shaft_inertia
+    damping[8:10, 8:10] += governed
+    force[8:10] += 0.5 * torque
+    force[W] -= cross(w, cars.wheel_inertia * np.sum(axle * spin, axis=1))
+    return travel_rate, np.sum(load, axis=0)
+
+
+def _board(state: FloatArray, cars: Vehicles, force: FloatArray, damping: FloatArray) -> None:
+    """Adds the ground's force on the anti-ramp board, which keeps a car that gathers speed from tipping over."""
+    w, v = state[RATES][W], state[RATES][V]
+    n = up(state[4], state[5])
+    n_e = n[:, None]
+    velocity = v[:, None] + cross(w[:, None], cars.board)  # (3, 2, n)
+    sunk = np.maximum(-state[2] - dot(n_e, cars.board), 0.0)
+    closing = -dot(n_e, velocity)
+    load = CAGE_STIFFNESS * sunk * np.maximum(1.0 + BOARD_DISSIPATION * closing, 0.0)
+    ahead = cross(np.array([0.0, 1.0, 0.0])[:, None], n) / np.sqrt(n[0] ** 2 + n[2] ** 2 + TINY)
+    rows = np.stack([ahead, cross(n, ahead)], axis=1)[:, :, None]  # (3, direction, 1, n)
+    slips = dot(rows, velocity[:, None])
+    slip = np.sqrt(np.sum(slips**2, axis=0) + SLIDING**2)
+    _slide(cars.board[:, None], rows, slips, cars.board_friction * load / slip, force, damping)
+    force[W] += np.sum(cross(cars.board, n_e * load), axis=1)
+    force[V] += np.sum(load, axis=0) * n
+
+
+def _slide(
+    place: FloatArray, rows: FloatArray, slips: FloatArray, grip: FloatArray, force: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """Adds forces -grip x slip at places along directions, all in B, to the body.
+
+    Args:
+        place: (3, 1, ..., n), m; rows: unit vectors (3, directions, ..., n); slips: m/s; grip: N s/m.
+
+    Returns:
+        Slopes of the forces on the body (6, directions, ..., n) per slip.
+    """
+    arms = cross(place, rows)
+    jacobian = np.concatenate([arms, np.broadcast_to(rows, arms.shape)])
+    weighted = grip * jacobian
+    pushed = (weighted * slips).reshape(6, -1, slips.shape[-1])
+    force[:6] -= np.sum(pushed, axis=1)
+    flat, heavy = (part.reshape(6, -1, slips.shape[-1]) for part in (jacobian, weighted))
+    for row in range(6):
+        damping[row, row:6] += np.sum(flat[row] * heavy[row:], axis=1)
+        damping[row + 1 : 6, row] = damping[row, row + 1 : 6]
+    return weighted

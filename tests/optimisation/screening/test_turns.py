@@ -1,0 +1,45 @@
+"""Turns of reduced cars: the law that swings their tails, and what the full car of the same scenario survives."""
+
+import numpy as np
+import pytest
+
+from aerodima.optimisation.screening.grip_screening import screened_friction
+from aerodima.optimisation.screening.turns import BatchLaw, TurnPlans
+from aerodima.optimisation.screening.vehicle_motion import STATES
+from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
+from aerodima.workbench import Observation, UserError, load_scenario
+from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
+
+
+@pytest.mark.parametrize("changes", [(), ("controller.delay=0.03",), ("controller.travel=3.1",), ("tail.mode=held",)])
+def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...]) -> None:
+    """Over a made-up path of yaw rate and tail: released, swung over the top, or given up where the tail is stopped."""
+    scenario = load_scenario("turn_designed", changes)
+    own = SwingLaw(SwingSettings.from_scenario(scenario))
+    batch = BatchLaw(TurnPlans.of([scenario]), Vehicles.of([scenario]))
+    memory, seen = own.start(), 0.0
+    for tick in range(200):
+        time = 0.01 * tick
+        yaw_rate, angle = 3.0 * max(0.0, time - 0.2), min(-1.57 + 7.0 * max(0.0, time - 0.6), 1.45)
+        state = np.zeros((len(STATES), 1))
+        state[STATES.index("tail_roll")], state[STATES.index("w_z")] = angle, yaw_rate
+        batch.tick(time, state)
+        memory, pitch, roll, _ = own.step(memory, Observation(time, seen, angle, 0.0, 1.0, True))
+        seen = yaw_rate  # of the IMU, one tick late
+        assert batch.commands()[:, :, 0] == pytest.approx(np.array([pitch[:4], roll[:4]])), time
+
+
+def test_critical_friction_is_that_of_the_full_car() -> None:
+    """Figures of the full car, 4.5 m/s, on the same grid: optimisation/swing/README.md."""
+    full = {"none": 0.525, "held": 0.4875, "swing": 0.85}
+    scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
+    found = screened_friction(scenarios, Search(FRICTION, 0.4, 1.0, 0.1, 0.0125))
+    assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)  # screening/README.md
+
+
+def test_what_it_does_not_know_is_refused() -> None:
+    with pytest.raises(UserError, match="facing, locked"):
+        Vehicles.of([load_scenario("turn_swing_free_sail")])
+    with pytest.raises(UserError, match="direction left"):
+        Vehicles.of([load_scenario("turn_none", ("manoeuvre.direction=right",))])

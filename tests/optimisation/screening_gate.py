@@ -1,0 +1,143 @@
+"""Whether reduced cars put cars and laws in the order of the full car; not run by pytest.
+
+Over cars of the ensemble, with the designed tail: critical friction at full lock, and heading at a given steering and
+floor, for four controllers; within some of the cars the same over drawn laws. Nothing of the model is fitted, so every
+car is new to it. The full car's runs are kept in the folder, and a second call goes on with what is missing.
+
+    python -m tests.optimisation.screening_gate out/screening 12 3
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from aerodima.optimisation.screening.grip_screening import screened_friction
+from aerodima.optimisation.screening.turns import TurnPlans, drive_turns
+from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, is_clean, search_rows
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine, RunTask, open_run_engine
+from aerodima.workbench import load_ensemble, load_scenario
+from aerodima.workbench.batch.row_store import RowStore
+
+SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
+SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
+SWING = ("tail.mode=swing", "controller.swing_file=none")
+CONTROLLERS = {
+    "none": ("tail.mode=none",),
+    "held": ("tail.mode=held",),
+    "published, 8 rad/s": (*SWING, "controller.swing_speed=8.0"),
+    "7 rad/s": (*SWING, "controller.swing_speed=7.0"),
+}
+LAWS = 30
+BEST = 0.1
+"""Share of the laws that would go to the full car."""
+STEERING = ("manoeuvre.steer_angle=0.3",)
+FLOOR, LAW_FLOOR = f"{FRICTION}=0.4", f"{FRICTION}=0.6"
+"""On which headings are compared: of cars, all of which survive with any controller; of laws."""
+Settings = tuple[str, ...]
+
+
+class Pairs(NamedTuple):
+    """Figures of the full car and of the reduced one, NaN where a run was not clean; and whether they were (n)."""
+
+    full: np.ndarray
+    reduced: np.ndarray
+    alike: np.ndarray
+
+    def words(self) -> str:
+        """Rank correlation, median and largest difference, pairs, cases where both were clean or neither."""
+        both = np.isfinite(self.full) & np.isfinite(self.reduced)
+        full, reduced = self.full[both], self.reduced[both]
+        rank, off = float(spearmanr(full, reduced)[0]), np.abs(reduced - full)
+        return f"{rank:8.3f} {np.median(off):8.4f} {off.max():8.4f} {both.sum():5d} {100 * self.alike.mean():6.0f} %"
+
+    def best_is_screened(self) -> bool:
+        """Whether the full car's best is in the share of the reduced one's best."""
+        rank = int((self.reduced > self.reduced[np.nanargmax(self.full)]).sum())
+        return rank < max(1, round(BEST * len(self.full)))
+
+
+def drawn_laws(number: int, seed: int = 5) -> list[Settings]:
+    """Settings of constant-rate swings: rate, release, gains, travel, braking, pitch."""
+    g = np.random.default_rng(seed)
+    ranges = {
+        "swing_speed": (3.0, 13.0),
+        "trigger_yaw_rate": (0.2, 2.0),
+        "swing_kd": (1.0, 5.0),
+        "travel": (1.2, 3.1),
+        "settle_kp": (2.0, 20.0),
+        "settle_kd": (0.5, 5.0),
+        "pitch_angle": (-0.4, 0.4),
+    }
+    return [(*SWING, *(f"controller.{k}={g.uniform(*ends):.2f}" for k, ends in ranges.items())) for _ in range(number)]
+
+
+def compared_friction(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
+    """Critical friction of every case."""
+
+    def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+        return engine.rows(
+            [RunTask(f"{place}", SCENARIO, (*cases[place], f"{FRICTION}={value!r}")) for place, value in wanted]
+        )
+
+    full = search_rows(SEARCH, ["bisect"] * len(cases), run, is_clean)
+    reduced = screened_friction([load_scenario(SCENARIO, case) for case in cases], SEARCH)
+    figures = [np.array([t.survived for t in found], float) for found in (full, reduced)]
+    return Pairs(*figures, np.isfinite(figures[0]) == np.isfinite(figures[1]))
+
+
+def compared_heading(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
+    """Heading change of every case where it is clean, degrees."""
+    rows = engine.rows([RunTask(str(place), SCENARIO, case) for place, case in enumerate(cases)])
+    scenarios = [load_scenario(SCENARIO, case) for case in cases]
+    turns = drive_turns(Vehicles.of(scenarios), TurnPlans.of(scenarios))
+    clean = np.array([is_clean(row) for row in rows])
+    full = np.degrees([row["heading_change_rad"] for row in rows])
+    return Pairs(
+        np.where(clean, full, np.nan), np.where(turns.clean, np.degrees(turns.heading), np.nan), clean == turns.clean
+    )
+
+
+def main() -> None:
+    """Prints the table of the gate."""
+    folder, number, searched = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in load_ensemble().drawn(number)]
+    print(f"{'':36s} Spearman difference (most) pairs  clean alike")
+    with RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store, open_run_engine(2) as workers:
+        engine = RememberingEngine(workers, store)
+        for name, law in CONTROLLERS.items():
+            friction = compared_friction(engine, [(*car, *law) for car in cars])
+            print(f"{name:18s} critical friction {friction.words()}", flush=True)
+            heading = compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars])
+            print(f"{name:18s} heading           {heading.words()}", flush=True)
+        laws = drawn_laws(LAWS)
+        for place in range(0, number, 4)[:searched]:
+            friction = compared_friction(engine, [(*cars[place], *law) for law in laws])
+            best = "in" if friction.best_is_screened() else "NOT in"
+            print(
+                f"laws of car {place:<6d} critical friction {friction.words()}  best {best} the best tenth", flush=True
+            )
+            heading = compared_heading(engine, [(*cars[place], *law, *STEERING, LAW_FLOOR) for law in laws])
+            print(f"laws of car {place:<6d} heading           {heading.words()}", flush=True)
+    print(f"one reduced run: {1e3 * _cost(cars):.1f} ms of CPU")
+
+
+def _cost(cars: Sequence[Settings], count: int = 768) -> float:
+    """CPU time of one run among many, s."""
+    scenarios = [load_scenario(SCENARIO, car) for car in cars]
+    places = np.arange(count) % len(scenarios)
+    vehicles, plans = Vehicles.of(scenarios).take(places), TurnPlans.of(scenarios).take(places)
+    begin = time.process_time()
+    drive_turns(vehicles, plans)
+    return (time.process_time() - begin) / count
+
+
+if __name__ == "__main__":
+    main()
