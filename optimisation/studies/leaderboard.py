@@ -100,7 +100,7 @@ def _best_swing(contestants: Sequence[Contestant], claims: pd.DataFrame, plan: P
 def open_runs(out: Path, *, force: bool = False) -> RowStore:
     """The store of runs below a folder, of these parameters and versions."""
     identity = {
-        "schema": "aerodima/leaderboard/3",
+        "schema": "aerodima/leaderboard/5",
         "parameters": default_values(),
         "scenario": load_scenario(SCENARIO).resolved(),
         "versions": software_versions(),

@@ -86,12 +86,18 @@ def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> d
 
 def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
     from aerodima.workbench.metrics.run_summary import summarise
+    from aerodima.workbench.metrics.turn_course import turn_course
     from aerodima.workbench.simulate.simulation import simulate
     from aerodima.workbench.stations.outcome_record import STOPPED
 
     run = simulate(scenario, record=task.signals, stop_when_flipped=True)
     summary = summarise(run, scenario.name)
-    row = {"run": task.name, **_numbers(summary), "stopped_at_flip_s": run.extra.get(STOPPED)}
+    row = {
+        "run": task.name,
+        **_numbers(summary),
+        **turn_course(run).as_row(),
+        "stopped_at_flip_s": run.extra.get(STOPPED),
+    }
     if task.signals == "all":
         row |= _impulses(summary)
         if run.has_tail:

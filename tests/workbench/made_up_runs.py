@@ -15,6 +15,8 @@ DURATION = 4.0
 SPEED = 3.0
 GRAVITY = 9.81
 TAIL_MASS = 0.15
+COM_X = 0.12
+"""Centre of mass of the car without tail arm ahead of the rear axle, m."""
 
 
 def times() -> np.ndarray:
@@ -33,6 +35,7 @@ def made_up_scenario(direction: str = "left", tail_mode: str = "swing", **manoeu
             "speed": SPEED,
             **manoeuvre,
         },
+        "car": {"com_x": COM_X},
         "servo": {"rate": math.radians(30.0) / 0.14},
         "environment": {"gravity": GRAVITY},
         "tail": {"mode": tail_mode},

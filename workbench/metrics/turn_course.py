@@ -1,0 +1,122 @@
+"""How far a turn takes the car, and how soon: course of its centre of mass, from the steering command on.
+
+The course is the direction in which the point of the chassis moves over the ground that lies on it under the centre of
+mass of the car without tail arm (`car.com_x`). A spin turns the body, not the course, and roll does neither: the centre
+of mass itself, `car.com_height` above, swings with the roll rate, so that its own velocity points up to 6 degrees past
+the course while a car comes down from its outer wheels. The course is read when the turn is over: the wheels are
+straight again and the yaw rate is below `EXIT_YAW_RATE`. Everything is from the ground truth, with signs turned so that
+the turn is positive. Definitions: design section 10.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.turn_metrics import outcome_from
+from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
+
+EXIT_YAW_RATE = 0.1
+"""rad/s; a car that yaws less, its wheels straight, has left the turn."""
+COURSES = (45, 60, 90)
+"""degrees; the time to each is measured."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """When the course first had turned by some angle; every field None where it never did.
+
+    Attributes:
+        time_s: since the steering command.
+        peak_roll_rad: largest roll outwards until then.
+        clean: until then, see `Outcome`; None also when the log cannot tell.
+    """
+
+    time_s: float | None = None
+    peak_roll_rad: float | None = None
+    clean: bool | None = None
+
+
+@dataclass(frozen=True)
+class TurnCourse:
+    """Where the turn led; times since the steering command, every field but `passages` None without an exit.
+
+    Attributes:
+        exit_time_s: first instant with straight wheels and a yaw rate below `EXIT_YAW_RATE`; None when there is none.
+        course_change_rad: course at the exit less that at the steering command, into the turn.
+        exit_heading_change_rad: likewise of the body's heading.
+        exit_sideslip_rad: heading less course at the exit: positive when the nose points further into the turn.
+        exit_speed_m_per_s: ground speed at the exit.
+        passages: one for each of `COURSES`.
+    """
+
+    exit_time_s: float | None
+    course_change_rad: float | None
+    exit_heading_change_rad: float | None
+    exit_sideslip_rad: float | None
+    exit_speed_m_per_s: float | None
+    passages: tuple[Passage, ...]
+
+    def as_row(self) -> dict[str, Any]:
+        """One flat row for a table."""
+        row = {name: value for name, value in vars(self).items() if name != "passages"}
+        for degrees, passage in zip(COURSES, self.passages, strict=True):
+            row |= {
+                f"time_to_{degrees}_deg_s": passage.time_s,
+                f"peak_roll_to_{degrees}_deg_rad": passage.peak_roll_rad,
+                f"clean_to_{degrees}_deg": passage.clean,
+            }
+        return row
+
+
+def turn_course(run_log: RunLog) -> TurnCourse:
+    """Course of a run's turn.
+
+    Raises:
+        LogError: no ground truth, or as for `metrics_of`.
+    """
+    signals = turn_signals(run_log, "truth")
+    speed, course = _ground_velocity(run_log)
+    started = np.flatnonzero(signals.from_start)
+    course = signals.sign * course
+    turned = course - course[started[0]]
+    passages = tuple(_passage(signals, turned, math.radians(degrees)) for degrees in COURSES)
+    straight = signals.from_start & ~signals.in_window
+    over = np.flatnonzero(straight & (np.abs(signals.yaw_rate) < EXIT_YAW_RATE))
+    if over.size == 0:
+        return TurnCourse(None, None, None, None, None, passages)
+    at, first = over[0], started[0]
+    return TurnCourse(
+        exit_time_s=float(signals.time[at] - signals.window[0]),
+        course_change_rad=float(turned[at]),
+        exit_heading_change_rad=float(signals.yaw[at] - signals.yaw[first]),
+        exit_sideslip_rad=math.remainder(float(signals.yaw[at] - course[at]), 2.0 * math.pi),
+        exit_speed_m_per_s=float(speed[at]),
+        passages=passages,
+    )
+
+
+def _ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
+    """Ground speed (m/s) and course (rad, positive to the left, unwrapped) below the centre of mass, each (n,)."""
+    v_WBo_B, w_WB_B = run_log.vector("velocity", "truth_m_per_s"), run_log.vector("gyro", "truth_rad_per_s")
+    p_BoC_B = np.array([run_log.number("car", "com_x"), 0.0, 0.0])
+    x, y, z = (v_WBo_B + np.cross(w_WB_B, p_BoC_B)).T
+    roll, pitch, yaw = (run_log.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
+    left, up = np.cos(roll) * y - np.sin(roll) * z, np.sin(roll) * y + np.cos(roll) * z
+    ahead = np.cos(pitch) * x + np.sin(pitch) * up
+    return np.hypot(ahead, left), np.unwrap(yaw + np.arctan2(left, ahead))
+
+
+def _passage(signals: TurnSignals, turned: FloatArray, angle: float) -> Passage:
+    reached = np.flatnonzero(signals.from_start & (turned >= angle))
+    if reached.size == 0:
+        return Passage()
+    at = reached[0]
+    time = float(np.interp(angle, turned[at - 1 : at + 1], signals.time[at - 1 : at + 1])) - signals.window[0]
+    until = slice(0, at + 1)
+    loads, contact = (None if v is None else v[until] for v in (signals.wheel_loads, signals.ground_contact))
+    outcome = outcome_from(signals.time[until], signals.tilt[until], loads, contact, signals.window[0])
+    return Passage(time, float(np.max(signals.roll[until][signals.from_start[until]])), outcome.clean)
