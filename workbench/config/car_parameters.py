@@ -273,6 +273,8 @@ class ManoeuvreParameters(QuantityModel):
     speed: float = quantity("m/s", "commanded speed", ge=0, le=30)
     direction: Literal["left", "right"] = quantity("1", "side of the turn")
     steer_angle: float = quantity("rad", "commanded steering angle of the turn", ge=0, le=1.2)
+    first_angle: float = quantity("rad", "another angle at the beginning of a simulated turn", ge=0, le=1.2)
+    first_hold: float = quantity("s", "how much of turn_hold has that angle; 0: none", ge=0, le=60)
     speed_ramp: float = quantity("s", "time in which the commanded speed is ramped up", gt=0, le=60)
     turn_start: float = quantity("s", "time of the steering command in a simulated turn", ge=0, le=600)
     turn_hold: float = quantity("s", "how long the steering command lasts", gt=0, le=60)

@@ -79,6 +79,8 @@ class Scenario(ScenarioFile):
         rules = (
             (tail.sail_length <= tail.length, "tail.sail_length", f"<= tail.length {tail.length:g} m"),
             (turn.steer_angle <= steering + 1e-9, "manoeuvre.steer_angle", f"<= servo.limit {steering:.9g} rad"),
+            (turn.first_angle <= steering + 1e-9, "manoeuvre.first_angle", f"<= servo.limit {steering:.9g} rad"),
+            (turn.first_hold <= turn.turn_hold, "manoeuvre.first_hold", f"<= turn_hold {turn.turn_hold:g} s"),
             (ramped, "manoeuvre.speed_ramp", f"<= turn_start {turn.turn_start:g} s"),
             (tailless or hold <= roll, "controller.hold_angle", f"<= tail.roll_limit {roll:.9g} rad"),
             (tailless or held_pitch <= pitch, "controller.pitch_angle", f"within tail.pitch_limit, +-{pitch:.9g} rad"),

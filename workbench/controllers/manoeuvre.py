@@ -97,7 +97,7 @@ class SpeedRamp:
 
 @dataclass(frozen=True)
 class TurnSchedule:
-    """Straight, then a steering step of `steer_angle` for `hold`, then straight again.
+    """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two levels if asked for.
 
     The simulated turn of the thesis (7.1.1: 30 degrees from 2.0 to 2.5 s; the servo adds its 0.14 s), and with
     `throttle_off` the AUTO sequence of the car (7.2.1). The turn is announced from the first tick to the end.
@@ -109,6 +109,7 @@ class TurnSchedule:
         start: s, of the steering step.
         hold: s, length of the steering step.
         throttle_off: s, from which the throttle is 0; never by default.
+        first_angle, first_hold: another angle (rad, at least 0) at the beginning of the step, and how much of it (s).
     """
 
     ramp: SpeedRamp
@@ -117,18 +118,23 @@ class TurnSchedule:
     start: float
     hold: float
     throttle_off: float = math.inf
+    first_angle: float = 0.0
+    first_hold: float = 0.0
 
     def __post_init__(self) -> None:
         _check_steering(self.side, self.steer_angle)
         check_range("manoeuvre.turn_start", self.start, 0.0, math.inf, "s")
         check_range("manoeuvre.turn_hold", self.hold, 0.0, math.inf, "s", above_low=True)
         check_range("manoeuvre.speed_ramp", self.ramp.duration, 0.0, self.start, "s")
+        check_range("manoeuvre.first_angle", self.first_angle, 0.0, math.pi / 2, "rad")
+        check_range("manoeuvre.first_hold", self.first_hold, 0.0, self.hold, "s")
 
     def at(self, time: float) -> DriverInput:
         """Inputs at `time` s since the start."""
         turning = self.start <= time + TICK_TOLERANCE < self.start + self.hold
+        angle = self.first_angle if time + TICK_TOLERANCE < self.start + self.first_hold else self.steer_angle
         throttle = 0.0 if time + TICK_TOLERANCE >= self.throttle_off else self.ramp.throttle(time)
-        return DriverInput(self.side * self.steer_angle if turning else 0.0, throttle, self.side)
+        return DriverInput(self.side * angle if turning else 0.0, throttle, self.side)
 
 
 @dataclass(frozen=True)
@@ -189,7 +195,8 @@ def make_schedule(scenario: Any) -> Schedule:
     line = ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
     ramp = SpeedRamp(manoeuvre.speed, manoeuvre.speed_ramp, line)
     if manoeuvre.kind == "turn":
-        return TurnSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.turn_hold)
+        first = {"first_angle": manoeuvre.first_angle, "first_hold": manoeuvre.first_hold}
+        return TurnSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.turn_hold, **first)
     if manoeuvre.kind == "auto_turn":
         start = manoeuvre.straight_time
         throttle_off = start + manoeuvre.turn_hold + manoeuvre.wait_after_turn

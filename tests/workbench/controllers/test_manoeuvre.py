@@ -24,6 +24,8 @@ def scenario(governor=True, **changes):
         "steer_angle": STEER,
         "turn_start": 2.0,
         "turn_hold": 0.5,
+        "first_angle": 0.0,
+        "first_hold": 0.0,
         "duration": 4.0,
         "speed_ramp": 1.2,
         "slalom_period": 2.0,
@@ -51,6 +53,17 @@ def test_turn_steers_30_degrees_to_the_left_from_2_to_2_5_s():
     assert (turning[0], turning[-1]) == (200, 249)
     assert schedule.at(0.0).planned_turn == 1.0
     assert schedule.at(3.9).planned_turn == 1.0
+
+
+def test_a_turn_of_two_levels_has_each_for_its_time():
+    """At 2.2 s after 0.2 s; a first level without time is none."""
+    schedule = make_schedule(scenario(first_angle=0.1, first_hold=0.2))
+    angles = steering(schedule, 0.01 * np.arange(400))
+    assert set(angles[200:220]) == {0.1}
+    assert set(angles[220:250]) == {STEER}
+    assert not angles[:200].any()
+    assert not angles[250:].any()
+    assert set(steering(make_schedule(scenario(first_angle=0.1)), 0.01 * np.arange(200, 250))) == {STEER}
 
 
 def test_ticks_reach_the_instants_whatever_their_rounding():
