@@ -1,4 +1,4 @@
-"""`aerodima leaderboard` and `passivity`: tail controllers on the same turns and cars, passive and active tails."""
+"""`aerodima corner`, `leaderboard` and `passivity`: who turns further, who survives most, passive and active tails."""
 
 from __future__ import annotations
 
@@ -8,13 +8,88 @@ from typing import Annotated
 import typer
 
 from aerodima.optimisation.commands.study_commands import engine_for
-from aerodima.workbench.cli.options import SWINGS, Ensemble, Scheduler, Workers
+from aerodima.workbench.cli.options import SWINGS, Ensemble, ScenarioOption, Scheduler, Workers, WorkOptions, grouped
 
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    for command in (leaderboard, passivity):
+    for command in (corner, leaderboard, passivity):
         app.command(rich_help_panel=SWINGS)(command)
+
+
+@grouped
+def corner(
+    out: Annotated[Path, typer.Option(help="Folder for tables, page and runs; a stopped study goes on in it.")],
+    work: WorkOptions,
+    scenario: ScenarioOption = "turn_fast",
+    contestant: Annotated[
+        list[str] | None,
+        typer.Option(help="none, low-ballast, low-centre, held, published, constant; may be repeated; by default all."),
+    ] = None,
+    law: Annotated[list[str] | None, typer.Option(help="Swing file or name to take part; may be repeated.")] = None,
+    ensemble: Ensemble = "car",
+    seed: Annotated[int, typer.Option(help="Of the split into training and test cars.", min=0)] = 1,
+    cars: Annotated[int, typer.Option(help="Test cars.", min=1)] = 4,
+    car: Annotated[list[str] | None, typer.Option(help="This test car alone; may be repeated.")] = None,
+    training: Annotated[int, typer.Option(help="Training cars, for the best constant rate.", min=1)] = 4,
+    speed: Annotated[
+        list[float] | None, typer.Option(help="m/s; may be repeated; by default 4.5.", min=1, max=8)
+    ] = None,
+    floor: Annotated[
+        list[float] | None,
+        typer.Option(help="Friction over the critical one; may be repeated; by default 1.1 and 1.3.", min=0.5, max=3.0),
+    ] = None,
+    course: Annotated[
+        list[int] | None, typer.Option(help="Also the time to this course: 45, 60 or 90 degrees; may be repeated.")
+    ] = None,
+    steering: Annotated[
+        tuple[float, float], typer.Option(help="Least and largest amplitude that is tried, degrees.")
+    ] = (2.0, 30.0),
+    fixed: Annotated[bool, typer.Option("--fixed", help="Also with steering fixed from the training cars.")] = False,
+    levels: Annotated[int, typer.Option(help="Of the steering; 2 takes seven times as long.", min=1, max=2)] = 1,
+    runs: Annotated[int, typer.Option(help="Of each search for an amplitude.", min=3, max=50)] = 9,
+) -> None:
+    """Who turns the car further on the same floor, each with its own best steering: course turned in 0.5 s.
+
+    Asked for again after Ctrl-C, or with more cars, speeds or floors, it keeps the runs that are there.
+    Example: aerodima corner --cars 4 --speed 4.5 --out out/corner
+    """
+    from math import radians
+
+    from aerodima.optimisation.studies.contestants import swing_player
+    from aerodima.optimisation.studies.corner_page import make_corner, summary_cells
+    from aerodima.optimisation.studies.corner_plan import (
+        CONTESTANTS,
+        ONE_LEVEL,
+        TWO_LEVELS,
+        CornerPlan,
+        chosen_cars,
+        contestants_of,
+    )
+    from aerodima.optimisation.studies.steering_search import SteeringSearch
+    from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.workbench.text_table import text_table
+
+    chosen = contestants_of(contestant or list(CONTESTANTS))
+    laws = [swing_player(name) for name in law or ()]
+    split = load_ensemble(ensemble).split(seed)
+    test = chosen_cars(split.test, car) if car else list(split.test[:cars])
+    low, high = map(radians, steering)
+    plan = CornerPlan(
+        scenario,
+        tuple(speed or (4.5,)),
+        tuple(floor or (1.1, 1.3)),
+        tuple(course or ()),
+        (ONE_LEVEL, *(TWO_LEVELS if levels == 2 else ())),
+        fixed,
+        SteeringSearch(low, high, runs=runs),
+    )
+    with engine_for(out, work.workers, work.scheduler) as (engine, progress):
+        _, summary, files = make_corner(
+            out, plan, chosen, laws, test, split.training[:training], engine, force=work.force, progress=progress
+        )
+    typer.echo("\n".join(text_table(*summary_cells(summary))))
+    typer.echo(f"page: {files[-1]}")
 
 
 def leaderboard(

@@ -6,7 +6,7 @@ named change of a scenario that a controller should stand.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.law_of_scenario import find_swing
+from aerodima.workbench.plants.car_model import gearbox_height
 from aerodima.workbench.resources import models_dir
 
 FIXED_SPEEDS = (5.5, 6.0, 6.5, 7.0, 7.5, 9.0)
@@ -33,12 +34,14 @@ class Contestant:
         settings: overrides of any turn.
         swings: swing files that it plays, by the speed (m/s) that they were made for; empty without.
         choices: further settings by speed of the turn; the nearest speed's are taken.
+        ballast: further settings of a car, from its scenario; None changes nothing.
     """
 
     name: str
     settings: tuple[str, ...]
     swings: tuple[str, ...] = ()
     choices: Mapping[float, tuple[str, ...]] = field(default_factory=dict, hash=False)
+    ballast: Callable[[Scenario], tuple[str, ...]] | None = None
 
     def at(self, speed: float) -> tuple[str, ...]:
         """Settings for a turn at a speed, m/s."""
@@ -66,11 +69,35 @@ def fixed_law(speed: float, release: float | None = None) -> tuple[str, ...]:
 THESIS = Contestant("thesis, 8 rad/s", (*SWINGING, *fixed_law(8.0)))
 
 
-def best_fixed(choices: Mapping[float, tuple[float, float]]) -> Contestant:
+LOW_PLACE = 0.07
+"""Height at which a mass is low in the car, m: about that of the axles."""
+LOW_CENTRE_HEIGHT = 0.20
+"""m; of a car without tail, 4 cm lower than the nominal one."""
+
+
+def low_ballast(scenario: Scenario) -> tuple[str, ...]:
+    """The car without tail, its gearbox with both motors `LOW_PLACE` above the ground and the arm's mass with it."""
+    car, tail = scenario.car, scenario.tail
+    arm = tail.mass + tail.hub_mass
+    total = car.mass + arm
+    lowered = LOW_PLACE - gearbox_height(car, tail)
+    x = (car.mass * car.com_x + arm * car.gearbox_x) / total
+    z = (car.mass * car.com_height + car.gearbox_mass * lowered + arm * LOW_PLACE) / total
+    mount = tail.mount_height + lowered
+    return (f"car.mass={total!r}", f"car.com_x={x!r}", f"car.com_height={z!r}", f"tail.mount_height={mount!r}")
+
+
+LOW_BALLAST = Contestant("no tail, its mass low", NO_TAIL.settings, ballast=low_ballast)
+LOW_CENTRE = Contestant(
+    "no tail, centre of mass at 0.2 m", (*NO_TAIL.settings, f"car.com_height={LOW_CENTRE_HEIGHT!r}")
+)
+
+
+def best_fixed(choices: Mapping[float, tuple[float, float]], name: str = "best fixed speed") -> Contestant:
     """The thesis' law with roll rate and release (rad/s) by speed of the turn (m/s)."""
     words = ", ".join(f"{rate:g} @ {release:g}" for rate, release in dict.fromkeys(choices.values()))
     laws = {speed: fixed_law(*choice) for speed, choice in choices.items()}
-    return Contestant(f"best fixed speed ({words})", SWINGING, choices=laws)
+    return Contestant(f"{name} ({words})", SWINGING, choices=laws)
 
 
 def swing_player(path_or_name: str, tracking: str = "joint_pd") -> Contestant:

@@ -69,7 +69,7 @@ class Search:
 
     def value(self, index: int) -> float:
         """The value at a place of the grid."""
-        return _rounded(self.low + index * self.tolerance)
+        return rounded(self.low + index * self.tolerance)
 
     def following(
         self, start: Start, survived: float | None, lost: float | None, rows: Mapping[float, Any]
@@ -91,11 +91,11 @@ class Search:
     def _scanned(self, survived: float | None, lost: float | None, rows: Mapping[float, Any]) -> list[float]:
         if not rows:
             steps = math.ceil((self.high - self.low) / self.scan - 1e-9)
-            return [_rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
+            return [rounded(value) for value in np.linspace(self.low, self.high, steps + 1)]
         if survived is None or lost is None or lost - survived <= self.tolerance + 1e-9:
             return []
         cuts = np.linspace(survived, lost, SECTIONS + 1)[1:-1]
-        return [value for cut in cuts if (value := _rounded(cut)) not in rows]
+        return [value for cut in cuts if (value := rounded(cut)) not in rows]
 
     @property
     def _last(self) -> int:
@@ -294,6 +294,6 @@ def _survival(row: Mapping[str, Any]) -> bool | None:
     return {"survived": True, "flipped": False}.get(_outcome(row))
 
 
-def _rounded(value: float) -> float:
+def rounded(value: float) -> float:
     """Without the last bits of a division, so that tables and settings read well."""
     return float(f"{value:.9g}")

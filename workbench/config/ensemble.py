@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,14 @@ class Member:
         return tuple(f"{key}={value}" for key, value in self.values.items())
 
 
+class Split(NamedTuple):
+    """Cars that laws are chosen on, cars that they are judged on, and cars kept for a benchmark; none in two parts."""
+
+    training: tuple[Member, ...]
+    test: tuple[Member, ...]
+    reserved: tuple[Member, ...]
+
+
 @dataclass(frozen=True)
 class Ensemble:
     """Weighted members and where they come from.
@@ -104,6 +112,19 @@ class Ensemble:
         places, counts = np.unique(np.searchsorted(np.cumsum(self.weights), middles), return_counts=True)
         chosen = [self.members[min(place, len(self.members) - 1)] for place in places]
         return tuple(Member(m.name, k / number, m.values) for m, k in zip(chosen, counts.tolist(), strict=True))
+
+    def split(self, seed: int) -> Split:
+        """The members but the best, which is the nominal car, in three parts.
+
+        They are drawn by weight, one after the other and none twice, and dealt to the parts in turn: the first cars of
+        a part, however many, stand for the ensemble with equal weights.
+        """
+        others = [member for member in self.members if member.name != self.best.name]
+        weights = np.array([member.weight for member in others])
+        # The order of arrival of exponential times with these rates is that of draws by weight without replacement.
+        order = np.argsort(np.random.default_rng(seed).exponential(size=weights.size) / weights)
+        training, test, reserved = (tuple(others[place] for place in order[part::3]) for part in range(3))
+        return Split(training, test, reserved)
 
     def scenario(self, member: Member, scenario: str | Path, settings: Sequence[str] = ()) -> Scenario:
         """A scenario with the car of a member; `settings` override the member.

@@ -1,0 +1,227 @@
+"""The corner study as one piece of work: store, runs, and its tables (CSV, Markdown) with one HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from aerodima.optimisation.studies.contestants import NO_TAIL, THESIS, Contestant
+from aerodima.optimisation.studies.corner_plan import (
+    MOST_BACK,
+    MOST_ROLL,
+    MOST_SIDESLIP,
+    PULSE,
+    SHOWN,
+    STEP_BACK,
+    CornerPlan,
+)
+from aerodima.optimisation.studies.corner_study import Corner, CornerRuns
+from aerodima.optimisation.studies.leaderboard import open_runs
+from aerodima.optimisation.studies.study_report import table_cells
+from aerodima.optimisation.sweep.run_study import make_frame
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
+from aerodima.workbench.batch.engine import ProgressLine, silent
+from aerodima.workbench.batch.row_store import saying_how_to_go_on
+from aerodima.workbench.config.ensemble import Member
+from aerodima.workbench.figures.figure_style import BLUE, GREY, new_figure, styled
+from aerodima.workbench.report.report_page import Finding, Folded, Page, Plot, Section, Table, write_files
+
+PAGE, TABLE = "corner.html", "corner.md"
+
+
+def make_corner(
+    out: Path,
+    plan: CornerPlan,
+    chosen: Mapping[str, Contestant | None],
+    laws: Sequence[Contestant],
+    test: Sequence[Member],
+    training: Sequence[Member],
+    engine: RunEngine,
+    *,
+    force: bool = False,
+    progress: ProgressLine = silent,
+) -> tuple[Corner, pd.DataFrame, list[Path]]:
+    """Runs what the folder does not hold yet, and writes tables and page; `CornerRuns.measure` has the arguments.
+
+    Returns:
+        What was measured, its summary, and the files.
+
+    Raises:
+        UserError: the folder is in use, or holds the runs of other parameters or versions; a case has no floor.
+    """
+    with open_runs(out, force=force) as store:
+        remembering = RememberingEngine(engine, store, progress)
+        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
+            corner = CornerRuns(plan, remembering).measure(chosen, laws, test, training)
+        progress(f"{remembering.ran} runs made, the others were there")
+    summary = summarise_corner(corner.cases, corner.contestants)
+    tables = {"cases.csv": corner.cases, "summary.csv": summary} | (
+        {"rates.csv": corner.rates} if len(corner.rates) else {}
+    )
+    left_out = "".join(f" Left out: {words}." for words in corner.without_floor)
+    words = _how(plan, test, training) + left_out
+    markdown = "\n".join([words, "", *markdown_table(summary), ""])
+    return corner, summary, write_files(out, {**tables, TABLE: markdown, PAGE: corner_page(corner, summary, words)})
+
+
+def gains(cases: pd.DataFrame, over: str, value: str = "course_change_rad") -> pd.DataFrame:
+    """The cases with `gain` of a value over that of another contestant in the same case.
+
+    A contestant without a run that counts has turned nothing: its gain is -1; without one of the other there is none.
+    """
+    key = ["car", "speed_m_per_s", "floor"]
+    other = cases[cases["contestant"] == over].set_index(key)[value].rename("other")
+    joined = cases.join(other, on=key)
+    ratio = joined[value].fillna(0.0) / joined["other"]
+    return joined.assign(gain=np.where(joined["other"].isna(), np.nan, ratio - 1.0))
+
+
+def summarise_corner(cases: pd.DataFrame, contestants: Sequence[Contestant]) -> pd.DataFrame:
+    """A row per contestant over all cases, then over those of each speed and of each floor, with medians.
+
+    The worst car is that of the lowest median over its own cases.
+    """
+    speeds, floors = (sorted(cases[name].unique()) for name in ("speed_m_per_s", "floor"))
+    parts = {"all": cases["floor"] > 0.0}
+    parts |= {f"{speed:g} m/s": cases["speed_m_per_s"] == speed for speed in speeds}
+    parts |= {f"floor x {floor:g}": cases["floor"] == floor for floor in floors}
+    references = {"no_tail": NO_TAIL.name, "published": THESIS.name}
+    gained = {label: gains(cases, name) for label, name in references.items()}
+    rows = []
+    for part, inside in parts.items():
+        for who in contestants:
+            chosen = inside & (cases["contestant"] == who.name)
+            own = cases[chosen]
+            row: dict[str, Any] = {"cases": part, "contestant": who.name, "number": len(own)}
+            row["without_a_turn_that_counts"] = int(own["course_change_rad"].isna().sum())
+            row |= {f"median_{name}": float(own[name].median()) for name in ("steering_deg", *SHOWN[:4], *SHOWN[5:8])}
+            for label, table in gained.items():
+                mine = table[chosen]
+                row[f"gain_over_{label}"] = float(mine["gain"].median())
+                row[f"worst_car_over_{label}"] = float(mine.groupby("car")["gain"].median().min())
+            if "fixed_course_change_rad" in cases:
+                table = gains(cases, NO_TAIL.name, "fixed_course_change_rad")
+                mine = table[chosen]
+                row["fixed_without_a_turn_that_counts"] = int(mine["fixed_course_change_rad"].isna().sum())
+                row["fixed_gain_over_no_tail"] = float(mine["gain"].median())
+            times = [name for name in cases.columns if name.startswith("time_to_")]
+            rows.append(row | {f"median_{name}": float(own[name].median()) for name in times})
+    return make_frame(rows)
+
+
+COLUMNS = {
+    "contestant": "contestant",
+    "number": "cases",
+    "without_a_turn_that_counts": "without a turn",
+    "median_steering_deg": "steering [deg]",
+    "median_course_change_rad": "course [deg]",
+    "gain_over_no_tail": "over no tail",
+    "worst_car_over_no_tail": "worst car over no tail",
+    "gain_over_published": "over published",
+    "worst_car_over_published": "worst car over published",
+    "median_exit_heading_change_rad": "heading [deg]",
+    "median_average_linear_acceleration_m_per_s2": "mean a_y [m/s2]",
+    "median_exit_speed_m_per_s": "exit speed [m/s]",
+    "median_peak_roll_rad": "peak roll [deg]",
+    "median_two_wheel_time_s": "on two wheels [s]",
+}
+FIXED = {
+    "fixed_without_a_turn_that_counts": "without a turn, fixed steering",
+    "fixed_gain_over_no_tail": "over no tail, fixed steering",
+}
+"""Of the summary, with the words of page and terminal; those of fixed steering and the times to courses follow."""
+
+
+def summary_cells(summary: pd.DataFrame, cases: str = "all") -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the summary over some of the cases."""
+    times = [name for name in summary.columns if name.startswith("median_time_to_")]
+    shown = COLUMNS | {name: words for name, words in FIXED.items() if name in summary}
+    shown |= {name: f"to {name.split('_')[3]} deg [s]" for name in times}
+    own = summary[summary["cases"] == cases]
+    return list(shown.values()), [[_cell(name, row[name]) for name in shown] for row in own.to_dict("records")]
+
+
+def markdown_table(summary: pd.DataFrame) -> list[str]:
+    """Lines of the summary over all cases."""
+    header, rows = summary_cells(summary)
+    return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]
+
+
+def corner_page(corner: Corner, summary: pd.DataFrame, how: str) -> Page:
+    """What was measured, as a page."""
+    parts = [name for name in dict.fromkeys(summary["cases"]) if name != "all"]
+    plot = Plot(plot_gains(corner), "Dots: cases; bar: median.", "Gain in course over the car without tail", "gains")
+    by_part = [Section(f"Cases of {part}", [Table(*summary_cells(summary, part))]) for part in parts]
+    sections = [
+        Section("All cases", [Finding([Table(*summary_cells(summary))]), how, plot]),
+        *(by_part if len(parts) > 2 else []),
+        Section("Each case", [Folded("Table", [_whole(corner.cases)])]),
+    ]
+    if len(corner.rates):
+        sections.append(Section("Constant rates on the training cars", [_whole(corner.rates)]))
+    return Page(
+        "Who turns the car further", "Course turned by a short pulse of steering, each with its own best.", sections
+    )
+
+
+def plot_gains(corner: Corner) -> Figure:
+    """Gain in course over the car without tail, a row per contestant."""
+    table = gains(corner.cases, NO_TAIL.name)
+    names = [who.name for who in corner.contestants if who.name != NO_TAIL.name]
+    with styled():
+        image, grid = new_figure(9.0, 1.2 + 0.5 * len(names))
+        axes = grid[0, 0]
+        for place, name in enumerate(reversed(names)):
+            values = 100.0 * table[table["contestant"] == name]["gain"].to_numpy(float)
+            axes.barh(place, np.nanmedian(values) if np.isfinite(values).any() else 0.0, color=BLUE, height=0.5)
+            axes.plot(values, np.full(values.size, place), ".", color=GREY)
+        axes.set_yticks(range(len(names)), list(reversed(names)))
+        axes.set_xlabel("course over that without tail [%]")
+    return image
+
+
+def _whole(frame: pd.DataFrame) -> Table:
+    return Table(list(frame.columns), table_cells(frame, list(frame.columns)))
+
+
+def _cell(name: str, value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    if value != value:
+        return "-"
+    if name == "number" or "without" in name:
+        return f"{value:.0f}"
+    if "_over_" in name:
+        return f"{value:+.1%}"
+    return f"{np.degrees(value):.1f}" if name.endswith("_rad") else f"{value:.2f}"
+
+
+def _how(plan: CornerPlan, test: Sequence[Member], training: Sequence[Member]) -> str:
+    search = plan.search
+    low, high = (f"{np.degrees(angle):g}" for angle in (search.low, search.high))
+    back = 1.0 - search.angle(0) / search.angle(STEP_BACK)
+    return (
+        f"Scenario {plan.scenario}; test cars {', '.join(car.name for car in test)}; training cars for the best "
+        f"constant rate {', '.join(car.name for car in training) or 'none'}; speeds {_listed(plan.speeds)} m/s; floors "
+        f"{_listed(plan.floors)} times the critical friction of the published swing at full lock; pulse {PULSE:g} s. "
+        f"A run counts that is clean, with a peak roll of at most {MOST_ROLL:g} rad and a sideslip of at most "
+        f"{MOST_SIDESLIP:g} rad at the exit. Steering from {low} to {high} degrees: {search.runs} runs of each shape "
+        f"({_shapes(plan)}) at {1000 * plan.step:g} ms for each contestant and case; the best is proved at "
+        f"{1000 * plan.fine_step:g} ms, {back:.1%} less each time it does not count there, at most {MOST_BACK} times. "
+        "Medians over the cases; the worst car is that of the lowest median over its own. Without a turn that counts a "
+        "contestant turned nothing."
+    )
+
+
+def _shapes(plan: CornerPlan) -> str:
+    words = (f"{ratio:g} times that for {hold:g} s first" if hold else "one level" for ratio, hold in plan.shapes)
+    return "; ".join(words)
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)

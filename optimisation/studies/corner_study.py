@@ -1,0 +1,249 @@
+"""Who turns the car further: floor and speed are given, every contestant has the steering that is best for it.
+
+A case is a car, a speed and a floor: a multiple of the critical friction of the published swing at full lock there.
+Each contestant steers a pulse of `PULSE` with the amplitude that turns the course furthest among the runs that count
+(`counts`): found at the ordinary step, proved at the fine one, and lowered by a stated share until it counts there too.
+The time to a course is measured likewise, in runs of their own that are steered until they reach it. The steering is
+found on the car that is judged, as a driver would; the rate of the best constant-rate swing on training cars alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import pandas as pd
+
+from aerodima.optimisation.studies.contestants import SWINGING, THESIS, Contestant, best_fixed, fixed_law
+from aerodima.optimisation.studies.corner_plan import (
+    CONSTANT,
+    MOST_BACK,
+    ONE_LEVEL,
+    SHOWN,
+    STEP_BACK,
+    Aim,
+    CornerPlan,
+    Floor,
+    Run,
+    Steered,
+    Steering,
+    Turn,
+    counts,
+)
+from aerodima.optimisation.studies.steering_search import best_place, search_steering
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, find_thresholds
+from aerodima.optimisation.sweep.run_study import make_frame
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
+from aerodima.workbench.config.ensemble import Member
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
+
+
+@dataclass(frozen=True)
+class Corner:
+    """What was measured.
+
+    Attributes:
+        cases: a row per floor and contestant.
+        rates: what each rate and release was worth on the training cars; empty without.
+        contestants: in order.
+        without_floor: cars and speeds that have no floor, since the published swing at full lock is clean on none.
+    """
+
+    cases: pd.DataFrame
+    rates: pd.DataFrame
+    contestants: tuple[Contestant, ...]
+    without_floor: tuple[str, ...]
+
+
+class CornerRuns:
+    """Runs what a plan asks for; everything that it runs goes through an engine that remembers."""
+
+    def __init__(self, plan: CornerPlan, engine: RememberingEngine) -> None:
+        self._plan, self._engine = plan, engine
+        self._without_floor: dict[str, None] = {}
+
+    def measure(
+        self, chosen: Mapping[str, Contestant | None], laws: Sequence[Contestant], test: Sequence[Member],
+        training: Sequence[Member],
+    ) -> Corner:  # fmt: skip
+        """The table.
+
+        Args:
+            chosen: of `contestants_of`.
+            laws: further contestants.
+            test: cars that are judged on.
+            training: cars that the best constant rate is chosen on.
+        """
+        rates = self.constant_rates(training) if CONSTANT in chosen else pd.DataFrame()
+        contestants = [who or best_constant(rates) for who in chosen.values()] + list(laws)
+        floors = self.floors(test)
+        turns = [(who, floor) for floor in floors for who in contestants]
+        measured = {aim: self._steered(aim, turns, self._plan.shapes) for aim in (Aim(), *map(Aim, self._plan.courses))}
+        rows = [
+            self._row(who, floor, {aim: steered[place] for aim, steered in measured.items()})
+            for place, (who, floor) in enumerate(turns)
+        ]
+        if self._plan.fixed:
+            trained = self._fixed_places([(who, floor) for floor in self.floors(training) for who in contestants])
+            for row, fixed in zip(rows, self._fixed(turns, trained), strict=True):
+                row |= fixed
+        return Corner(make_frame(rows), rates, tuple(contestants), tuple(self._without_floor))
+
+    def floors(self, members: Sequence[Member]) -> list[Floor]:
+        """Of cars, speeds and shares; SweepError when none has a floor."""
+        self._engine.stage = "critical friction"
+        plan = self._plan
+        keys = [(member, speed) for member in members for speed in plan.speeds]
+        cases = [Case(THESIS.name, plan.scenario, self._settings(THESIS, m, v, plan.step)) for m, v in keys]
+        starts = [load_scenario(plan.scenario, m.settings_on(plan.scenario)).car.tyre_friction for m, _ in keys]
+        floors = []
+        for (member, speed), one in zip(
+            keys, find_thresholds(cases, plan.friction, self._engine, starts=starts), strict=True
+        ):
+            if one.survived is None:
+                self._without_floor[f"{member.name} at {speed:g} m/s"] = None
+            else:
+                floors += [Floor(member, speed, share, one.survived) for share in plan.floors]
+        if not floors:
+            raise SweepError(f"{', '.join(self._without_floor)}: the published swing at full lock is clean on no floor")
+        return floors
+
+    def constant_rates(self, training: Sequence[Member]) -> pd.DataFrame:
+        """Mean course by speed, rate and release over training cars and floors; a turn that does not count is none."""
+        plan = self._plan
+        floors = self.floors(training)
+        choices = [(rate, release) for rate in plan.rates for release in plan.releases]
+        turns = [(Contestant("", (*SWINGING, *fixed_law(*choice))), floor) for choice in choices for floor in floors]
+        self._engine.stage = "best constant rate"
+        best = [one.worth if one else 0.0 for one in self._search(Aim(), turns, plan.shapes[:1])]
+        frame = pd.DataFrame(
+            [
+                {
+                    "speed_m_per_s": floor.speed,
+                    "rate_rad_per_s": rate,
+                    "release_rad_per_s": release,
+                    "course_rad": course,
+                }
+                for ((rate, release), floor), course in zip(
+                    ((choice, floor) for choice in choices for floor in floors), best, strict=True
+                )
+            ]
+        )
+        return frame.groupby(["speed_m_per_s", "rate_rad_per_s", "release_rad_per_s"], as_index=False).mean()
+
+    def _settings(self, who: Contestant, member: Member, speed: float, step: float) -> tuple[str, ...]:
+        scenario = self._plan.scenario
+        own = member.settings_on(scenario)
+        ballast = () if who.ballast is None else who.ballast(load_scenario(scenario, own))
+        numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+        return (*own, *numerics, *who.at(speed), *ballast, f"{SPEED}={speed!r}")
+
+    def _task(self, run: Run, step: float, times: tuple[float, float]) -> RunTask:
+        who, floor, place, (ratio, first) = run
+        hold, after = times
+        end = load_scenario(self._plan.scenario).manoeuvre.turn_start + hold + after
+        angle = self._plan.search.angle(place)
+        steered = [f"manoeuvre.steer_angle={angle!r}", f"manoeuvre.turn_hold={hold!r}", f"manoeuvre.duration={end:.9g}"]
+        if first:
+            level = min(ratio * angle, self._plan.search.high)
+            steered += [f"manoeuvre.first_angle={level!r}", f"manoeuvre.first_hold={min(first, hold)!r}"]
+        settings = (*self._settings(who, floor.member, floor.speed, step), f"{FRICTION}={floor.friction!r}", *steered)
+        return RunTask(f"{who.name} {floor.member.name} {floor.speed:g}", self._plan.scenario, settings)
+
+    def _runs(self, aim: Aim, wanted: Sequence[Run]) -> list[dict[str, Any]]:
+        return self._engine.rows([self._task(run, self._plan.step, aim.searching) for run in wanted])
+
+    def _search(self, aim: Aim, turns: Sequence[Turn], shapes: Sequence[tuple[float, float]]) -> list[Steering | None]:
+        """The best steering of each turn, of all shapes."""
+        searches = [(*turn, shape) for turn in turns for shape in shapes]
+
+        def run(wanted: Sequence[tuple[int, int]]) -> list[float | None]:
+            runs = [(who, floor, place, shape) for (who, floor, shape), place in ((searches[k], p) for k, p in wanted)]
+            return [aim.worth(row) for row in self._runs(aim, runs)]
+
+        found: list[list[Steering]] = [[] for _ in turns]
+        for number, tried in enumerate(search_steering(self._plan.search, len(searches), run)):
+            if (place := best_place(tried)) is not None:
+                worth = cast(float, tried[place])
+                found[number // len(shapes)].append(Steering(place, searches[number][-1], worth))
+        return [max(one, key=lambda steering: steering.worth, default=None) for one in found]
+
+    def _steered(self, aim: Aim, turns: Sequence[Turn], shapes: Sequence[tuple[float, float]]) -> list[Steered]:
+        """The best steering of each turn, proved at the fine step."""
+        what = self._engine.stage = "0.5 s pulse" if aim.degrees is None else f"time to {aim.degrees} degrees"
+        results = [Steered(found) for found in self._search(aim, turns, shapes)]
+        self._engine.stage = f"{what}, fine step"
+        trying = {which: (*turns[which], *one.found[:2]) for which, one in enumerate(results) if one.found is not None}
+        for _ in range(MOST_BACK + 1):
+            coarse = dict(zip(trying, self._runs(aim, list(trying.values())), strict=True))
+            tasks = {
+                which: self._task(trying[which], self._plan.fine_step, aim.proving(row))
+                for which, row in coarse.items()
+                if aim.worth(row) is not None
+            }
+            for which, row in zip(tasks, self._engine.rows(list(tasks.values())), strict=True):
+                if aim.proved(row):
+                    results[which] = replace(results[which], proved=trying.pop(which)[2], row=row)
+            trying = {k: (*run[:2], run[2] - STEP_BACK, run[3]) for k, run in trying.items() if run[2] >= STEP_BACK}
+        return results
+
+    def _fixed_places(self, turns: Sequence[Turn]) -> dict[tuple[str, float, float], int]:
+        """Least of the best amplitudes by contestant, speed and share, as places on the grid."""
+        least: dict[tuple[str, float, float], int] = {}
+        for (who, floor), one in zip(turns, self._steered(Aim(), turns, [ONE_LEVEL]), strict=True):
+            key = (who.name, floor.speed, floor.share)
+            if one.proved is not None:
+                least[key] = min(one.proved, least.get(key, one.proved))
+        return least
+
+    def _fixed(self, turns: Sequence[Turn], trained: Mapping[tuple[str, float, float], int]) -> list[dict[str, float]]:
+        """Columns of the runs with that steering at the fine step."""
+        self._engine.stage = "fixed steering, fine step"
+        places = [trained.get((who.name, floor.speed, floor.share)) for who, floor in turns]
+        known = [(*turn, place, ONE_LEVEL) for turn, place in zip(turns, places, strict=True) if place is not None]
+        rows = iter(self._engine.rows([self._task(run, self._plan.fine_step, Aim().searching) for run in known]))
+        columns = []
+        for place in places:
+            row = {} if place is None else next(rows)
+            columns.append(
+                {
+                    "fixed_steering_deg": math.nan if place is None else self._degrees(place),
+                    "fixed_course_change_rad": float(row["course_change_rad"]) if row and counts(row) else math.nan,
+                }
+            )
+        return columns
+
+    def _row(self, who: Contestant, floor: Floor, measured: Mapping[Aim, Steered]) -> dict[str, Any]:
+        row: dict[str, Any] = {"contestant": who.name, "car": floor.member.name, "speed_m_per_s": floor.speed}
+        row |= {"floor": floor.share, "critical_friction": floor.critical, "friction": floor.friction}
+        for aim, steered in measured.items():
+            suffix = "" if aim.degrees is None else f"_to_{aim.degrees}_deg"
+            found, proved = steered.found, steered.proved
+            row |= {
+                f"steering_found{suffix}_deg": math.nan if found is None else self._degrees(found.place),
+                f"steering{suffix}_deg": math.nan if proved is None else self._degrees(proved),
+            }
+            if len(self._plan.shapes) > 1:
+                ratio, first = (math.nan, math.nan) if found is None else found.shape
+                row |= {f"first_level{suffix}": ratio, f"first_level_time{suffix}_s": first}
+            names = SHOWN if aim.degrees is None else (f"time_to_{aim.degrees}_deg_s",)
+            row |= {name: _number(steered.row.get(name)) for name in names}
+        return row
+
+    def _degrees(self, place: int) -> float:
+        return math.degrees(self._plan.search.angle(place))
+
+
+def best_constant(rates: pd.DataFrame) -> Contestant:
+    """The law of the largest mean course at each speed, from `CornerRuns.constant_rates`."""
+    best = rates.loc[rates.groupby("speed_m_per_s")["course_rad"].idxmax()]
+    columns = ("speed_m_per_s", "rate_rad_per_s", "release_rad_per_s")
+    chosen = {v: (rate, release) for v, rate, release in zip(*(best[c] for c in columns), strict=True)}
+    return best_fixed(chosen, "best constant rate")
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)

@@ -1,0 +1,281 @@
+"""The corner study on made-up cars: course, roll and time follow from the steering by a formula."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from aerodima.optimisation.studies.contestants import HELD, LOW_PLACE, NO_TAIL, THESIS, low_ballast
+from aerodima.optimisation.studies.corner_page import make_corner
+from aerodima.optimisation.studies.corner_plan import CornerPlan, chosen_cars, contestants_of, counts
+from aerodima.optimisation.studies.steering_search import SteeringSearch, best_place, search_steering
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION
+from aerodima.optimisation.sweep.study_engine import RunTask
+from aerodima.workbench.config.ensemble import Member, load_ensemble
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.metrics.turn_course import COURSES
+from aerodima.workbench.plants.car_model import chassis_centre, gearbox_height
+
+CARS = (Member("light", 0.5, {"car.mass": 5.0}), Member("heavy", 0.5, {"car.mass": 6.0}))
+LIMIT = {"none": 5.0, "held": 6.0, "swing": 7.0}
+"""Steering at which a car rolls too far, degrees; a fast swing bears 0.1 degrees more for each rad/s above 8."""
+GRID = SteeringSearch()
+ONE_STEP = GRID.angle(1) / GRID.angle(0)
+PLAN = CornerPlan(rates=(6.0, 10.0), releases=(0.5,))
+
+
+class MadeUp:
+    """Course of 8 times the steering, rolled too far beyond a limit, which is 5 % lower at the fine step.
+
+    The critical friction at full lock is 0.6.
+    """
+
+    workers, startup = 1, 0.0
+
+    def __init__(self, stop_after: int | None = None) -> None:
+        self.tasks: list[RunTask] = []
+        self._stop_after = stop_after
+
+    def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
+        rows = []
+        for place, task in enumerate(tasks):
+            if self._stop_after is not None and len(self.tasks) >= self._stop_after:
+                raise KeyboardInterrupt
+            self.tasks.append(task)
+            rows.append(self.row(dict(setting.partition("=")[::2] for setting in task.settings)))
+            if done is not None:
+                done(place, rows[-1])
+        return rows
+
+    def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
+        return [function(item) for item in items]
+
+    def row(self, given: dict[str, str]) -> dict[str, Any]:
+        friction, fine = float(given[FRICTION]), given["simulation.step"] == "0.0005"
+        if "manoeuvre.steer_angle" not in given:
+            return {"outcome": "survived", "clean": friction <= 0.6 + 1e-9, "error": ""}
+        steering = math.degrees(float(given["manoeuvre.steer_angle"]))
+        limit = LIMIT[given["tail.mode"]] + 0.1 * (float(given.get("controller.swing_speed", 8.0)) - 8.0)
+        limit *= 0.95 if fine else 1.0
+        hold = float(given["manoeuvre.turn_hold"])
+        row = {
+            "outcome": "survived", "clean": True, "error": "", "exit_sideslip_rad": 0.0, "exit_speed_m_per_s": 4.0,
+            "course_change_rad": math.radians(8.0 * steering) * hold / 0.5, "exit_time_s": 0.7,
+            "exit_heading_change_rad": 0.5, "average_linear_acceleration_m_per_s2": 5.0, "two_wheel_time_s": 0.0,
+            "peak_roll_rad": 0.3 if steering <= limit else 0.4, "swing_trigger_time_s": None,
+        }  # fmt: skip
+        for degrees in COURSES:
+            time = degrees / (16.0 * steering)
+            reached = time <= hold + 1e-6
+            row |= {
+                f"time_to_{degrees}_deg_s": time if reached else None,
+                f"peak_roll_to_{degrees}_deg_rad": row["peak_roll_rad"] if reached else None,
+                f"clean_to_{degrees}_deg": True if reached else None,
+            }
+        return row
+
+
+def measured(folder: Path, engine: Any = None, plan: CornerPlan = PLAN) -> tuple[pd.DataFrame, pd.DataFrame]:
+    chosen = contestants_of(["none", "held", "published", "constant"])
+    corner, summary, _ = make_corner(folder, plan, chosen, [], CARS[:1], CARS[1:], engine or MadeUp())
+    return corner.cases.set_index(["contestant", "floor"]), summary.set_index(["cases", "contestant"])
+
+
+def test_each_contestant_gets_the_steering_that_the_fine_step_bears_out(tmp_path: Path) -> None:
+    cases, summary = measured(tmp_path)
+    for (name, floor), row in cases.iterrows():
+        limit = LIMIT.get(name, LIMIT["swing"]) if name != NO_TAIL.name else LIMIT["none"]
+        limit += 0.2 if "constant" in name else 0.0
+        assert row["friction"] == pytest.approx(floor * 0.6)
+        assert limit / ONE_STEP <= row["steering_found_deg"] <= limit
+        assert 0.95 * limit / ONE_STEP**2 <= row["steering_deg"] <= 0.95 * limit
+        assert row["course_change_rad"] == pytest.approx(math.radians(8.0 * row["steering_deg"]))
+    assert set(cases.index.get_level_values(0)) == {
+        NO_TAIL.name, HELD.name, THESIS.name, "best constant rate (10 @ 0.5)",
+    }  # fmt: skip
+    assert summary.loc[("all", HELD.name), "gain_over_no_tail"] == pytest.approx(0.2, abs=0.04)
+    assert summary.loc[("all", NO_TAIL.name), "gain_over_published"] == pytest.approx(5 / 7 - 1, abs=0.04)
+    assert "| held |" in (tmp_path / "corner.md").read_text()
+
+
+def test_the_constant_rate_is_chosen_on_training_cars_alone(tmp_path: Path) -> None:
+    engine = MadeUp()
+    measured(tmp_path, engine)
+    slow = [task for task in engine.tasks if "controller.swing_speed=6.0" in task.settings]
+    assert slow
+    assert all("car.mass=6.0" in task.settings for task in slow)
+
+
+def test_the_time_to_a_course_is_proved_by_a_run_that_is_steered_so_long(tmp_path: Path) -> None:
+    engine = MadeUp()
+    cases, _ = measured(tmp_path, engine, replace(PLAN, courses=(45,)))
+    row = cases.loc[(HELD.name, 1.1)]
+    assert row["time_to_45_deg_s"] == pytest.approx(45 / (16.0 * row["steering_to_45_deg_deg"]))
+    assert row["steering_to_45_deg_deg"] == pytest.approx(0.95 * 6.0, rel=0.025)
+    assert any(
+        f"manoeuvre.turn_hold={float(f'{row.time_to_45_deg_s:.6g}')!r}" in task.settings for task in engine.tasks
+    )
+
+
+def test_a_contestant_whose_turns_do_not_count_has_turned_nothing(tmp_path: Path) -> None:
+    class Sliding(MadeUp):
+        """Every turn with a held tail ends in a slide."""
+
+        def row(self, given: dict[str, str]) -> dict[str, Any]:
+            return super().row(given) | ({"exit_sideslip_rad": -0.11} if given["tail.mode"] == "held" else {})
+
+    cases, summary = measured(tmp_path, Sliding())
+    assert math.isnan(cases.loc[(HELD.name, 1.3), "steering_deg"])
+    assert summary.loc[("all", HELD.name), "without_a_turn_that_counts"] == 2
+    assert summary.loc[("all", HELD.name), "gain_over_no_tail"] == -1.0
+
+
+def test_a_car_without_a_floor_is_named_and_left_out(tmp_path: Path) -> None:
+    class Touching(MadeUp):
+        """The light car is clean on no floor at full lock."""
+
+        def row(self, given: dict[str, str]) -> dict[str, Any]:
+            return super().row(given) | ({"clean": False} if given["car.mass"] == "5.0" else {})
+
+    chosen = contestants_of(["held"])
+    corner, *_ = make_corner(tmp_path, PLAN, chosen, [], CARS, (), Touching())
+    assert set(corner.cases["car"]) == {"heavy"}
+    assert "Left out: light at 4.5 m/s." in (tmp_path / "corner.md").read_text()
+    with pytest.raises(UserError, match=r"light at 4\.5 m/s: the published swing at full lock is clean on no floor"):
+        make_corner(tmp_path, PLAN, chosen, [], CARS[:1], (), Touching())
+
+
+def test_two_levels_are_tried_and_the_better_shape_is_kept(tmp_path: Path) -> None:
+    class Late(MadeUp):
+        """What comes after a first level of 0.15 s counts double."""
+
+        def row(self, given: dict[str, str]) -> dict[str, Any]:
+            late = given.get("manoeuvre.first_hold") == "0.15"
+            row = super().row(given)
+            return row | ({"course_change_rad": 2.0 * row["course_change_rad"]} if late else {})
+
+    engine = Late()
+    cases, _ = measured(tmp_path, engine, replace(PLAN, shapes=((1.0, 0.0), (1.5, 0.15), (1.5, 0.3))))
+    row = cases.loc[(HELD.name, 1.1)]
+    assert (row["first_level"], row["first_level_time_s"]) == (1.5, 0.15)
+    assert row["course_change_rad"] == pytest.approx(math.radians(16.0 * row["steering_deg"]))
+    (proof,) = [t for t in engine.tasks if "simulation.step=0.0005" in t.settings and "tail.mode=held" in t.settings][
+        :1
+    ]
+    given = dict(setting.partition("=")[::2] for setting in proof.settings)
+    assert float(given["manoeuvre.first_angle"]) == pytest.approx(1.5 * float(given["manoeuvre.steer_angle"]))
+
+
+def test_fixed_steering_is_the_least_of_the_training_cars(tmp_path: Path) -> None:
+    class Weaker(MadeUp):
+        """With a held tail the heavy car, a training car, bears 4 degrees, and the light one as much as before."""
+
+        def row(self, given: dict[str, str]) -> dict[str, Any]:
+            steering = math.degrees(float(given.get("manoeuvre.steer_angle", 0.0)))
+            weak = given["car.mass"] == "6.0" and given["tail.mode"] == "held" and steering > 4.0
+            strong = given["car.mass"] == "6.0" and given["tail.mode"] == "none"
+            row = super().row(given)
+            return row | ({"clean": False} if weak else {"peak_roll_rad": 0.0} if strong else {})
+
+    cases, summary = measured(tmp_path, Weaker(), replace(PLAN, fixed=True))
+    row = cases.loc[(HELD.name, 1.1)]
+    assert 4.0 / ONE_STEP <= row["fixed_steering_deg"] <= 4.0 < row["steering_deg"]
+    assert row["fixed_course_change_rad"] == pytest.approx(math.radians(8.0 * row["fixed_steering_deg"]))
+    # Without tail the training car bears any steering, and the test car does not.
+    assert summary.loc[("all", NO_TAIL.name), "fixed_without_a_turn_that_counts"] == 2
+    assert summary.loc[("all", HELD.name), "fixed_without_a_turn_that_counts"] == 0
+
+
+def test_stopped_it_goes_on(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        measured(tmp_path, MadeUp(stop_after=40))
+    second, whole = MadeUp(), MadeUp()
+    assert measured(tmp_path, second)[0].equals(measured(tmp_path / "other", whole)[0])
+    assert len(second.tasks) == len(whole.tasks) - 40
+
+
+@pytest.mark.parametrize(
+    ("change", "counted"),
+    [({}, True), ({"clean": False}, False), ({"outcome": "flipped"}, False), ({"peak_roll_rad": 0.36}, False),
+     ({"exit_sideslip_rad": -0.11}, False), ({"exit_sideslip_rad": None}, False), ({"outcome": None}, False)],
+)  # fmt: skip
+def test_what_counts(change: dict[str, Any], counted: bool) -> None:
+    row = {"outcome": "survived", "clean": True, "peak_roll_rad": 0.35, "exit_sideslip_rad": 0.1}
+    assert counts(row | change) is counted
+
+
+def searched(value: Any) -> tuple[float, int]:
+    """Best amplitude, degrees, and how many runs it took."""
+    (found,) = search_steering(GRID, 1, lambda wanted: [value(math.degrees(GRID.angle(place))) for _, place in wanted])
+    best = best_place(found)
+    return (math.nan if best is None else math.degrees(GRID.angle(best))), len(found)
+
+
+@pytest.mark.parametrize("limit", [2.05, 3.0, 3.87, 5.0, 11.0, 29.9])
+def test_the_search_ends_a_step_below_the_limit(limit: float) -> None:
+    best, runs = searched(lambda steering: steering if steering <= limit else None)
+    assert limit / ONE_STEP**2 <= best <= limit
+    assert runs <= GRID.runs
+
+
+def test_the_search_finds_a_best_amplitude_within_the_range() -> None:
+    """The tyres scrub beyond 12 degrees."""
+    best, runs = searched(lambda steering: -abs(math.log(steering / 12.0)))
+    assert best == pytest.approx(12.0, rel=0.08)
+    assert runs == GRID.runs
+
+
+def test_nothing_that_counts_is_no_steering() -> None:
+    assert math.isnan(searched(lambda steering: None)[0])
+
+
+def test_low_ballast_moves_gearbox_and_arm_and_leaves_the_chassis() -> None:
+    before = load_scenario("turn_fast")
+    after = load_scenario("turn_fast", [*NO_TAIL.settings, *low_ballast(before)])
+    assert gearbox_height(after.car, after.tail) == pytest.approx(LOW_PLACE)
+    arm = before.tail.mass + before.tail.hub_mass
+    assert after.car.mass == pytest.approx(before.car.mass + arm)
+    gravity = before.environment.gravity
+    (m0, x0, z0), (m1, x1, z1) = (chassis_centre(one.car, one.tail, gravity) for one in (before, after))
+    assert m1 == pytest.approx(m0 + arm)
+    # What the chassis has more is the arm's mass where it was put; its tyres sink in a little more.
+    assert (m1 * x1 - m0 * x0) / arm == pytest.approx(before.car.gearbox_x)
+    assert (m1 * z1 - m0 * z0) / arm == pytest.approx(LOW_PLACE, abs=2e-3)
+
+
+def test_no_car_is_in_two_parts_of_the_split() -> None:
+    ensemble = load_ensemble()
+    split = ensemble.split(1)
+    names = [member.name for part in split for member in part]
+    assert sorted(names) == sorted(m.name for m in ensemble.members if m.name != ensemble.best.name)
+    assert split == ensemble.split(1)
+    assert split != ensemble.split(2)
+    # The first cars of all parts are drawn by weight: over many seeds the likeliest car is among them most often.
+    first = [part[0] for seed in range(400) for part in ensemble.split(seed)[:1]]
+    heavy = max((m for m in ensemble.members if m.name != ensemble.best.name), key=lambda m: m.weight)
+    share = heavy.weight / (1.0 - ensemble.best.weight)
+    drawn = sum(member.name == heavy.name for member in first) / len(first)
+    assert drawn == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / len(first)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: contestants_of(["none", "someone"]), "contestant 'someone': allowed: none, low-ballast, low-centre"),
+        (lambda: chosen_cars(CARS, ["other"]), "car 'other': is no test car with this seed; allowed: heavy, light"),
+        (lambda: SteeringSearch(math.radians(-2.0), 0.5), "steering -2 to 28.6479 degrees: allowed: from above 0"),
+        (lambda: CornerPlan(courses=(50,)), "course 50: allowed: 45, 60, 90 degrees"),
+        (lambda: CornerPlan(scenario="slalom"), "slalom: manoeuvre.kind slalom; allowed: turn"),
+        (lambda: CornerPlan(search=SteeringSearch(high=0.7)), "manoeuvre.steer_angle"),
+    ],
+)
+def test_wrong_input_names_what_is_allowed(wrong: Any, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        wrong()
