@@ -68,11 +68,15 @@ def corner(
     )
     from aerodima.optimisation.studies.steering_search import SteeringSearch
     from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.workbench.errors import SweepError
     from aerodima.workbench.text_table import text_table
 
     chosen = contestants_of(contestant or list(CONTESTANTS))
     laws = [swing_player(name) for name in law or ()]
     split = load_ensemble(ensemble).split(seed)
+    for option, asked, part in (("--cars", cars, split.test), ("--training", training, split.training)):
+        if asked > len(part):
+            raise SweepError(f"{option} {asked}: the ensemble has {len(part)}; allowed: 1 to {len(part)}")
     test = chosen_cars(split.test, car) if car else list(split.test[:cars])
     low, high = map(radians, steering)
     plan = CornerPlan(

@@ -1,8 +1,9 @@
 """Whether reduced cars put cars and laws in the order of the full car; not run by pytest.
 
 Over cars of the ensemble, with the designed tail: critical friction at full lock, and heading at a given steering and
-floor, for four controllers; within some of the cars the same over drawn laws. Nothing of the model is fitted, so every
-car is new to it. The full car's runs are kept in the folder, and a second call goes on with what is missing.
+floor, for four controllers; within some of the cars the same over drawn laws. Nothing of the model is fitted; its
+equations were completed while looking at the first twelve cars. The full car's runs are kept in the folder, and a
+second call goes on with what is missing.
 
     python -m tests.optimisation.screening_gate out/screening 12 3
 """
