@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from aerodima.optimisation.fit.fit_figures import figures_of
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names
@@ -101,10 +101,10 @@ def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert {"fits.csv", "fits.yaml", "report.html", "curves.png"} <= set(before)
 
-    def stopped(self: Figure, *args: object, **kwargs: object) -> None:
+    def stopped(self: FigureCanvasAgg, *args: object, **kwargs: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Figure, "savefig", stopped)
+    monkeypatch.setattr(FigureCanvasAgg, "print_png", stopped)
     with pytest.raises(KeyboardInterrupt):
         write_report(tmp_path, "Robot tail", [result("b", "cn", curves=curves)])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
