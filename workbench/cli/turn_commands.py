@@ -171,6 +171,7 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
 def _scenario(name: str, flags: Flags, options: RunOptions) -> Scenario:
     """The scenario with what the flags set, whose run has a whole turn if it has one: another has no metrics."""
     from aerodima.workbench.config.scenario import Scenario
+    from aerodima.workbench.controllers.manoeuvre import angle_to_straighten
 
     flags = {"--speed": ("manoeuvre.speed", options.speed), "--tail": ("tail.mode", options.tail), **flags}
     given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
@@ -178,8 +179,11 @@ def _scenario(name: str, flags: Flags, options: RunOptions) -> Scenario:
     said = [*(f"{flag} {value}" for flag, (_, value) in given.items()), *(f"--set {setting}" for setting in settings)]
     changes = [*(f"{key}={value}" for key, value in given.values()), *settings]
     scenario = Scenario.load(name, changes, source_label=" ".join(said))
-    manoeuvre = scenario.manoeuvre
-    end = manoeuvre.turn_start + manoeuvre.turn_hold + manoeuvre.steer_angle / scenario.servo.rate
+    manoeuvre, rate = scenario.manoeuvre, scenario.servo.rate
+    angle = angle_to_straighten(
+        manoeuvre.steer_angle, manoeuvre.turn_hold, rate, manoeuvre.first_angle, manoeuvre.first_hold
+    )
+    end = manoeuvre.turn_start + manoeuvre.turn_hold + angle / rate
     if manoeuvre.kind == "turn" and manoeuvre.duration < end:
         raise UserError(f"manoeuvre.duration: {manoeuvre.duration:g} s; allowed: >= {end:g} s, the end of the turn")
     return scenario

@@ -95,6 +95,20 @@ class SpeedRamp:
         return self.line.throttle(acceleration * time, acceleration)
 
 
+def angle_to_straighten(
+    steer_angle: float, hold: float, rate: float, first_angle: float = 0.0, first_hold: float = 0.0
+) -> float:
+    """Largest angle (rad) from which the servo brings the wheels back at the end of a turn's steering.
+
+    That of the last level, or what a servo of `rate` (rad/s) has not yet taken back of a larger first one.
+
+    Args:
+        steer_angle, hold, first_angle, first_hold: as for `TurnSchedule`.
+        rate: of the servo.
+    """
+    return max(steer_angle, first_angle - rate * (hold - first_hold)) if first_hold > 0.0 else steer_angle
+
+
 @dataclass(frozen=True)
 class TurnSchedule:
     """Straight, then a steering step of `steer_angle` for `hold`, then straight again; of two levels if asked for.

@@ -1,4 +1,4 @@
-"""How far a turn takes the car, and how soon: course of its centre of mass, from the steering command on.
+"""How far a turn takes the car over the ground, and how soon: its course, from the steering command on.
 
 The course is the direction in which the point of the chassis moves over the ground that lies on it under the centre of
 mass of the car without tail arm (`car.com_x`). A spin turns the body, not the course, and roll does neither: the centre

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.controllers.manoeuvre import angle_to_straighten
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
@@ -148,7 +149,10 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
     rate = run_log.number("servo", "rate")
     if rate <= 0.0:
         raise LogError(f"{run_log.name}: its scenario has servo.rate {rate:g}, but it must be above 0")
-    return start, start + run_log.number("manoeuvre", "turn_hold") + steer_angle / rate
+    hold, settings = run_log.number("manoeuvre", "turn_hold"), run_log.scenario["manoeuvre"]
+    # A log of before has one level of steering and does not name another.
+    first_level = [run_log.number("manoeuvre", key) for key in ("first_angle", "first_hold") if key in settings]
+    return start, start + hold + angle_to_straighten(steer_angle, hold, rate, *first_level) / rate
 
 
 def _from_truth(run_log: RunLog) -> dict[str, FloatArray]:

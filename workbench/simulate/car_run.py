@@ -14,7 +14,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, TIME, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.law_of_scenario import swing_facts
-from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
+from aerodima.workbench.controllers.manoeuvre import angle_to_straighten, make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
@@ -136,7 +136,10 @@ def turn_end(scenario: Scenario) -> float:
     start = manoeuvre.turn_start if manoeuvre.kind == "turn" else manoeuvre.straight_time
     servo = scenario.servo
     slack = 1.0 / servo.frame_rate + 1.0 / scenario.simulation.log_rate + _TIME_MARGIN
-    return start + manoeuvre.turn_hold + manoeuvre.steer_angle / servo.rate + slack
+    angle = angle_to_straighten(
+        manoeuvre.steer_angle, manoeuvre.turn_hold, servo.rate, manoeuvre.first_angle, manoeuvre.first_hold
+    )
+    return start + manoeuvre.turn_hold + angle / servo.rate + slack
 
 
 def plant_facts(station: Diagram) -> dict[str, float]:

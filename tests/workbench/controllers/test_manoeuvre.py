@@ -8,6 +8,7 @@ from aerodima.workbench.controllers.manoeuvre import (
     SlalomSchedule,
     SpeedRamp,
     ThrottleLine,
+    angle_to_straighten,
     make_schedule,
     run_time,
 )
@@ -209,3 +210,11 @@ def test_impossible_manoeuvres_are_named(change, message):
     with pytest.raises(UserError) as error:
         make_schedule(scenario(**change))
     assert message in str(error.value)
+
+
+def test_wheels_are_straightened_from_what_is_left_of_a_larger_first_level() -> None:
+    """At 2 rad/s, from 0.5 rad: none is left after 0.2 s; 0.3 rad after 0.1 s; all of it without a second level."""
+    assert angle_to_straighten(0.1, 0.5, 2.0) == 0.1
+    left = [angle_to_straighten(0.1, 0.5, 2.0, 0.5, first_hold) for first_hold in (0.2, 0.4, 0.5)]
+    assert left == pytest.approx([0.1, 0.3, 0.5])
+    assert angle_to_straighten(0.1, 0.5, 2.0, 0.5, 0.0) == 0.1, "no time at the first level"
