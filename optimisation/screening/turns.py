@@ -13,10 +13,13 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.swing_law import SwingSettings, SwingState
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
+from aerodima.workbench.metrics.turn_metrics import END_TILT
+from aerodima.workbench.plants.tail import SAIL_TIP_MARGIN
 
-ENDS_LEANING = np.deg2rad(20.0)
-"""A car that ends beyond this lean with a wheel in the air has flipped (design section 10)."""
+COMMON = {"start": "manoeuvre.turn_start, s", "rate": "controller.rate, Hz", "late": "imu.delay, ticks"}
+"""Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +57,21 @@ class TurnPlans:
 
     @classmethod
     def of(cls, scenarios: Sequence[Scenario]) -> TurnPlans:
-        """The plans of scenarios whose tail follows the thesis' law or is held."""
+        """The plans of scenarios whose tail follows the thesis' law or is held.
+
+        Raises:
+            UserError: a swing file, steering of two levels, or scenarios that differ in `COMMON`.
+        """
         rows = []
         for scenario in scenarios:
+            if scenario.tail.mode == "swing" and scenario.controller.swing_file != "none":
+                raise UserError(
+                    f"controller.swing_file: {scenario.controller.swing_file}; the screening model knows: none"
+                )
+            if scenario.manoeuvre.first_hold > 0.0:
+                raise UserError(
+                    f"manoeuvre.first_hold: {scenario.manoeuvre.first_hold:g} s; the screening model knows: 0 s"
+                )
             settings, turn, imu = SwingSettings.from_scenario(scenario), scenario.manoeuvre, scenario.imu
             own = {
                 "ramp": turn.speed_ramp,
@@ -68,7 +83,11 @@ class TurnPlans:
                 "swings": float(settings.mode == "swing"),
             }
             rows.append([own[f.name] if f.name in own else getattr(settings, f.name) for f in fields(cls)])
-        return cls(*np.array(rows, float).T)
+        plans = cls(*np.array(rows, float).T)
+        for name, words in COMMON.items():
+            if len(found := np.unique(getattr(plans, name))) > 1:
+                raise UserError(f"{words}: {found[0]:g} and {found[-1]:g}; turns that are driven at once have one")
+        return plans
 
     def take(self, places: Any) -> TurnPlans:
         """Plans at these places, again and again if asked."""
@@ -87,6 +106,7 @@ class Turns:
         trigger: when the swing began after the start of the turn, s; NaN when it never did.
         lowest_tail, lowest_board: least height over the ground, m.
         speed: at the end, m/s.
+        history: every state (steps, 24, n), when asked for.
     """
 
     survived: np.ndarray
@@ -137,7 +157,7 @@ def drive_turns(
             tail, board = (np.minimum(a, b) for a, b in zip((tail, board), _heights(state, upright, cars), strict=True))
         if history:
             kept.append(state)
-    leaning = (np.arccos(np.clip(up(state[4], state[5])[2], -1.0, 1.0)) > ENDS_LEANING) & (loads <= 0.0).any(axis=0)
+    leaning = (np.arccos(np.clip(up(state[4], state[5])[2], -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
     survived = ~(gone | leaning)
     return Turns(
         survived,
@@ -162,7 +182,7 @@ def _heights(state: FloatArray, upright: FloatArray, cars: Vehicles) -> tuple[Fl
     """Of the lower corner of the sail's tip and of the board over the ground, m; tail far up where there is none."""
     x, _, e = tail_axes(state[6], state[7])
     corner = np.sum(upright * (cars.mount + cars.tip[0] * e), axis=0)
-    low = state[2] + corner - np.abs(np.sum(upright * x, axis=0)) * cars.tip[1] - 0.01
+    low = state[2] + corner - np.abs(np.sum(upright * x, axis=0)) * cars.tip[1] - SAIL_TIP_MARGIN
     board = state[2] + np.min(np.sum(upright[:, None] * cars.board, axis=0), axis=0)
     return np.where(cars.has_tail > 0.0, low, np.inf), board
 

@@ -43,3 +43,10 @@ def test_what_it_does_not_know_is_refused() -> None:
         Vehicles.of([load_scenario("turn_swing_free_sail")])
     with pytest.raises(UserError, match="direction left"):
         Vehicles.of([load_scenario("turn_none", ("manoeuvre.direction=right",))])
+    with pytest.raises(UserError, match=r"first_hold: 0\.2 s"):
+        TurnPlans.of([load_scenario("turn_none", ("manoeuvre.first_hold=0.2",))])
+    with pytest.raises(UserError, match="turn_start, s: 2 and 3"):
+        TurnPlans.of([load_scenario("turn_none", (f"manoeuvre.turn_start={start}",)) for start in (2.0, 3.0)])
+    played = load_scenario("turn_designed").controller.model_copy(update={"swing_file": "my_swing"})
+    with pytest.raises(UserError, match="swing_file: my_swing"):
+        TurnPlans.of([load_scenario("turn_designed").model_copy(update={"controller": played})])
