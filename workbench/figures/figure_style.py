@@ -115,9 +115,12 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
 
     The canvas is asked itself: `Figure.savefig` draws every figure twice, once only to lay it out.
     """
-    buffer = io.BytesIO()
-    figure.set_dpi(dpi)
+    buffer, own_dpi = io.BytesIO(), figure.get_dpi()
     canvas: Any = FigureCanvasAgg(figure)
-    with styled():
-        canvas.print_png(buffer, metadata={"Software": None})
+    figure.set_dpi(dpi)
+    try:
+        with styled():
+            canvas.print_png(buffer, metadata={"Software": None})
+    finally:
+        figure.set_dpi(own_dpi)
     return buffer.getvalue()
