@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.screening.vehicle_motion import STATES, Commands, equations, step, tail_axes, up
+from aerodima.optimisation.screening.turn_record import TurnRecord
+from aerodima.optimisation.screening.vehicle_motion import STATES, Commands, equations, step, up
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
@@ -16,8 +17,9 @@ from aerodima.workbench.controllers.swing_law import SwingSettings, SwingState
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_metrics import END_TILT
-from aerodima.workbench.plants.tail import SAIL_TIP_MARGIN
 
+RECORDED = ("peak_roll", "lowest_tail", "lowest_board", "course", "exit_time", "sideslip")
+"""Of `TurnRecord`, in `Turns`."""
 COMMON = {"start": "manoeuvre.turn_start, s", "rate": "controller.rate, Hz", "late": "imu.delay, ticks"}
 """Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
 
@@ -72,6 +74,10 @@ class TurnPlans:
                 raise UserError(
                     f"manoeuvre.first_hold: {scenario.manoeuvre.first_hold:g} s; the screening model knows: 0 s"
                 )
+            if scenario.tail.mode == "swing" and scenario.controller.trigger != "yaw_rate":
+                raise UserError(
+                    f"controller.trigger: {scenario.controller.trigger}; the screening model knows: yaw_rate"
+                )
             settings, turn, imu = SwingSettings.from_scenario(scenario), scenario.manoeuvre, scenario.imu
             own = {
                 "ramp": turn.speed_ramp,
@@ -106,6 +112,9 @@ class Turns:
         trigger: when the swing began after the start of the turn, s; NaN when it never did.
         lowest_tail, lowest_board: least height over the ground, m.
         speed: at the end, m/s.
+        course: change from the start of the turn to its exit (`TurnRecord`), rad; `exit_time` s since that start and
+            `sideslip` rad there. NaN without an exit.
+        last: states at the end (24, n).
         history: every state (steps, 24, n), when asked for.
     """
 
@@ -117,58 +126,65 @@ class Turns:
     lowest_tail: FloatArray
     lowest_board: FloatArray
     speed: FloatArray
+    course: FloatArray
+    exit_time: FloatArray
+    sideslip: FloatArray
+    last: FloatArray
     history: FloatArray | None = None
 
 
 def drive_turns(
-    cars: Vehicles, plans: TurnPlans, *, duration: float = 2.0, length: float = 0.002, history: bool = False
+    cars: Vehicles,
+    plans: TurnPlans,
+    *,
+    duration: float = 2.0,
+    length: float = 0.002,
+    history: bool = False,
+    begun: FloatArray | None = None,
 ) -> Turns:
     """Drives the turns of n cars, from standstill on: a held sail already drags the car round on a slippery straight.
 
     Args:
         cars, plans: n of each.
-        duration: s from the start of the steering.
+        duration: s from the start of the steering; 0 ends with the straight, whose `last` begins other turns.
         length: of a step, s.
         history: keep every state (steps, 24, n).
+        begun: states (24, n) when the steering begins, of cars whose tail still waits; the straight is not driven.
     """
     n, law = cars.count, BatchLaw(plans, cars)
     state = np.zeros((len(STATES), n))
     state[6], state[7] = plans.pitch_angle, -plans.hold_angle
     ticks = round(1.0 / (length * float(plans.rate[0])))
     begin = round(float(plans.start[0]) / length)
-    gone = np.zeros(n, bool)
-    peak, tail, board = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
-    loads, start, kept = np.zeros((4, n)), state[3], []
-    for index in range(begin + round(duration / length)):
+    state, first = (state, 0) if begun is None else (begun, begin)
+    gone, loads, kept, record = np.zeros(n, bool), np.zeros((4, n)), [], TurnRecord(cars, state)
+    for index in range(first, begin + round(duration / length)):
         time = (index - begin) * length
         if index % ticks == 0:
             law.tick(time, state)
         if index == begin:
-            start = state[3].copy()
+            record = TurnRecord(cars, state)
         speed = cars.speed * np.minimum(1.0, (time + plans.start) / plans.ramp)
         commands = Commands(_steering(time, plans), speed / cars.rolling_radius, law.commands())
         found = equations(state, commands, cars)
-        state = np.where(gone, state, step(state, found, length))
-        upright = up(state[4], state[5])
-        gone |= upright[2] < np.cos(FLIP_TILT)
-        loads = found.loads
+        state, loads = np.where(gone, state, step(state, found, length)), found.loads
+        gone |= up(state[4], state[5])[2] < np.cos(FLIP_TILT)
         if index >= begin:
-            peak = np.maximum(peak, state[5])
-            tail, board = (np.minimum(a, b) for a, b in zip((tail, board), _heights(state, upright, cars), strict=True))
+            now = time + length
+            record.see(now, state, (now > plans.hold) & (_steering(now, plans)[0] <= 0.0))
         if history:
             kept.append(state)
     leaning = (np.arccos(np.clip(up(state[4], state[5])[2], -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
     survived = ~(gone | leaning)
     return Turns(
-        survived,
-        survived & (tail > 0.0) & (board > 0.0),
-        state[3] - start,
-        peak,
-        law.trigger,
-        tail,
-        board,
-        np.hypot(state[15], state[16]),
-        np.array(kept) if history else None,
+        survived=survived,
+        clean=survived & (record.lowest_tail > 0.0) & (record.lowest_board > 0.0),
+        heading=record.heading(state),
+        trigger=law.trigger,
+        speed=np.hypot(state[15], state[16]),
+        last=state,
+        history=np.array(kept) if history else None,
+        **{name: getattr(record, name) for name in RECORDED},
     )
 
 
@@ -176,15 +192,6 @@ def _steering(time: float, plans: TurnPlans) -> FloatArray:
     angle = np.clip(plans.steer_rate * time, 0.0, plans.steer_angle)
     angle = np.clip(angle - np.maximum(0.0, plans.steer_rate * (time - plans.hold)), 0.0, None)
     return np.stack([angle, angle])
-
-
-def _heights(state: FloatArray, upright: FloatArray, cars: Vehicles) -> tuple[FloatArray, FloatArray]:
-    """Of the lower corner of the sail's tip and of the board over the ground, m; tail far up where there is none."""
-    x, _, e = tail_axes(state[6], state[7])
-    corner = np.sum(upright * (cars.mount + cars.tip[0] * e), axis=0)
-    low = state[2] + corner - np.abs(np.sum(upright * x, axis=0)) * cars.tip[1] - SAIL_TIP_MARGIN
-    board = state[2] + np.min(np.sum(upright[:, None] * cars.board, axis=0), axis=0)
-    return np.where(cars.has_tail > 0.0, low, np.inf), board
 
 
 class BatchLaw:

@@ -36,6 +36,7 @@ class Vehicles:
         gravity: m/s2; `air_density` kg/m3.
         mass: of all that does not move with the tail, kg.
         centre: its centre of mass in B (3, n), m; `inertia` about the origin of B (3, 3, n), kg m2.
+        com_x: of the centre of mass of the car without tail arm, whose course counts, m.
         wheel: places of the wheels' centres in B (3, 4, n), m.
         tyre_radius, tyre_half_width: half axes of the ellipsoids that the tyres stand on, m.
         edge: distance of these from the wheel's middle, m, one to either side.
@@ -66,6 +67,7 @@ class Vehicles:
     mass: FloatArray
     centre: FloatArray
     inertia: FloatArray
+    com_x: FloatArray
     wheel: FloatArray
     tyre_radius: FloatArray
     tyre_half_width: FloatArray
@@ -153,6 +155,7 @@ def _car(scenario: Scenario) -> dict[str, Any]:
         "friction": car.tyre_friction,
         "gravity": gravity,
         "air_density": scenario.environment.air_density,
+        "com_x": car.com_x,
         "wheel": [
             [car.wheelbase * (axle == "front") for axle, _ in WHEELS],
             [(0.5 if side == "left" else -0.5) * car.track for _, side in WHEELS],
