@@ -52,7 +52,14 @@ SMALLEST_DISK = 1e9
 
 EXTRAS = {
     "hardware": (("serial", "the Teensy and CAN adapters on serial ports"),),
-    "logs": (("h5py", "MAT files of version 7.3"), ("mcap", "MCAP logs")),
+    "logs": (
+        ("h5py", "MAT files of version 7.3"),
+        ("mcap", "MCAP logs"),
+        ("mcap_protobuf", "writing MCAP logs"),
+        ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
+        ("rosbags", "bags of ROS"),
+        ("pyulog", "ULog of PX4"),
+    ),
     "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
     "notebooks": (("nbclient", "the notebooks"),),
     "bench": (("casadi", "comparing in `make bench`"), ("mujoco", "comparing in `make bench`")),

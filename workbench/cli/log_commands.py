@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +15,7 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
+    from aerodima.workbench.logs.message_logs import SceneMessage
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.metrics.turn_metrics import RunMetrics
 
@@ -100,7 +101,10 @@ def recover(
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."),
+        typer.Argument(
+            help="Foreign log: CSV, Parquet, MAT, MCAP, ULog, a bag of ROS 1 (.bag) or of ROS 2 (its folder); several "
+            "files when they share a clock."
+        ),
     ],
     out: LogOut,
     mapping: Annotated[
@@ -134,15 +138,35 @@ def export(
     out: Annotated[Path | None, typer.Option(help="File to write; beside the log by default.")] = None,
     force: Force = False,
 ) -> None:
-    """Write a run log for other programs. `aerodima log import` reads it back bit for bit."""
+    """Write a run log for other programs. `aerodima log import` reads it back bit for bit.
+
+    MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
+    """
     from aerodima.workbench.logs.foreign_files import FORMATS, export_log
     from aerodima.workbench.logs.schema import read_run_log
 
     form = next((known for known in FORMATS if known == to), None)
     if form is None:
         raise LogError(f"--to: {to!r}; allowed: {', '.join(FORMATS)}")
-    written = export_log(read_run_log(log), out or log.with_suffix(f".{form}"), form, force)
+    run_log, path = read_run_log(log), out or log.with_suffix(f".{form}")
+    refuse_existing(path, force, LogError)
+    written = export_log(run_log, path, form, force, _scene(run_log) if form == "mcap" else ())
     typer.echo("\n".join(map(str, written)))
+
+
+def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
+    """What a viewer draws of a car's run; a note says why there is nothing."""
+    from aerodima.workbench.config.signal_table import RIG_KINDS
+
+    if run_log.kind in RIG_KINDS:
+        return ()
+    from aerodima.workbench.replay.foxglove_scene import scene_of  # imports Drake
+
+    try:
+        return scene_of(run_log)
+    except LogError as error:
+        typer.echo(f"note: signals only, no scene: {error}", err=True)
+        return ()
 
 
 def condition(

@@ -1,4 +1,4 @@
-"""Logs in other programs' files: read from CSV, Parquet, MAT and MCAP, written as CSV and MCAP.
+"""Logs in other programs' files: read from CSV, Parquet, MAT, MCAP, bags of ROS and ULog, written as CSV and MCAP.
 
 A log that is read is named columns of numbers, in whatever unit and rate they were written; `logs.importers` makes it a
 run log. One that is written keeps every bit of every number, and the metadata, so that `aerodima log import` gives back
@@ -7,10 +7,10 @@ the same log: a CSV has its metadata in a file beside it, `run.csv.json`; MCAP h
 
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -24,6 +24,9 @@ from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
 from aerodima.workbench.logs.schema import METADATA_KEY, RunLog, decode_metadata
+
+if TYPE_CHECKING:
+    from aerodima.workbench.logs.message_logs import SceneMessage
 
 SIDECAR_SUFFIX = ".json"
 """An exported `run.csv` has its metadata in `run.csv.json`."""
@@ -85,29 +88,42 @@ class ForeignLog:
 
 
 def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignLog:
-    """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap.
+    """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap, .bag, .ulg; a folder is a bag of ROS 2.
 
     Raises:
         LogError: missing, of another kind, damaged, or an optional package is not installed (names the extra).
     """
     path = Path(path)
+    suffix = path.suffix.lower()
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2")
+    if path.is_dir() or (suffix == ".bag" and path.is_file()):
+        from aerodima.workbench.logs.message_logs import read_bag
+
+        return read_bag(path)
     if not path.is_file():
         raise LogError(f"{path}: no such file")
-    suffix = path.suffix.lower()
     if suffix in (".csv", ".txt", ".tsv"):
         return _read_csv(path, csv or CsvFormat(delimiter="\t" if suffix == ".tsv" else ","))
     if suffix == ".parquet":
         return _read_parquet(path)
     if suffix == ".mat":
-        from aerodima.workbench.logs.mat_and_mcap import read_mat
+        from aerodima.workbench.logs.mat_files import read_mat
 
         return read_mat(path)
     if suffix == ".mcap":
-        from aerodima.workbench.logs.mat_and_mcap import read_mcap
+        from aerodima.workbench.logs.message_logs import read_mcap
 
         return read_mcap(path)
+    if suffix == ".ulg":
+        from aerodima.workbench.logs.message_logs import read_ulog
+
+        return read_ulog(path)
+    if suffix == ".db3":
+        raise LogError(f"{path}: a part of a bag of ROS 2; name its folder, with metadata.yaml: {path.parent}")
     raise LogError(
-        f"{path}: {suffix or 'a file without ending'} is not read; allowed: .csv .txt .tsv .parquet .mat .mcap"
+        f"{path}: {suffix or 'a file without ending'} is not read; allowed: .csv .txt .tsv .parquet .mat .mcap .bag "
+        ".ulg, and the folder of a bag of ROS 2"
     )
 
 
@@ -180,8 +196,17 @@ Format = Literal["csv", "mcap"]
 FORMATS: tuple[Format, ...] = ("csv", "mcap")
 
 
-def export_log(run_log: RunLog, path: Path | str, form: Format, force: bool = False) -> list[Path]:
+def export_log(
+    run_log: RunLog, path: Path | str, form: Format, force: bool = False, scene: "Iterable[SceneMessage]" = ()
+) -> list[Path]:
     """Writes a run log as CSV or MCAP; gives the files written.
+
+    Args:
+        run_log: the run.
+        path: to write.
+        form: of the file.
+        force: replace an existing file.
+        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene.scene_of` gives.
 
     Raises:
         LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.
@@ -194,10 +219,10 @@ def export_log(run_log: RunLog, path: Path | str, form: Format, force: bool = Fa
         write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
         write_atomically(beside, metadata + "\n", force, LogError)
         return [path, beside]
-    from aerodima.workbench.logs.mat_and_mcap import write_mcap
+    from aerodima.workbench.logs.message_logs import write_mcap
 
     def write(temporary: Path) -> None:
-        write_mcap(temporary, run_log.table, topics_of(list(run_log.table.columns)), TIME, metadata)
+        write_mcap(temporary, run_log.table, topics_of(list(run_log.table.columns)), TIME, metadata, scene)
 
     write_atomically(path, write, force, LogError)
     return [path]

@@ -111,7 +111,7 @@ def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
 
 
 def test_every_yaml_of_the_readme_is_read_and_every_step_is_explained() -> None:
-    assert len(blocks("yaml")) == 3
+    assert len(blocks("yaml")) == 4
     assert all("schema" in yaml.safe_load(block) for block in blocks("yaml"))
     from aerodima.workbench.config.checked_files import keys_of
     from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping

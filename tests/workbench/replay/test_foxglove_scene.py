@@ -1,0 +1,102 @@
+"""A run in MCAP, read back with the classes of Foxglove's schemas: bodies, poses and forces are those of the run."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap.reader import make_reader
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RotationMatrix
+from pydrake.systems.framework import DiagramBuilder
+
+from aerodima.workbench.logs.foreign_files import export_log
+from aerodima.workbench.logs.importers import import_log
+from aerodima.workbench.logs.schema import RunLog, signals_equal
+from aerodima.workbench.replay.foxglove_scene import BODIES, FORCES, POSES, scene_of
+from aerodima.workbench.replay.logged_car import add_logged_car
+from aerodima.workbench.replay.recording import force_arrows
+
+CLASSES = {"foxglove.FrameTransforms": FrameTransforms, "foxglove.SceneUpdate": SceneUpdate}
+
+
+@pytest.fixture(scope="module")
+def exported(short_runs: dict[str, RunLog], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    tailed = short_runs["swing"]
+    (path,) = export_log(tailed, tmp_path_factory.mktemp("mcap") / "run.mcap", "mcap", scene=scene_of(tailed))
+    return path
+
+
+def messages(path: Path, topic: str) -> list:
+    """Time (s) and message, by the class that the file names."""
+    found = []
+    with open(path, "rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages(topics=[topic]):
+            assert (channel.message_encoding, schema.encoding) == ("protobuf", "protobuf")
+            found.append((message.log_time * 1e-9, CLASSES[schema.name].FromString(message.data)))
+    return found
+
+
+def row_at(run: RunLog, time: float) -> int:
+    (row,) = np.flatnonzero(np.abs(run.time - time) < 1e-6)
+    return int(row)
+
+
+def test_poses_are_those_of_the_plant(tailed: RunLog, exported: Path) -> None:
+    logged = add_logged_car(DiagramBuilder(), tailed)
+    plant = logged.car.plant
+    context = plant.CreateDefaultContext()
+    poses = messages(exported, POSES)
+    assert len(poses) == pytest.approx(50 * (tailed.time[-1] - tailed.time[0]), abs=2)
+    for time, message in poses[:: len(poses) // 5]:
+        logged.move(context, row_at(tailed, time))
+        for name in ("chassis", "tail_rod"):
+            (found,) = [transform for transform in message.transforms if transform.child_frame_id == name]
+            X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+            place, turn, wanted = found.translation, found.rotation, X_WB.rotation().ToQuaternion().wxyz()
+            assert [place.x, place.y, place.z] == pytest.approx(X_WB.translation())
+            assert [turn.w, turn.x, turn.y, turn.z] == pytest.approx(wanted)
+            assert found.parent_frame_id == "world"
+
+
+def test_every_body_is_drawn_once_in_its_own_frame(exported: Path) -> None:
+    ((_, update),) = messages(exported, BODIES)
+    drawn = {entity.id: entity for entity in update.entities}
+    assert all(
+        entity.frame_id == entity.id and entity.frame_locked for name, entity in drawn.items() if name != "floor"
+    )
+    assert sum(bool(entity.cylinders) for entity in drawn.values()) >= 4, "wheels"
+    sail = drawn["tail_rod"] if drawn["tail_rod"].triangles else drawn["tail_sail"]
+    (triangles,) = sail.triangles
+    assert len(triangles.indices) % 3 == 0
+    assert max(triangles.indices) < len(triangles.points)
+    heights = [point.z for point in triangles.points]
+    assert 0.05 < max(heights) - min(heights) < 1.0, "m: the mesh is scaled"
+
+
+def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed: RunLog, exported: Path) -> None:
+    arrows = {arrow.name: arrow for arrow in force_arrows(add_logged_car(DiagramBuilder(), tailed))}
+    seen = 0
+    for time, update in messages(exported, FORCES):
+        row = row_at(tailed, time)
+        shown = {name for name, arrow in arrows.items() if arrow.shown[row]}
+        assert {entity.id for entity in update.entities} == shown
+        assert {deletion.id for deletion in update.deletions} == set(arrows) - shown
+        for entity in update.entities:
+            (arrow,) = entity.arrows
+            turn = arrow.pose.orientation
+            along = rotation(turn.w, turn.x, turn.y, turn.z) @ [arrow.shaft_length + arrow.head_length, 0.0, 0.0]
+            wanted = arrows[entity.id].lengths[row]
+            if np.linalg.norm(wanted) > 0.06:  # a shorter one is all head
+                assert along == pytest.approx(wanted, abs=1e-6)
+                seen += 1
+    assert seen > 100
+
+
+def rotation(*wxyz: float) -> np.ndarray:
+    return np.asarray(RotationMatrix(Quaternion(np.array(wxyz) / np.linalg.norm(wxyz))).matrix())
+
+
+def test_signals_beside_a_scene_come_back_bit_for_bit(tailed: RunLog, exported: Path) -> None:
+    assert signals_equal(import_log(exported).run_log, tailed)
