@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from aerodima.optimisation.screening.turns import TurnPlans, drive_turns
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION_SEARCH, Search, Start, Threshold, search_rows
 from aerodima.workbench.config.scenario import Scenario

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,13 +70,24 @@ def hermite(
     """
     i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     h = times[i + 1] - times[i]
-    s = np.clip((t - times[i]) / h, 0.0, 1.0)
-    rise = position[i + 1] - position[i]
-    start, end = h * velocity[i], h * velocity[i + 1]
-    quadratic, cubic = 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise
-    value = position[i] + s * (start + s * (quadratic + s * cubic))
-    rate = (start + s * (2.0 * quadratic + 3.0 * s * cubic)) / h
+    share = np.clip((t - times[i]) / h, 0.0, 1.0)
+    value, rate = cubic(share, h, (position[i], position[i + 1]), (velocity[i], velocity[i + 1]))
     return value, np.where((t < times[0]) | (t > times[-1]), 0.0, rate)
+
+
+def cubic(share: NDArray, h: NDArray, positions: tuple[NDArray, NDArray], velocities: tuple[NDArray, NDArray]) -> Any:
+    """Value and derivative of the cubic between two knots; arrays of any shape, complex steps pass through.
+
+    Args:
+        share: of the interval that has gone by, 0 to 1.
+        h: length of the interval, s.
+        positions, velocities: at its two ends.
+    """
+    rise = positions[1] - positions[0]
+    start, end = h * velocities[0], h * velocities[1]
+    quadratic, third = 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise
+    value = positions[0] + share * (start + share * (quadratic + share * third))
+    return value, (start + share * (2.0 * quadratic + 3.0 * share * third)) / h
 
 
 def _torque(

@@ -99,27 +99,26 @@ def turn_course(run_log: RunLog) -> TurnCourse:
     )
 
 
-def course_over_ground(
-    v_WBo_B: FloatArray, w_WB_B: FloatArray, roll: FloatArray, pitch: FloatArray, yaw: FloatArray, com_x: Any
+def velocity_over_ground(
+    v_WBo_B: FloatArray, w_WB_B: FloatArray, roll: FloatArray, pitch: FloatArray, com_x: Any
 ) -> tuple[FloatArray, FloatArray]:
-    """Ground speed (m/s) and course (rad, to the left, less than half a turn from yaw) below the centre of mass.
+    """Velocity below the centre of mass, along the heading and to its left, m/s; complex steps pass through.
 
     Args:
         v_WBo_B, w_WB_B: velocity of the origin of B and angular velocity, in B (3, ...), m/s and rad/s.
-        roll, pitch, yaw: (...), rad; `com_x` of the car without tail arm, m.
+        roll, pitch: (...), rad; `com_x` of the car without tail arm, m.
     """
     x, y, z = v_WBo_B[0], v_WBo_B[1] + w_WB_B[2] * com_x, v_WBo_B[2] - w_WB_B[1] * com_x
     left, up = np.cos(roll) * y - np.sin(roll) * z, np.sin(roll) * y + np.cos(roll) * z
-    ahead = np.cos(pitch) * x + np.sin(pitch) * up
-    return np.hypot(ahead, left), yaw + np.arctan2(left, ahead)
+    return np.cos(pitch) * x + np.sin(pitch) * up, left
 
 
 def _ground_velocity(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
     """Ground speed (m/s) and course (rad, unwrapped) of a run, each (n,)."""
     v_WBo_B, w_WB_B = run_log.vector("velocity", "truth_m_per_s"), run_log.vector("gyro", "truth_rad_per_s")
-    angles = (run_log.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
-    speed, course = course_over_ground(v_WBo_B.T, w_WB_B.T, *angles, run_log.number("car", "com_x"))
-    return speed, np.unwrap(course)
+    roll, pitch, yaw = (run_log.signal(f"{name}_truth_rad") for name in ("roll", "pitch", "yaw"))
+    ahead, left = velocity_over_ground(v_WBo_B.T, w_WB_B.T, roll, pitch, run_log.number("car", "com_x"))
+    return np.hypot(ahead, left), np.unwrap(yaw + np.arctan2(left, ahead))
 
 
 def _passage(signals: TurnSignals, turned: FloatArray, angle: float) -> Passage:

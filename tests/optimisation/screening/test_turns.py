@@ -1,14 +1,20 @@
 """Turns of reduced cars: the law that swings their tails, and what the full car of the same scenario survives."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from aerodima.optimisation.screening.grip_screening import screened_friction
-from aerodima.optimisation.screening.turns import BatchLaw, TurnPlans, drive_turns
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import BatchLaw, drive_turns
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
+from aerodima.optimisation.swing.full_car import drive, outcome
+from aerodima.optimisation.swing.swing_construction import constant_rate_swing
 from aerodima.workbench import Observation, UserError, load_scenario, simulate
+from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.metrics.turn_course import turn_course
 
@@ -63,12 +69,64 @@ def test_what_it_does_not_know_is_refused() -> None:
         Vehicles.of([load_scenario("turn_swing_free_sail")])
     with pytest.raises(UserError, match="direction left"):
         Vehicles.of([load_scenario("turn_none", ("manoeuvre.direction=right",))])
-    with pytest.raises(UserError, match=r"first_hold: 0\.2 s"):
-        TurnPlans.of([load_scenario("turn_none", ("manoeuvre.first_hold=0.2",))])
     with pytest.raises(UserError, match="turn_start, s: 2 and 3"):
         TurnPlans.of([load_scenario("turn_none", (f"manoeuvre.turn_start={start}",)) for start in (2.0, 3.0)])
-    with pytest.raises(UserError, match="trigger: steering"):
-        TurnPlans.of([load_scenario("turn_designed", ("controller.trigger=steering",))])
-    played = load_scenario("turn_designed").controller.model_copy(update={"swing_file": "my_swing"})
-    with pytest.raises(UserError, match="swing_file: my_swing"):
-        TurnPlans.of([load_scenario("turn_designed").model_copy(update={"controller": played})])
+    with pytest.raises(UserError, match="trigger: lateral_acceleration"):
+        TurnPlans.of([load_scenario("turn_designed", ("controller.trigger=lateral_acceleration",))])
+
+
+def played(**changes: Any) -> SwingFile:
+    """A swing at 8 rad/s that the steering releases, with other sections."""
+    swing = constant_rate_swing(
+        "played", load_scenario("turn_designed"), length=0.8, knots=9, provenance={"source": ""}
+    )
+    data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["trigger"] = {"kind": "steering", "threshold_rad": 0.01, "delay_s": 0.05}
+    for section, values in changes.items():
+        data[section] |= values
+    return swing_from_dict(data, "played")
+
+
+PHASE = {"roll": {"kp": 60.0, "kd": 3.0}, "pitch": {"kp": 60.0, "kd": 3.0}}
+
+
+@pytest.mark.parametrize(
+    ("words", "changes"),
+    [
+        ("pitch_position_rad changes", {"knots": {"pitch_position_rad": [0.0] * 8 + [0.1]}}),
+        ("roll_torque_n_m", {"knots": {"roll_torque_n_m": [1.0] * 9}}),
+        ("gains.phases: 2", {"gains": {"phases": [{"start_s": 0.0, **PHASE}, {"start_s": 0.3, **PHASE}]}}),
+        ("trigger.kind: time", {"trigger": {"kind": "time", "threshold_rad": None}}),
+        ("roll_position_rad.0: -1.2", {"knots": {"roll_position_rad": [-1.2] * 8 + [1.5]}}),
+    ],
+)
+def test_swings_that_it_would_misread_are_refused(words: str, changes: dict[str, Any]) -> None:
+    with pytest.raises(UserError, match=words):
+        TurnPlans.of([load_scenario("turn_designed")], [played(**changes)])
+
+
+def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() -> None:
+    levels = ("manoeuvre.steer_angle=0.05", "manoeuvre.first_angle=0.08", "manoeuvre.first_hold=0.15")
+    levels += ("manoeuvre.duration=3.2",)
+    scenarios = [
+        load_scenario("turn_designed", (*levels, "tail.mode=none", "car.tyre_friction=0.6")),
+        load_scenario("turn_designed", (*levels, "car.tyre_friction=0.9")),
+    ]
+    swings = [None, played()]
+    reduced = drive_turns(Vehicles.of(scenarios), TurnPlans.of(scenarios, swings), duration=1.2)
+    for place, (scenario, swing) in enumerate(zip(scenarios, swings, strict=True)):
+        run = drive(scenario, swing)
+        full, roll = turn_course(run), outcome(run)
+        assert reduced.course[place] == pytest.approx(full.course_change_rad, rel=0.04)  # runs differ by 2 %
+        assert reduced.exit_time[place] == pytest.approx(full.exit_time_s, abs=0.02)
+        assert reduced.peak_roll[place] == pytest.approx(roll.peak_roll, abs=0.02)
+    assert reduced.trigger[1] == pytest.approx(roll.released - 2.0)
+
+
+def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo() -> None:
+    words = ("manoeuvre.steer_angle=0.1", "manoeuvre.first_angle=0.4", "manoeuvre.first_hold=0.2", "servo.rate=2.0")
+    plans = TurnPlans.of([load_scenario("turn_none", words)])
+    times = (-0.1, 0.1, 0.2, 0.25, 0.4, 0.52, 0.6)
+    assert [float(plans.steering(time)[0]) for time in times] == pytest.approx([0, 0.2, 0.4, 0.3, 0.1, 0.06, 0])
+    assert plans.straight[0] == pytest.approx(0.55)
+    assert [float(plans.commanded(time)[0]) for time in (-0.01, 0.0, 0.2, 0.5)] == [0.0, 0.4, 0.1, 0.0]

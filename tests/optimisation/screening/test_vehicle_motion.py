@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.screening.turns import TurnPlans, drive_turns
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicle_motion import RATES, STATES, Commands, derivative, equations, solve, up
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench import load_scenario

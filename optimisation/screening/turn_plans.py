@@ -1,0 +1,143 @@
+"""Plans of the turns of many reduced cars: what each driver steers, and the law of each tail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from aerodima.optimisation.screening.played_roll import PlayedRoll, refuse_unknown
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.controllers.law_of_scenario import swing_of_scenario
+from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
+from aerodima.workbench.controllers.swing_law import SwingSettings
+from aerodima.workbench.errors import UserError
+
+COMMON = {"start": "manoeuvre.turn_start, s", "rate": "controller.rate, Hz", "late": "imu.delay, ticks"}
+"""Of `TurnPlans`: the same for all turns that are driven at once, with the words of a complaint."""
+
+
+@dataclass(frozen=True)
+class TurnPlans:
+    """What n cars do in their turn; the last axis of every field is the car.
+
+    Attributes:
+        ramp, start: the car gathers speed for so long and goes straight until then, s.
+        steer_angle: rad; `hold` s, length of the steering step; `steer_rate` of the servo, rad/s.
+        first_angle, first_hold: another angle at the beginning of the step, rad, and how much of it, s.
+        rate: of the controller, Hz; `late` how many of its ticks a yaw rate is old.
+        trigger_steering: steering command that releases the swing, rad; infinite where a yaw rate does.
+        swings: 1 where the tail swings; all others as `SwingSettings`, rad, s, rad/s, N m/rad, N m s/rad.
+        played: the tails that follow a swing file.
+    """
+
+    ramp: FloatArray
+    start: FloatArray
+    steer_angle: FloatArray
+    hold: FloatArray
+    first_angle: FloatArray
+    first_hold: FloatArray
+    steer_rate: FloatArray
+    rate: FloatArray
+    late: FloatArray
+    trigger_steering: FloatArray
+    swings: FloatArray
+    trigger_yaw_rate: FloatArray
+    delay: FloatArray
+    hold_angle: FloatArray
+    hold_kp: FloatArray
+    hold_kd: FloatArray
+    pitch_angle: FloatArray
+    swing_speed: FloatArray
+    swing_kp: FloatArray
+    swing_kd: FloatArray
+    travel: FloatArray
+    stall_factor: FloatArray
+    settle_kp: FloatArray
+    settle_kd: FloatArray
+    played: PlayedRoll
+
+    @classmethod
+    def of(cls, scenarios: Sequence[Scenario], swings: Sequence[SwingFile | None] | None = None) -> TurnPlans:
+        """The plans of scenarios whose tail follows the thesis' law or the knots of a swing file, or is held.
+
+        Args:
+            scenarios: turns.
+            swings: played by their tails; by default those that the scenarios name.
+
+        Raises:
+            UserError: a swing or a trigger that the model does not know, or scenarios that differ in `COMMON`.
+        """
+        files = [swing_of_scenario(scenario) for scenario in scenarios] if swings is None else list(swings)
+        rows = [_row(scenario, swing) for scenario, swing in zip(scenarios, files, strict=True)]
+        names = [field.name for field in fields(cls) if field.name != "played"]
+        numbers = np.array([[row[name] for name in names] for row in rows], float).T
+        plans = cls(**dict(zip(names, numbers, strict=True)), played=PlayedRoll.of(files))
+        for name, words in COMMON.items():
+            if len(found := np.unique(getattr(plans, name))) > 1:
+                raise UserError(f"{words}: {found[0]:g} and {found[-1]:g}; turns that are driven at once have one")
+        return plans
+
+    def take(self, places: Any) -> TurnPlans:
+        """Plans at these places, again and again if asked."""
+        numbers = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "played"}
+        taken = {name: values[..., places] for name, values in numbers.items()}
+        return TurnPlans(**taken, played=self.played.take(places))
+
+    def commanded(self, time: float) -> FloatArray:
+        """Steering command (n) of the drivers at a time since the start of the turn, rad."""
+        level = np.where(time + TICK_TOLERANCE < self.first_hold, self.first_angle, self.steer_angle)
+        return np.where((time + TICK_TOLERANCE >= 0.0) & (time + TICK_TOLERANCE < self.hold), level, 0.0)
+
+    def steering(self, time: float) -> FloatArray:
+        """Angle (n) to which the servos have turned the wheels at a time since the start of the turn, rad."""
+        rate = self.steer_rate
+        first = np.minimum(np.maximum(rate * np.minimum(time, self.first_hold), 0.0), self.first_angle)
+        moved = rate * np.maximum(0.0, np.minimum(time, self.hold) - self.first_hold)
+        angle = first + np.clip(self.steer_angle - first, -moved, moved)
+        return np.maximum(angle - rate * np.maximum(0.0, time - self.hold), 0.0)
+
+    @property
+    def straight(self) -> FloatArray:
+        """When the wheels are straight again (n), s since the start of the turn; see `angle_to_straighten`."""
+        first = self.first_angle - self.steer_rate * (self.hold - self.first_hold)
+        last = np.where(self.first_hold > 0.0, np.maximum(self.steer_angle, first), self.steer_angle)
+        return self.hold + last / self.steer_rate
+
+
+def _row(scenario: Scenario, swing: SwingFile | None) -> dict[str, float]:
+    """Fields of `TurnPlans` for one turn."""
+    settings, turn, imu = SwingSettings.from_scenario(scenario), scenario.manoeuvre, scenario.imu
+    row: dict[str, Any] = {name: getattr(settings, name) for name in SwingSettings.model_fields}
+    row |= {
+        "ramp": turn.speed_ramp,
+        "start": turn.turn_start,
+        "steer_angle": turn.steer_angle,
+        "hold": turn.turn_hold,
+        "first_angle": turn.first_angle,
+        "first_hold": turn.first_hold,
+        "steer_rate": scenario.servo.rate,
+        "late": np.ceil(imu.delay * settings.rate - 1e-9),
+        "trigger_steering": np.inf,
+        "swings": float(settings.mode == "swing"),
+    }
+    if swing is not None:
+        refuse_unknown(swing, scenario)
+        steering, yaw_rate = swing.trigger.threshold_rad, swing.trigger.threshold_rad_per_s
+        return row | {
+            "trigger_yaw_rate": np.inf if yaw_rate is None else yaw_rate,
+            "trigger_steering": np.inf if steering is None else steering,
+            "delay": swing.trigger.delay_s,
+            "hold_kp": swing.gains.hold.kp,
+            "hold_kd": swing.gains.hold.kd,
+            "pitch_angle": swing.knots.pitch_position_rad[0],
+        }
+    if settings.mode == "swing" and settings.trigger == "lateral_acceleration":
+        raise UserError(f"controller.trigger: {settings.trigger}; the screening model knows: steering, yaw_rate")
+    if settings.trigger == "steering":
+        row |= {"trigger_yaw_rate": np.inf, "trigger_steering": settings.trigger_steering_angle}
+    return row
