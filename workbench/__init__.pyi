@@ -36,10 +36,14 @@ from .figures.run_figures import plot_turn as plot_turn
 from .figures.tail_figures import plot_range_of_motion as plot_range_of_motion
 from .logs.schema import RunLog as RunLog
 from .logs.schema import read_run_log as read_run_log
+from .metrics.plant_metrics import plant_metrics as plant_metrics
+from .metrics.plant_metrics import plant_outcome as plant_outcome
 from .metrics.turn_metrics import RunMetrics as RunMetrics
 from .metrics.turn_metrics import metrics_of as metrics_of
 from .plants.clearance import RangeOfMotion as RangeOfMotion
 from .plants.clearance import make_range_of_motion as make_range_of_motion
+from .replay.observed_run import ObservedRun as ObservedRun
+from .replay.observed_run import observe as observe
 from .replay.strip import strip_figure as strip_figure
 from .replay.strip import write_strip as write_strip
 from .report.replay_page import write_replay_html as write_replay_html

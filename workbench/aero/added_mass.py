@@ -52,6 +52,8 @@ from aerodima.workbench.errors import ModelError
 _CONTINUOUS_RATE = 100.0
 _RATE_TIMES_STEP = 0.2
 _POSITION_SAMPLES = 64
+ADDED_MASS_PREFIX = "added_mass_"
+"""How the names of model instances and bodies of added mass begin."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,7 @@ def add_added_mass(
         )
     if plant.is_finalized():
         raise ModelError("added mass: the plant is already finalised; add the mass before plant.Finalize()")
-    name = f"added_mass_{body.name()}"
+    name = f"{ADDED_MASS_PREFIX}{body.name()}"
     instance = plant.AddModelInstance(name)
     plant.set_gravity_enabled(instance, False)
     middle = plant.AddFrame(FixedOffsetFrame(f"{name}_middle", body.body_frame(), _middle_pose(layout), instance))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from aerodima.workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
 from aerodima.workbench.systems.event_order import Stage, period_of
@@ -38,10 +38,17 @@ class SectionWatch(LeafSystem):
         """Adds a watch, at `rate` Hz, on the sail of a simulated station; None where the car has no tail."""
         if not station.HasOutputPort("tail_sections_truth"):
             return None
-        validity = station.GetOutputPort("tail_validity_truth")
+        ports = (station.GetOutputPort("tail_sections_truth"), station.GetOutputPort("tail_validity_truth"))
+        return cls.on_ports(builder, *ports, rate)
+
+    @classmethod
+    def on_ports(
+        cls, builder: DiagramBuilder, sections: OutputPort, validity: OutputPort, rate: float, name: str = ""
+    ) -> SectionWatch:
+        """Adds a watch, at `rate` Hz, on these ports of a `TailForce`; several in one diagram need names."""
         watch = cls(validity.size(), rate)
-        builder.AddNamedSystem("section_watch", watch)
-        builder.Connect(station.GetOutputPort("tail_sections_truth"), watch.GetInputPort("sections"))
+        builder.AddNamedSystem(name or "section_watch", watch)
+        builder.Connect(sections, watch.GetInputPort("sections"))
         builder.Connect(validity, watch.GetInputPort("validity"))
         return watch
 

@@ -123,6 +123,16 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
                 converter,
             )
 
+        def reporter(self) -> Any:
+            """The same system once more, to be watched beside a diagram that does not show its ports."""
+            args = (self._layout, self._law, self._air, self._jet, self._quasi_steady_limit)
+            return Impl(self._plant, self.body, *args)
+
+        @property
+        def plant(self) -> Any:
+            """The plant that was given."""
+            return self._plant
+
         @property
         def layout(self) -> SectionLayout:
             """Sections in the body frame."""
@@ -213,17 +223,21 @@ def point_in_world(X_WB: Any, p_BoQ_B: Any) -> tuple[Any, ...]:
     return tuple(row[0] * x + row[1] * y + row[2] * z + row[3] for row in X_WB)
 
 
-def resolve_body(plant: Any, body: Any) -> Any:
-    """The body that a body or a name means; ModelError when the plant has no such body, or is not finalised."""
+def resolve_body(plant: Any, body: Any, place: str = "tail force") -> Any:
+    """The body that a body or a name means; ModelError when the plant has no such body, or is not finalised.
+
+    Args:
+        place: what asks, for messages.
+    """
     if not plant.is_finalized():
-        raise ModelError("tail force: the plant is not finalised; call plant.Finalize() first")
+        raise ModelError(f"{place}: the plant is not finalised; call plant.Finalize() first")
     if isinstance(body, str):
         if not plant.HasBodyNamed(body):
             names = ", ".join(plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies()))
-            raise ModelError(f"tail force: the plant has no body named '{body}' (bodies: {names})")
+            raise ModelError(f"{place}: the plant has no body named '{body}' (bodies: {names})")
         return plant.GetBodyByName(body)
     if body.GetParentPlant() is not plant:
-        raise ModelError(f"tail force: body '{body.name()}' does not belong to this plant")
+        raise ModelError(f"{place}: body '{body.name()}' does not belong to this plant")
     return body
 
 

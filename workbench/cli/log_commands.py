@@ -37,7 +37,10 @@ def metrics(
     csv: Annotated[Path | None, typer.Option(help="Also write the whole table, filtered figures included.")] = None,
     force: Force = False,
 ) -> None:
-    """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and filtered."""
+    """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and filtered.
+
+    Of logs that `observe` wrote of another plant: its motion, the air on its tails, the outcome where it is defined.
+    """
     from aerodima.workbench.logs.schema import read_run_log
 
     _refuse_twice(runs)
@@ -46,16 +49,27 @@ def metrics(
         refuse_existing(csv, force, LogError)
     import pandas as pd
 
+    from aerodima.workbench.metrics.plant_metrics import of_plants, plant_metrics
     from aerodima.workbench.metrics.turn_metrics import metrics_of
 
-    found = {name: metrics_of(run_log) for name, run_log in run_logs.items()}
-    rows = {name: metrics.as_row() for name, metrics in found.items()}
+    plants = of_plants(list(run_logs.values()))
+    found = {} if plants else {name: metrics_of(run_log) for name, run_log in run_logs.items()}
+    rows: dict[str, dict[str, Any]] = {name: metrics.as_row() for name, metrics in found.items()}
+    if plants:
+        rows = {name: dict(plant_metrics(run_log)) for name, run_log in run_logs.items()}
     if csv is not None:
         table = pd.DataFrame.from_dict(rows, orient="index")
         write_atomically(csv, lambda temporary: table.to_csv(temporary, index_label="run"), force, LogError)
-    for line in _metrics_lines(rows):
+    for line in _plant_lines(rows) if plants else _metrics_lines(rows):
         typer.echo(line)
     _echo_jolts(found)
+
+
+def _plant_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The table of plants, whose tails may have different names."""
+    keys = list(dict.fromkeys(key for row in rows.values() for key in row))
+    table = text_table(["", *rows], [[key, *(shown_value(row.get(key)) for row in rows.values())] for key in keys])
+    return [*table, "", "the metrics of a turn need a run of the car"]
 
 
 def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -238,7 +252,7 @@ def replay(
 
 def _show(run_log: RunLog, port: int | None, rate: float) -> None:
     """Plays the run in Meshcat until Ctrl-C."""
-    from aerodima.workbench.replay.logged_car import caption_of
+    from aerodima.workbench.replay.captions import caption_of
     from aerodima.workbench.replay.recording import record_run
     from aerodima.workbench.replay.viewer import open_meshcat
 
@@ -268,6 +282,7 @@ def compare(
     if html is not None:
         refuse_existing(html, force, UserError)
     run_logs = [read_run_log(path) for path in runs]
+    from aerodima.workbench.metrics.plant_metrics import of_plants
     from aerodima.workbench.metrics.turn_metrics import metrics_of
     from aerodima.workbench.report.replay_page import (
         comparison_page,
@@ -281,10 +296,10 @@ def compare(
     for group in (differences, metrics_rows(run_logs)):
         table = text_table(["", *names], [[key, *map(shown_value, values)] for key, values in group.items()])
         typer.echo("\n".join([*table, ""]))
-    _echo_jolts({name: metrics_of(run_log) for name, run_log in zip(names, run_logs, strict=True)})
-    other = different_cars(differences)
-    if other:
-        typer.echo(f"note: these are different cars: {', '.join(other)}")
+    if not of_plants(run_logs):
+        _echo_jolts({name: metrics_of(run_log) for name, run_log in zip(names, run_logs, strict=True)})
+        if other := different_cars(differences):
+            typer.echo(f"note: these are different cars: {', '.join(other)}")
     if html is not None:
         (written,) = write_files(html.parent, {html.name: comparison_page(run_logs, names)}, force=force)
         typer.echo(f"page: {written}")

@@ -25,6 +25,7 @@ from aerodima.workbench.figures.figure_style import (
 )
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, LowPass, low_pass
+from aerodima.workbench.metrics.plant_metrics import of_plants, plant_air, plant_speed, plant_tilt
 from aerodima.workbench.metrics.turn_signals import turn_window
 
 _WHEEL_STYLES = {
@@ -192,27 +193,38 @@ _PANELS = (
 )
 """Label, column, whether the car's IMU filter is applied."""
 _WITHOUT_TRUTH = {"roll_truth_rad": "roll_estimate_rad"}
+_PLANT_PANELS = (
+    ("speed of the centre of mass [m/s]", plant_speed),
+    ("height of the centre of mass [m]", lambda run_log: run_log.signal("com_z_truth_m")),
+    ("tilt of the base [deg]", plant_tilt),
+    ("air on the tails [N]", plant_air),
+)
+"""Label, and the signal of a plant that is no car; None where it has none."""
 
 
 def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
-    """Six signals over time, a line per run; IMU signals after the car's zero-phase filter.
+    """Six signals of cars over time, or four of other plants, a line per run.
+
+    IMU signals are shown after the car's zero-phase filter.
 
     Args:
         run_logs: up to `len(RUN_STYLES)` runs.
         names: shown in the legend, one per run.
 
     Raises:
-        LogError: a log has no turn, or its sensors are missing.
+        LogError: a log has no turn, or its sensors are missing; or cars and other plants are mixed.
     """
+    plants = of_plants(run_logs)
     with styled():
-        figure, grid = new_figure(11.0, 8.0, 3, 2, sharex=True)
-        for axes, (label, column, filtered) in zip(grid.flat, _PANELS, strict=True):
-            axes.set_ylabel(label)
-            shade_turn(axes, turn_window(run_logs[0]))
+        figure, grid = new_figure(11.0, 6.0 if plants else 8.0, 2 if plants else 3, 2, sharex=True)
+        for axes, panel in zip(grid.flat, _PLANT_PANELS if plants else _PANELS, strict=True):
+            axes.set_ylabel(panel[0])
+            if not plants:
+                shade_turn(axes, turn_window(run_logs[0]))
             for run_log, (colour, line) in zip(run_logs, RUN_STYLES, strict=False):
-                _draw(axes, run_log, column, filtered, colour, line)
+                _draw(axes, run_log, panel[1:], colour, line)
         for axes in grid[-1]:
-            axes.set_xlabel("time [s]   (shaded: the turn of the first run)")
+            axes.set_xlabel("time [s]" if plants else "time [s]   (shaded: the turn of the first run)")
         handles = [
             grid[0, 0].plot([], [], color=colour, linestyle=line)[0]
             for _, (colour, line) in zip(names, RUN_STYLES, strict=False)
@@ -221,7 +233,13 @@ def plot_overlay(run_logs: Sequence[RunLog], names: Sequence[str]) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, run_log: RunLog, column: str, filtered: bool, colour: str, line: Any) -> None:
+def _draw(axes: Axes, run_log: RunLog, signal: tuple[Any, ...], colour: str, line: Any) -> None:
+    """One line: a signal of a plant, or a column of a car and whether its IMU filter is applied."""
+    if callable(signal[0]):
+        if (found := signal[0](run_log)) is not None:
+            axes.plot(run_log.time, found, color=colour, linestyle=line)
+        return
+    column, filtered = signal
     if column not in run_log.table:
         column = _WITHOUT_TRUTH.get(column, column)
     if column not in run_log.table or (column.startswith("tail_") and run_log.scenario["tail"]["mode"] == "none"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import pandas as pd
@@ -55,6 +55,13 @@ class LogInMemory:
 LogSink = JournalWriter | LogInMemory
 
 
+class RowSink(Protocol):
+    """Takes the rows of a recorder."""
+
+    def append(self, row: np.ndarray) -> None:
+        """Takes one row, whose array is used again."""
+
+
 def open_log(path: str | Path | None, columns: Sequence[str], metadata: Mapping[str, Any], force: bool) -> LogSink:
     """A journal that becomes the log `path`, or rows in memory without one.
 
@@ -88,7 +95,7 @@ class RunRecorder(LeafSystem):
 
     def __init__(
         self,
-        journal: LogSink,
+        journal: RowSink,
         columns: Sequence[str],
         sizes: Sequence[int],
         rate: float,
@@ -116,7 +123,7 @@ class RunRecorder(LeafSystem):
     def add_to_builder(
         cls,
         builder: DiagramBuilder,
-        journal: LogSink,
+        journal: RowSink,
         signals: Signals,
         rate: float,
         stage: Stage | None = None,

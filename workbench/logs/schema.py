@@ -30,6 +30,8 @@ from aerodima.workbench.errors import LogError
 SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
 _TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
+PLANT_RUN = "plant_run"
+"""Kind of a log that `observe` wrote: of any plant, with the columns of `aerodima.workbench.stations.plant_truth`."""
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of its class."""
 
@@ -63,7 +65,7 @@ class RunLog:
         scenario: the resolved scenario.
         seed: seed of every random number of the run.
         versions: of the project, Drake, Python and NumPy.
-        kind: what was logged, `car_run` for a run of the car.
+        kind: what was logged: `car_run` a run of the car, `plant_run` one of another plant.
         created: ISO time of the start of the run.
         extra: further facts, for example `tail_mass_kg` (kg).
         source: name of the file it came from, for messages; empty for a run in memory.

@@ -17,7 +17,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.controllers.manoeuvre import angle_to_straighten
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 
 _TIME_MARGIN = 1e-6
@@ -92,6 +92,8 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
     Raises:
         LogError: a column or scenario key is missing, NaN, unsorted time or a gap, the log ends before the turn does.
     """
+    if run_log.kind == PLANT_RUN:
+        raise LogError(f"{run_log.name}: a turn and its metrics need a run of the car; plant_metrics() reads this log")
     time = run_log.time
     check_time(time)
     sign = turn_sign(run_log)

@@ -1,4 +1,4 @@
-"""The car of a run log: its plant, rebuilt from the scenario in the log, its positions over time, and its caption.
+"""The car of a run log: its plant, rebuilt from the scenario in the log, and its positions over time.
 
 A simulated run logs the motion of every joint. That of a real car is reckoned from its sensors alone: the heading is
 that of the IMU, the path is the speed integrated along it; roll and pitch are the IMU's, and the car is lifted so that
@@ -7,10 +7,11 @@ measurement of where. Forces are not known and not drawn.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydrake.geometry import SceneGraph
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder
@@ -20,12 +21,10 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.errors import LogError, ScenarioError
-from aerodima.workbench.figures.figure_style import MODE_STYLES
-from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
-from aerodima.workbench.metrics.run_summary import tail_mode_of
-from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
+from aerodima.workbench.replay.logged_run import AIR_SCALE, AirOnTail
 
 SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
 
@@ -46,9 +45,62 @@ class LoggedCar:
     car: CarPlant
     positions: FloatArray
 
+    @property
+    def plant(self) -> MultibodyPlant:
+        """Of the car."""
+        return self.car.plant
+
+    @property
+    def scene_graph(self) -> SceneGraph:
+        """Of the car."""
+        return self.car.scene_graph
+
+    @property
+    def path(self) -> FloatArray:
+        """Positions of Bo in W, m, shape (n, 3)."""
+        return self.run_log.vector("position", "truth_m")
+
+    @property
+    def tips(self) -> dict[str, FloatArray]:
+        """Path of the tail's tip in W, m, shape (n, 3)."""
+        return {} if self.car.tail is None else {"tail_tip": self.run_log.vector("tail_tip", "truth_m")}
+
+    @property
+    def air(self) -> list[AirOnTail]:
+        """The air on the tail, as logged."""
+        if self.car.tail is None:
+            return []
+        force, moment = (
+            self.run_log.vector(stem, suffix)
+            for stem, suffix in (("tail_force", "truth_n"), ("tail_force_moment", "truth_n_m"))
+        )
+        return [AirOnTail("tail", force, moment, *tail_axis(self))]
+
+    @property
+    def air_scale(self) -> float:
+        """m per N."""
+        return AIR_SCALE
+
+    @property
+    def camera_place(self) -> tuple[float, float, float]:
+        """Distance, height and height looked at, m: a tail needs room."""
+        return (3.0, 1.3, 0.5) if self.car.tail is not None else (2.0, 0.9, 0.25)
+
     def move(self, plant_context: Context, row: int) -> None:
         """Puts the car where it was in one row of the log."""
         self.car.plant.SetPositions(plant_context, self.positions[row])
+
+
+def tail_axis(logged: LoggedCar) -> tuple[FloatArray, FloatArray]:
+    """Root and tip of the tail in W, m, each of shape (n, 3)."""
+    plant = logged.car.plant
+    context = plant.CreateDefaultContext()
+    rod = plant.GetBodyByName("tail_rod")
+    roots = []
+    for row in range(len(logged.positions)):
+        logged.move(context, row)
+        roots.append(plant.EvalBodyPoseInWorld(context, rod).translation())
+    return np.array(roots), logged.run_log.vector("tail_tip", "truth_m")
 
 
 def add_logged_car(builder: DiagramBuilder, run_log: RunLog) -> LoggedCar:
@@ -114,7 +166,7 @@ def replayable(run_log: RunLog) -> RunLog:
     Raises:
         LogError: one of these is missing, NaN, gap or unsorted time in a column that is used.
     """
-    if any(name.startswith(PLANT_POSITION_PREFIX) for name in run_log.table.columns):
+    if run_log.kind == PLANT_RUN or any(name.startswith(PLANT_POSITION_PREFIX) for name in run_log.table.columns):
         return run_log
     name = run_log.name
     if not run_log.scenario:
@@ -222,59 +274,3 @@ def _tail_tip(plant: MultibodyPlant, context: Any, length: float) -> FloatArray:
 
 def _vector(stem: str, values: FloatArray) -> dict[str, FloatArray]:
     return {f"{stem}_{axis}_truth_m": values[:, index] for index, axis in enumerate("xyz")}
-
-
-@dataclass(frozen=True)
-class Caption:
-    """Title of a replay.
-
-    Attributes:
-        name: of the scenario.
-        facts: commanded speed and tail mode, or the tail law of one's own.
-        outcome: how the run ended, in words.
-        result: `survived`, `flipped`, or `unknown` for a log that ends before its turn does.
-    """
-
-    name: str
-    facts: str
-    outcome: str
-    result: Literal["survived", "flipped", "unknown"]
-
-    @property
-    def text(self) -> str:
-        """All of it in one line."""
-        return f"{self.name}: {self.facts}: {self.outcome}"
-
-
-def caption_of(run_log: RunLog) -> Caption:
-    """The caption of a run that has a resolved scenario."""
-    manoeuvre, tail = run_log.scenario["manoeuvre"], MODE_STYLES[tail_mode_of(run_log.scenario)].words
-    if TAIL_LAW in run_log.extra:
-        tail = f"tail law {run_log.extra[TAIL_LAW]}"
-    speed = float(manoeuvre["speed"])
-    turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] in ("turn", "auto_turn") else ""
-    reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
-    facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tail}{reckoned}"
-    try:
-        outcome = outcome_of(run_log)
-    except LogError:
-        return Caption(run_log.scenario["name"], facts, "outcome not known, the log ends too early", "unknown")
-    return Caption(run_log.scenario["name"], facts, outcome_in_words(outcome), outcome.result)
-
-
-def outcome_in_words(outcome: Outcome) -> str:
-    """For example `survived, clean` or `survived, tail touched the ground, board down 0.36 s before the turn`."""
-    words: list[str] = [outcome.result]
-    if outcome.result == "survived" and outcome.touched:
-        words.append(f"{' and '.join(outcome.touched)} touched the ground")
-    elif outcome.clean:
-        words.append("clean")
-    if outcome.board_before_turn_s:
-        words.append(f"board down {outcome.board_before_turn_s:.2f} s before the turn")
-    return ", ".join(words)
-
-
-def speed_and_roll(run_log: RunLog) -> tuple[FloatArray, FloatArray]:
-    """Speed over ground, m/s, and roll, rad, positive to the right, each of shape (n,); from the truth or reckoned."""
-    speed = np.hypot(run_log.signal("velocity_x_truth_m_per_s"), run_log.signal("velocity_y_truth_m_per_s"))
-    return speed, run_log.signal("roll_truth_rad")

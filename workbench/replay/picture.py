@@ -1,4 +1,4 @@
-"""A car as a picture: visible shapes as triangles, perspective camera, depth buffer, one sun, a floor with metre lines.
+"""A robot as a picture: triangles of its visible shapes, perspective camera, depth buffer, one sun, metre lines.
 
 Plain NumPy and the same bits everywhere: Drake's own offscreen renderer needs an X server or an EGL driver, which a
 container or a car's computer may not have.
@@ -6,11 +6,13 @@ container or a car's computer may not have.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
+    Convex,
     Cylinder,
     Ellipsoid,
     GeometryId,
@@ -18,6 +20,7 @@ from pydrake.geometry import (
     ReadObjToTriangleSurfaceMesh,
     Rgba,
     Role,
+    SceneGraph,
     SceneGraphInspector,
     Shape,
     Sphere,
@@ -28,7 +31,6 @@ from pydrake.systems.framework import Context
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.plants.car import CarPlant
 
 _SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
 """Direction to the sun in the picture's axes: x to the right, y away from the camera, z up."""
@@ -195,20 +197,32 @@ class Surface:
     colour: tuple[float, float, float]
 
 
-def visible_surfaces(car: CarPlant) -> list[Surface]:
-    """Every shape of a car with the illustration role.
+class PlantWithShapes(Protocol):
+    """A plant whose shapes are in a scene graph: a car, a logged run."""
+
+    @property
+    def plant(self) -> MultibodyPlant:
+        """With the bodies."""
+
+    @property
+    def scene_graph(self) -> SceneGraph:
+        """With their shapes."""
+
+
+def visible_surfaces(shown: PlantWithShapes) -> list[Surface]:
+    """Every shape with the illustration role.
 
     Raises:
-        ModelError: a shape of another kind than box, cylinder, ellipsoid, sphere or OBJ mesh.
+        ModelError: a shape of another kind than box, cylinder, ellipsoid, sphere, convex hull or OBJ mesh.
     """
-    inspector = car.scene_graph.model_inspector()
+    inspector = shown.scene_graph.model_inspector()
     surfaces = []
     for geometry in inspector.GetAllGeometryIds(Role.kIllustration):
         corners = shape_triangles(inspector.GetShape(geometry), inspector.GetName(geometry))
         X_BG = inspector.GetPoseInFrame(geometry)
         moved = corners @ X_BG.rotation().matrix().T + X_BG.translation()
-        body = car.plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-        surfaces.append(Surface(body, moved, _colour(inspector, geometry)))
+        body = shown.plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+        surfaces.append(Surface(body, moved, colour_of(inspector, geometry)))
     return surfaces
 
 
@@ -238,12 +252,20 @@ def shape_triangles(shape: Shape, name: str) -> FloatArray:
         mesh = ReadObjToTriangleSurfaceMesh(shape.source().path(), shape.scale3())
         vertices = np.array([mesh.vertex(i) for i in range(mesh.num_vertices())])
         return vertices[[[face.vertex(i) for i in range(3)] for face in mesh.triangles()]]
+    if isinstance(shape, Convex):
+        hull = shape.GetConvexHull()
+        corners = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+        faces = [hull.element(i) for i in range(hull.num_faces())]
+        fans = [[face.vertex(i) for i in (0, k, k + 1)] for face in faces for k in range(1, face.num_vertices() - 1)]
+        return np.asarray(corners[fans])
     raise ModelError(
-        f"visual {name!r}: a {type(shape).__name__} cannot be drawn; allowed: box, cylinder, ellipsoid, OBJ"
+        f"visual {name!r}: a {type(shape).__name__} cannot be drawn; "
+        "allowed: box, cylinder, ellipsoid, convex hull, OBJ"
     )
 
 
-def _colour(inspector: SceneGraphInspector, geometry: GeometryId) -> tuple[float, float, float]:
+def colour_of(inspector: SceneGraphInspector, geometry: GeometryId) -> tuple[float, float, float]:
+    """Red, green and blue of a visible shape, from 0 to 1."""
     properties = inspector.GetIllustrationProperties(geometry)
     colour = properties.GetPropertyOrDefault("phong", "diffuse", Rgba(0.7, 0.7, 0.7))
     assert isinstance(colour, Rgba)

@@ -1,4 +1,4 @@
-"""A run as a strip of five pictures in one PNG, with time, speed and roll under each.
+"""A run as a strip of five pictures in one PNG, with time, speed and roll or tilt under each.
 
 The moments tell the run: before, at the start of the turn, at its peak, on the way back, after. Of a tail that swings,
 the way over the top is shown in place of the way back.
@@ -21,9 +21,12 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car, caption_of, speed_and_roll
+from aerodima.workbench.replay.captions import caption_of, readings
+from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows
+from aerodima.workbench.replay.logged_plant import add_logged_run
+from aerodima.workbench.replay.logged_run import LoggedRun
 from aerodima.workbench.replay.picture import Camera, draw_picture, posed_triangles, visible_surfaces
-from aerodima.workbench.replay.recording import ForceArrow, camera_azimuth, force_arrows, traces
+from aerodima.workbench.replay.recording import camera_azimuth, traces
 
 _BEFORE, _AFTER = 0.25, 0.75
 """Time shown before the turn and after it, s."""
@@ -112,7 +115,7 @@ STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
 _DPI = 100
 _ELEVATION = np.radians(17.0)
 _DISTANCE = 7.0
-"""From the camera to the car, m: far enough that pictures of one car look alike."""
+"""From the camera to the car, m: far enough that pictures of one car look alike. More for larger robots."""
 _LONGEST_FITTED = 1.0
 """Arrows up to this length (m; 50 N on a wheel) fit into the picture; those of an impact are cut off at its edge."""
 _RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
@@ -127,7 +130,7 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
 
     Raises:
         UserError: the file exists or cannot be written.
-        LogError: the log cannot be replayed, see `add_logged_car`.
+        LogError: the log cannot be replayed, see `add_logged_run`.
     """
     path = Path(path)
     refuse_existing(path, force, UserError)
@@ -140,7 +143,8 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
 def strip_figure(run_log: RunLog) -> Figure:
     """The strip as a matplotlib figure of `STRIP` pixels."""
     builder = DiagramBuilder()
-    logged = add_logged_car(builder, run_log)
+    logged = add_logged_run(builder, run_log)
+    run_log = logged.run_log
     moments = five_moments(run_log)
     pictures = _car_triangles(logged, [moment.row for moment in moments])
     arrows = force_arrows(logged)
@@ -164,14 +168,14 @@ def strip_figure(run_log: RunLog) -> Figure:
     return figure
 
 
-def _car_triangles(logged: LoggedCar, rows: list[int]) -> list[tuple[FloatArray, FloatArray]]:
+def _car_triangles(logged: LoggedRun, rows: list[int]) -> list[tuple[FloatArray, FloatArray]]:
     """Triangles and colours of the car in each row."""
-    surfaces = visible_surfaces(logged.car)
-    context = logged.car.plant.CreateDefaultContext()
+    surfaces = visible_surfaces(logged)
+    context = logged.plant.CreateDefaultContext()
     posed = []
     for row in rows:
         logged.move(context, row)
-        posed.append(posed_triangles(surfaces, logged.car.plant, context))
+        posed.append(posed_triangles(surfaces, logged.plant, context))
     return posed
 
 
@@ -181,7 +185,7 @@ def _fitted_tips(arrows: list[ForceArrow], row: int) -> FloatArray:
     return np.array([arrow.points[row] + arrow.lengths[row] for arrow in shown]).reshape(-1, 3)
 
 
-def _cameras(logged: LoggedCar, moments: list[Moment], points: list[FloatArray]) -> list[Camera]:
+def _cameras(logged: LoggedRun, moments: list[Moment], points: list[FloatArray]) -> list[Camera]:
     """One camera per picture: same direction and scale in all five, the points of each (n, 3; W, m) in the middle."""
     run_log = logged.run_log
     azimuth = camera_azimuth(run_log)
@@ -189,7 +193,8 @@ def _cameras(logged: LoggedCar, moments: list[Moment], points: list[FloatArray])
         [np.cos(azimuth) * np.cos(_ELEVATION), np.sin(azimuth) * np.cos(_ELEVATION), np.sin(_ELEVATION)]
     )
     centres = run_log.vector("com", "truth_m")[[moment.row for moment in moments]] * [1.0, 1.0, 0.0]
-    unit = [Camera(c + _DISTANCE * direction, c, 1.0, 0, 0) for c in centres]
+    distance = max(_DISTANCE, 2.0 * logged.camera_place[0])
+    unit = [Camera(c + distance * direction, c, 1.0, 0, 0) for c in centres]
     seen = [camera.project(wanted)[:, :2] for camera, wanted in zip(unit, points, strict=True)]
     low, high = (np.array([edge(ends, axis=0) for ends in seen]) for edge in (np.min, np.max))
     top, bottom = low[:, 1].min(), high[:, 1].max()
@@ -197,12 +202,12 @@ def _cameras(logged: LoggedCar, moments: list[Moment], points: list[FloatArray])
     right, down = unit[0].axes[:2]
     cameras = []
     for centre, middle in zip(centres, 0.5 * (low[:, 0] + high[:, 0]), strict=True):
-        target = centre + _DISTANCE * (middle * right + 0.5 * (top + bottom) * down)
-        cameras.append(Camera(target + _DISTANCE * direction, target, focal_length, *FRAME))
+        target = centre + distance * (middle * right + 0.5 * (top + bottom) * down)
+        cameras.append(Camera(target + distance * direction, target, focal_length, *FRAME))
     return cameras
 
 
-def _draw_traces(axes: Axes, camera: Camera, logged: LoggedCar, row: int) -> None:
+def _draw_traces(axes: Axes, camera: Camera, logged: LoggedRun, row: int) -> None:
     for _, colour, points in traces(logged):
         seen = camera.project(points[: row + 1])
         axes.plot(seen[:, 0], seen[:, 1], color=(colour.r(), colour.g(), colour.b()), linewidth=1.4, clip_on=True)
@@ -228,10 +233,8 @@ def _draw_arrow(axes: Axes, camera: Camera, arrow: ForceArrow, row: int) -> None
 
 
 def _label(figure: Figure, run_log: RunLog, moment: Moment, x: float) -> None:
-    speed, roll = speed_and_roll(run_log)
     row = moment.row
-    degrees = round(float(np.degrees(roll[row])), 1) + 0.0  # no minus before a zero
-    text = f"t = {run_log.time[row]:.2f} s    {speed[row]:.2f} m/s    roll {degrees:.1f}°"
+    text = "    ".join([f"t = {run_log.time[row]:.2f} s", *(reading.text(row) for reading in readings(run_log))])
     figure.text(x, 58 / STRIP[1], moment.label, ha="center", va="center", fontsize=13, weight="bold")
     figure.text(x, 26 / STRIP[1], text.replace("-", "\u2212"), ha="center", va="center", fontsize=13)
 

@@ -8,25 +8,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydrake.geometry import Rgba
 
 from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.run_figures import RUN_STYLES, plot_overlay
-from aerodima.workbench.logs.schema import TAIL_LAW, RunLog
+from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
+from aerodima.workbench.metrics.plant_metrics import of_plants, plant_metrics
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.logged_car import caption_of, replayable, speed_and_roll
-from aerodima.workbench.replay.recording import (
-    AIR_COLOUR,
-    AIR_SCALE,
-    COM_COLOUR,
-    TIP_COLOUR,
-    WHEEL_COLOUR,
-    WHEEL_SCALE,
-    frame_rows,
-    record_run,
-)
+from aerodima.workbench.replay.captions import caption_of, readings
+from aerodima.workbench.replay.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE
+from aerodima.workbench.replay.logged_car import replayable
+from aerodima.workbench.replay.logged_run import LoggedRun
+from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
 from aerodima.workbench.replay.viewer import open_meshcat
 from aerodima.workbench.report.report_page import (
     Finding,
@@ -69,25 +63,45 @@ def replay_page(run_log: RunLog, rate: float = 1.0) -> str:
     logged = record_run(run_log, meshcat, rate)
     head, scene = _split(meshcat.StaticHtml(), "<title>Drake MeshCat</title>")
     scene, end = _split(scene, "</body>")
-    arrow, line = "▲", "▬"
-    keys = [(arrow, "ground on the wheels", _css(WHEEL_COLOUR)), (line, "path of the centre of mass", _css(COM_COLOUR))]
-    if logged.car.tail is not None:
-        air = f"air on the tail ({AIR_SCALE / WHEEL_SCALE:.0f} times longer)"
-        keys.insert(1, (arrow, air, _css(AIR_COLOUR)))
-        keys.append((line, "path of the tail tip", _css(TIP_COLOUR)))
     drake = {"head": head, "scene": scene, "end": "</body>" + end}
-    return render("replay.html", **drake, caption=caption_of(run_log), keys=keys, rate=rate, run=_frames(run_log, rate))
+    return render(
+        "replay.html", **drake, caption=caption_of(run_log), keys=_keys(logged), rate=rate, run=_frames(run_log, rate)
+    )
+
+
+def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
+    """What arrows and lines mean: sign, words, colour."""
+    arrow, line = "▲", "▬"
+    keys = [(line, "path of the centre of mass", _css(COM_COLOUR))]
+    if logged.tips:
+        keys.append((line, "path of the tail tip", _css(TIP_COLOUR)))
+    if logged.run_log.kind == PLANT_RUN:
+        air = f"air on the tail ({logged.air_scale:g} m per newton)"
+    else:
+        keys.insert(0, (arrow, "ground on the wheels", _css(WHEEL_COLOUR)))
+        air = f"air on the tail ({logged.air_scale / WHEEL_SCALE:.0f} times longer)"
+    if logged.tips:
+        keys.insert(len(keys) - 2, (arrow, air, _css(AIR_COLOUR)))
+    return keys
 
 
 def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:
-    """What the page shows of each frame: time (s), speed (m/s), roll (degrees)."""
+    """What the page shows of each frame: time (s) and the readings of the run."""
     rows, frames_per_second = frame_rows(run_log.time, rate)
-    speed, roll = speed_and_roll(run_log)
+    shown = [
+        {
+            "label": reading.label,
+            "unit": reading.unit,
+            "digits": reading.digits,
+            "width": reading.width,
+            "values": reading.values[rows].round(reading.digits + 1).tolist(),
+        }
+        for reading in readings(run_log)
+    ]
     return {
         "frames_per_second": frames_per_second,
         "time": run_log.time[rows].round(3).tolist(),
-        "speed": speed[rows].round(3).tolist(),
-        "roll": np.degrees(roll[rows]).round(2).tolist(),
+        "readings": shown,
     }
 
 
@@ -116,8 +130,11 @@ def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     Raises:
         LogError: a log ends before its turn does, or has no sensor columns.
     """
-    rows = [metrics_of(run_log).as_row() for run_log in run_logs]
-    return {name: [row[name] for row in rows] for name in rows[0] if not name.startswith("filtered_")}
+    rows: list[Mapping[str, Any]] = [
+        plant_metrics(run_log) if of_plants(run_logs) else metrics_of(run_log).as_row() for run_log in run_logs
+    ]
+    names = dict.fromkeys(name for row in rows for name in row if not name.startswith("filtered_"))
+    return {name: [row.get(name) for row in rows] for name in names}
 
 
 def scenario_differences(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
@@ -164,18 +181,20 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     """
     differences = scenario_differences(run_logs)
     metrics = [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()]
+    plants = of_plants(run_logs)
     signals = Plot(
         plot_overlay(run_logs, names),
-        "IMU signals after the car's zero-phase filter; roll and torque as logged.",
-        "Yaw rate, lateral acceleration, speed, roll, tail angle and tail torque of the runs over time",
+        "As logged." if plants else "IMU signals after the car's zero-phase filter; roll and torque as logged.",
+        "Signals of the runs over time, one line per run",
     )
+    said = "" if plants else " The turn is positive."
     replays = [(name, replay_page(replayable(run_log))) for name, run_log in zip(names, run_logs, strict=True)]
     sections = (
-        Section("What was set differently", _settings(differences, names)),
+        Section("What was set differently", _settings(differences, names, plants)),
         Section(
             "Metrics",
             [
-                "Raw metrics of each run; units are at the end of the names. The turn is positive.",
+                f"Raw metrics of each run; units are at the end of the names.{said}",
                 Table(["metric", *names], metrics),
             ],
         ),
@@ -185,11 +204,11 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
 
 
-def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str]) -> list[Part]:
+def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str], plants: bool) -> list[Part]:
     if not differences:
         return ["Nothing: the scenarios are equal, the seed included."]
     rows = Table(["key", *names], [[key, *map(shown_value, values)] for key, values in differences.items()])
-    other = different_cars(differences)
+    other = [] if plants else different_cars(differences)
     if not other:
         return [rows]
     warning = f"These are different cars: {', '.join(other)}. What differs between the runs may come from that alone."

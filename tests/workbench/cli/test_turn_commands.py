@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.replay.logged_car import caption_of
+from aerodima.workbench.replay.captions import caption_of
 
 SHORT = ("--set", "manoeuvre.turn_start=0.4", "--set", "manoeuvre.speed_ramp=0.3", "--set", "manoeuvre.duration=1.2")
 """A turn of 1.2 s: enough for the window of the metrics, quick to simulate."""

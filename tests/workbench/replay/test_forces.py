@@ -8,8 +8,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.logged_car import add_logged_car
-from aerodima.workbench.replay.recording import AIR_SCALE, WHEEL_SCALE, force_arrows, point_on_axis, tail_axis
+from aerodima.workbench.replay.force_arrows import WHEEL_SCALE, force_arrows, point_on_axis
+from aerodima.workbench.replay.logged_car import add_logged_car, tail_axis
+from aerodima.workbench.replay.logged_run import AIR_SCALE
 
 ROOT, TIP = np.array([[1.0, 2.0, 0.3]]), np.array([[1.2, 1.6, 1.1]])
 

@@ -12,8 +12,9 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.replay.logged_car import add_logged_car, caption_of, replayable
-from aerodima.workbench.replay.recording import force_arrows
+from aerodima.workbench.replay.captions import caption_of
+from aerodima.workbench.replay.force_arrows import force_arrows
+from aerodima.workbench.replay.logged_car import add_logged_car, replayable
 from aerodima.workbench.replay.strip import five_moments
 
 TIMES = np.arange(301) / 100.0

@@ -13,7 +13,7 @@ from matplotlib.patches import FancyArrowPatch
 
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.recording import WHEEL_COLOUR
+from aerodima.workbench.replay.force_arrows import WHEEL_COLOUR
 from aerodima.workbench.replay.strip import FRAME, STRIP, strip_figure, write_strip
 
 

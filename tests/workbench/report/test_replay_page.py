@@ -14,7 +14,7 @@ import pytest
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_metrics import Outcome
-from aerodima.workbench.replay.logged_car import caption_of, outcome_in_words
+from aerodima.workbench.replay.captions import caption_of, outcome_in_words
 from aerodima.workbench.report.replay_page import replay_page, write_replay_html
 
 
@@ -116,8 +116,9 @@ def test_clock_of_the_page_runs_from_the_first_to_the_last_log_time(tailed: RunL
     assert data["time"][0] == tailed.time[0]
     assert data["time"][-1] == pytest.approx(tailed.time[-1])
     assert (len(data["time"]) - 1) / data["frames_per_second"] == pytest.approx(tailed.time[-1] / rate)
-    assert data["speed"][-1] == pytest.approx(tailed.signal("velocity_x_truth_m_per_s")[-1], abs=0.02)
-    assert data["roll"][-1] == pytest.approx(np.degrees(tailed.signal("roll_truth_rad")[-1]), abs=0.005)
+    speed, roll = (reading["values"] for reading in data["readings"])
+    assert speed[-1] == pytest.approx(tailed.signal("velocity_x_truth_m_per_s")[-1], abs=0.02)
+    assert roll[-1] == pytest.approx(np.degrees(tailed.signal("roll_truth_rad")[-1]), abs=0.005)
 
 
 def test_existing_file_is_kept_unless_forced(tailed: RunLog, tmp_path: Path) -> None:

@@ -1,0 +1,50 @@
+"""Commands that read logs read those of any plant, as far as they apply."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.workbench.replay.cart_poles import observed_swing
+
+
+@pytest.fixture(scope="module")
+def swings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("swings")
+    files = [folder / f"{name}.parquet" for name in ("narrow", "wide")]
+    for width, file in zip((0.1, 0.2), files, strict=True):
+        observed_swing(0.002, file, settings={"plate": {"width_m": width}})
+    return files
+
+
+def test_metrics_say_what_needs_a_car(swings: list[Path], call: Callable, tmp_path: Path) -> None:
+    printed = call("metrics", *swings, "--csv", tmp_path / "metrics.csv").output
+    assert "tail_force_pole_max_n" in printed
+    assert "the metrics of a turn need a run of the car" in printed
+    assert "tail_force_pole_max_n" in (tmp_path / "metrics.csv").read_text(encoding="utf-8")
+
+
+def test_replay_draws_the_plant(swings: list[Path], call: Callable, tmp_path: Path) -> None:
+    call("replay", swings[0], "--html", tmp_path / "swing.html", "--strip", tmp_path / "swing.png")
+    page = (tmp_path / "swing.html").read_text(encoding="utf-8")
+    assert "<h1>my cart</h1>" in page
+    assert "air on the tail (0.1 m per newton)" in page
+    assert (tmp_path / "swing.png").stat().st_size > 10_000
+
+
+def test_comparison_names_what_differs(swings: list[Path], call: Callable, tmp_path: Path) -> None:
+    result = call("compare", *swings, "--html", tmp_path / "both.html")
+    assert result.exit_code == 0
+    assert "plate.width_m" in result.output
+    assert "different cars" not in result.output
+    page = (tmp_path / "both.html").read_text(encoding="utf-8")
+    assert "As logged." in page
+    assert "zero-phase" not in page
+
+
+def test_car_and_plant_are_not_put_into_one_table(swings: list[Path], refused: Callable, standard_runs: dict) -> None:
+    car = standard_runs["none"].source
+    assert "is a run of another plant than the car" in refused("metrics", swings[0], car)
+    assert "is a run of another plant than the car" in refused("compare", swings[0], car)

@@ -1,0 +1,287 @@
+"""Any plant, watched: what its log holds, what reads it, and what is refused in one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from aerodima.workbench import RunLog, UserError, metrics_of, observe, plant_metrics, plant_outcome, read_run_log
+from aerodima.workbench.config.scenario import scenario_from_dict
+from aerodima.workbench.errors import LogError
+from aerodima.workbench.figures.run_figures import plot_overlay
+from aerodima.workbench.logs.schema import PLANT_RUN, signals_equal
+from aerodima.workbench.replay.captions import caption_of
+from aerodima.workbench.replay.force_arrows import force_arrows
+from aerodima.workbench.replay.logged_plant import add_logged_run
+from aerodima.workbench.replay.strip import write_strip
+from aerodima.workbench.simulate.car_run import assemble
+from tests.workbench.replay.cart_poles import PLATE, add_cart_pole, observed_swing
+
+STEPS = {"continuous": 0.0, "discrete": 0.002}
+
+
+@pytest.fixture(scope="module")
+def swings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[RunLog, Any, Any]]:
+    folder = tmp_path_factory.mktemp("swings")
+    return {name: observed_swing(step, folder / f"{name}.parquet") for name, step in STEPS.items()}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_log_has_a_row_per_period_and_the_state_of_its_instant(swings: dict, name: str) -> None:
+    log, plant, context = swings[name]
+    assert log.time == pytest.approx(np.arange(51) / 100.0, abs=1e-12)
+    last = log.table.iloc[-1]
+    q, v = plant.GetPositions(context), plant.GetVelocities(context)
+    # The row of the end stands a few nanoseconds before it.
+    assert [last["plant_position_cart_pole_slide_x"], last["plant_position_cart_pole_swing_q"]] == pytest.approx(
+        q, abs=1e-7
+    )
+    assert [last["plant_velocity_cart_pole_slide_v"], last["plant_velocity_cart_pole_swing_w"]] == pytest.approx(
+        v, abs=1e-6
+    )
+    first = log.table.iloc[0]
+    assert first["tilt_truth_rad"] == pytest.approx(1.0)
+    assert first["plant_position_cart_pole_swing_q"] == 1.0
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_force_of_the_log_is_that_of_the_plate_in_its_wind(swings: dict, name: str) -> None:
+    """At the start only the wind blows: 1/2 rho A C_N |v_p| v_n along the normal, which is 1 rad from the wind."""
+    log, *_ = swings[name]
+    normal = np.array([np.cos(1.0), 0.0, -np.sin(1.0)])
+    speed = 2.0 * np.cos(1.0)  # without the part along the axis; the wind lies in the plane of axis and normal
+    expected = 0.5 * 1.225 * 0.12 * 1.2 * speed * speed * normal
+    assert log.vector("tail_force_pole", "truth_n")[0] == pytest.approx(expected)
+    assert log.vector("wind", "truth_m_per_s")[0] == pytest.approx([2.0, 0.0, 0.0])
+    sections = [log.signal(f"tail_force_pole_section_{index}_force_n") for index in range(PLATE.number)]
+    assert sum(sections)[0] == pytest.approx(np.linalg.norm(expected))
+
+
+def test_arrow_acts_on_the_plate_also_of_a_plant_below_the_floor(swings: dict) -> None:
+    log, *_ = swings["discrete"]
+    logged = add_logged_run(DiagramBuilder(), log)
+    (arrow,) = force_arrows(logged)
+    (air,) = logged.air
+    from_pivot = np.linalg.norm(arrow.points - air.root, axis=1)
+    assert from_pivot[0] == pytest.approx(0.5 * (PLATE.start + PLATE.end))  # at rest in an even wind: the middle
+    assert from_pivot.max() <= PLATE.end
+    assert arrow.lengths == pytest.approx(0.1 * log.vector("tail_force_pole", "truth_n"))
+    assert logged.tips["tail_force_pole"][:, 2].min() == pytest.approx(0.0, abs=0.05)  # raised onto the floor
+
+
+def test_replay_puts_the_bodies_where_they_were(swings: dict) -> None:
+    log, plant, context = swings["continuous"]
+    builder = DiagramBuilder()
+    logged = add_logged_run(builder, log)
+    replayed = logged.plant.CreateDefaultContext()
+    logged.move(replayed, len(log.table) - 1)
+    poses = [
+        [p.EvalBodyPoseInWorld(c, p.GetBodyByName(body)) for body in ("cart", "pole")]
+        for p, c in ((plant, context), (logged.plant, replayed))
+    ]
+    heights = [after.translation()[2] - before.translation()[2] for before, after in zip(*poses, strict=True)]
+    assert heights == pytest.approx([heights[0]] * 2)
+    for before, after in zip(*poses, strict=True):
+        assert after.rotation().matrix() == pytest.approx(before.rotation().matrix(), abs=1e-6)
+        assert after.translation()[:2] == pytest.approx(before.translation()[:2], abs=1e-6)
+
+
+def test_metrics_are_those_of_the_motion(swings: dict) -> None:
+    log, *_ = swings["continuous"]
+    row = plant_metrics(log)
+    assert row["duration_s"] == pytest.approx(0.5)
+    assert row["tail_force_pole_max_n"] == np.linalg.norm(log.vector("tail_force_pole", "truth_n"), axis=1).max()
+    assert row["max_tilt_rad"] == log.signal("tilt_truth_rad").max()
+    assert row["tail_force_pole_sections_outside_measured_range"] == 0.0
+    assert row["outcome"] == plant_outcome(log).result  # type: ignore[union-attr]
+
+
+def test_turn_metrics_of_another_plant_are_refused_in_one_line(swings: dict) -> None:
+    with pytest.raises(LogError, match=r"continuous.parquet: a turn and its metrics need a run of the car; plant_met"):
+        metrics_of(swings["continuous"][0])
+
+
+def fallen(tilt: list[float]) -> RunLog:
+    """A body that holds this tilt, rad, in three rows."""
+    log, *_ = observed_swing(0.01)
+    table = log.table.iloc[:3].copy()
+    table["tilt_truth_rad"] = tilt
+    return replace(log, table=table)
+
+
+def test_outcome_is_that_of_a_base_that_starts_upright() -> None:
+    assert plant_outcome(fallen([0.0, 0.5, 0.1])).result == "survived"  # type: ignore[union-attr]
+    assert plant_outcome(fallen([0.0, 1.4, 0.1])).result == "flipped"  # type: ignore[union-attr]
+    upside_down = fallen([3.1, 1.4, 0.1])
+    assert plant_outcome(upside_down) is None
+    assert plant_metrics(upside_down)["outcome"] is None
+    assert "no outcome: nothing that starts upright" in caption_of(upside_down).text
+
+
+def test_strips_of_equal_runs_are_equal(swings: dict, tmp_path: Path) -> None:
+    again, *_ = observed_swing(0.002)
+    assert signals_equal(again, swings["discrete"][0])
+    first, second = (write_strip(log, tmp_path / f"{n}.png") for n, log in enumerate((again, swings["discrete"][0])))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_settings_are_what_a_comparison_names(swings: dict) -> None:
+    from aerodima.workbench.report.replay_page import scenario_differences
+
+    runs = [observed_swing(0.002, settings={"plate": {"width_m": width}})[0] for width in (0.1, 0.2)]
+    assert scenario_differences(runs) == {"plate.width_m": [0.1, 0.2]}
+
+
+def test_car_and_another_plant_are_not_compared(swings: dict, tailless: RunLog) -> None:
+    with pytest.raises(LogError, match=r"continuous\.parquet is a run of another plant than the car"):
+        plot_overlay([tailless, swings["continuous"][0]], ["car", "cart"])
+
+
+def test_further_signals_have_columns_of_their_own() -> None:
+    builder = DiagramBuilder()
+    plant = add_cart_pole(builder, 0.01)
+    ports = {"reaction_time": plant.get_state_output_port(), "wind_x": builder.GetSubsystemByName("wind")}
+    ports["wind_x"] = ports["wind_x"].GetOutputPort("wind_velocity")
+    with observe(builder, plant, signals=ports, rate=50.0) as run:
+        Simulator(builder.Build()).AdvanceTo(0.1)
+    assert run.log.signal("wind_x_0") == pytest.approx(np.full(6, 2.0))
+    assert "reaction_time_3" in run.log.table
+    assert "tilt_truth_rad" not in run.log.table  # nothing floats, no base was named
+
+
+def test_station_of_a_car_in_a_builder_of_ones_own_gives_the_log_of_a_car(tailed: RunLog) -> None:
+    scenario = scenario_from_dict(tailed.scenario)
+    car = assemble(scenario)
+    with observe(car.builder, car.station, rate=scenario.simulation.log_rate, settings=scenario) as run:
+        Simulator(car.builder.Build()).AdvanceTo(tailed.time[-1])
+    assert run.log.kind == "car_run"
+    assert signals_equal(run.log, replace(tailed, table=tailed.table))
+
+
+def test_station_without_its_driver_gives_the_log_of_a_plant(tailed: RunLog) -> None:
+    car = assemble(scenario_from_dict(tailed.scenario), estimator=False)
+    with observe(car.builder, car.station, rate=100.0, settings={"name": "no estimator"}) as run:
+        Simulator(car.builder.Build()).AdvanceTo(0.4)
+    log = run.log
+    assert log.kind == PLANT_RUN
+    rows = tailed.table.set_index("time_s").loc[log.time]
+    (tail,) = log.extra["tails"]
+    for axis in "xyz":
+        expected = rows[f"tail_force_{axis}_truth_n"].to_numpy()
+        assert log.signal(f"{tail['name']}_{axis}_truth_n") == pytest.approx(expected, abs=1e-9)
+        assert log.signal(f"com_{axis}_truth_m") == pytest.approx(rows[f"com_{axis}_truth_m"].to_numpy(), abs=1e-9)
+    assert plant_outcome(log).result == "survived"  # type: ignore[union-attr]
+    arrows = {arrow.name for arrow in force_arrows(add_logged_run(DiagramBuilder(), log))}
+    assert arrows == {
+        f"air_on_{tail['name']}",
+        *(f"ground_on_{w}_{s}" for w in ("front", "rear") for s in ("left", "right")),
+    }
+
+
+def cart_pole() -> tuple[DiagramBuilder, MultibodyPlant]:
+    builder = DiagramBuilder()
+    return builder, add_cart_pole(builder, 0.01)
+
+
+def test_existing_log_is_refused_before_the_run(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    path.touch()
+    with pytest.raises(UserError, match=r"run\.parquet: exists"):
+        observe(*cart_pole(), log=path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_run_outside_the_block_is_refused_in_one_line() -> None:
+    builder, plant = cart_pole()
+    run = observe(builder, plant)
+    with pytest.raises(UserError, match=r"simulate the diagram inside the block `with observe"):
+        Simulator(builder.Build()).Initialize()
+    with pytest.raises(UserError, match="the log is there after the `with` block"):
+        _ = run.log
+
+
+def test_run_that_dies_leaves_a_journal(tmp_path: Path) -> None:
+    builder, plant = cart_pole()
+    run = observe(builder, plant, log=tmp_path / "run.parquet")
+
+    def interrupted() -> None:
+        with run:
+            Simulator(builder.Build()).AdvanceTo(0.1)
+            raise RuntimeError("out of patience")
+
+    with pytest.raises(RuntimeError, match="out of patience"):
+        interrupted()
+    assert [file.name for file in tmp_path.iterdir()] == ["run.parquet.journal"]
+    with pytest.raises(UserError, match="after the `with` block"):
+        _ = run.log
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"base": "chassis"}, r"observe: the plant has no body named 'chassis' \(bodies: world, cart, pole\)"),
+        ({"rate": 0.0}, "observe: rate is 0, but it must be a finite number above 0"),
+        ({"rate": float("nan")}, "observe: rate is nan"),
+        ({"air_scale": -1.0}, "observe: air_scale is -1, but"),
+    ],
+)
+def test_wrong_options_are_refused_in_one_line(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        observe(*cart_pole(), **options)
+
+
+def test_wrong_plants_and_signals_are_refused_in_one_line() -> None:
+    builder, plant = cart_pole()
+    with pytest.raises(UserError, match="is not in this builder; add it first"):
+        observe(DiagramBuilder(), plant)
+    abstract = plant.get_body_poses_output_port()
+    with pytest.raises(UserError, match="signal 'poses': port 'body_poses' holds no vector"):
+        observe(builder, plant, signals={"poses": abstract})
+    builder, plant = cart_pole()
+    with pytest.raises(UserError, match="signal 'state' is a port of another diagram"):
+        observe(builder, plant, signals={"state": cart_pole()[1].get_state_output_port()})
+    builder, plant = cart_pole()
+    with pytest.raises(UserError, match=r"column\(s\) named twice: time_s"):
+        observe(builder, plant, signals={"time_s": builder.AddSystem(ConstantVectorSource([1.0])).get_output_port()})
+    builder, plant = cart_pole()
+    with pytest.raises(UserError, match="metadata cannot be written as JSON"):
+        observe(builder, plant, settings={"width_m": np.zeros(2)})
+    bare = DiagramBuilder()
+    unfinished = bare.AddSystem(MultibodyPlant(0.01))
+    with pytest.raises(UserError, match="is not finalised"):
+        observe(bare, unfinished)
+
+
+def test_plant_without_shapes_is_logged_and_not_replayed() -> None:
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.01))
+    plant.AddRigidBody("brick", SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1))
+    plant.Finalize()
+    with observe(builder, plant) as run:
+        Simulator(builder.Build()).AdvanceTo(0.1)
+    assert run.log.vector("com", "truth_m")[-1, 2] == pytest.approx(-0.5 * 9.81 * 0.1**2, rel=0.11)  # one Euler step
+    with pytest.raises(LogError, match="has no shapes to be drawn"):
+        add_logged_run(DiagramBuilder(), run.log)
+
+
+def test_log_whose_shapes_were_damaged_is_refused_in_one_line(swings: dict) -> None:
+    log, *_ = swings["discrete"]
+    for entry in ({"body": "pole"}, {**log.extra["scene"][0], "kind": "torus"}, "box"):
+        with pytest.raises(LogError, match="the shapes in its metadata cannot be read"):
+            add_logged_run(DiagramBuilder(), replace(log, extra={**log.extra, "scene": [entry]}))
+    with pytest.raises(LogError, match="no column 'pose_pole_qw'"):
+        add_logged_run(DiagramBuilder(), replace(log, table=log.table.drop(columns="pose_pole_qw")))
+
+
+def test_file_is_the_log(swings: dict) -> None:
+    log, *_ = swings["discrete"]
+    assert signals_equal(read_run_log(log.source), log)

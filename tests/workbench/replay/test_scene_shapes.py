@@ -1,0 +1,85 @@
+"""Shapes of a plant go into a log as plain data and come back with the same extent, place and colour."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, HalfSpace, Mesh, Shape, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.framework import DiagramBuilder
+
+from aerodima.workbench.replay.picture import posed_triangles, visible_surfaces
+from aerodima.workbench.replay.scene_shapes import MOST_POINTS, add_shapes, scene_of
+from aerodima.workbench.resources import models_dir
+
+X_BG = RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
+
+
+def scene_with(shape: Shape) -> list[dict[str, Any]]:
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    body = plant.AddRigidBody("thing", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    plant.RegisterVisualGeometry(body, X_BG, shape, "shape", np.array([0.2, 0.4, 0.6, 1.0]))
+    plant.Finalize()
+    return json.loads(json.dumps(scene_of(plant, scene_graph)))
+
+
+def corners(scene: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """Corners in the shape's own frame (n, 3), and colours, of the scene put into another plant."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    assert add_shapes(plant, scene, "log") == ["thing"]
+    plant.Finalize()
+    surfaces = visible_surfaces(SimpleNamespace(plant=plant, scene_graph=scene_graph))
+    triangles, colours = posed_triangles(surfaces, plant, plant.CreateDefaultContext())
+    points = triangles.reshape(-1, 3)
+    return X_BG.inverse().multiply(points.T).T, colours
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        (Box(0.2, 0.4, 0.6), (0.2, 0.4, 0.6)),
+        (Cylinder(0.5, 0.3), (1.0, 1.0, 0.3)),
+        (Ellipsoid(0.1, 0.2, 0.3), (0.2, 0.4, 0.6)),
+        (Sphere(0.4), (0.8, 0.8, 0.8)),
+        (Capsule(0.1, 0.5), (0.2, 0.2, 0.7)),
+        (Convex(points=np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.1]]).T, label="wedge"), (0.3, 0.2, 0.1)),
+    ],
+)
+def test_shape_comes_back_with_its_extent_and_colour(shape: Shape, size: tuple) -> None:
+    points, colours = corners(scene_with(shape))
+    assert np.ptp(points, axis=0) == pytest.approx(np.array(size), rel=1e-6)
+    assert colours == pytest.approx(np.tile([0.2, 0.4, 0.6], (len(colours), 1)))
+
+
+def test_mesh_comes_back_as_its_convex_hull() -> None:
+    mesh = Mesh(str(models_dir() / "tail" / "half_cylinder.obj"))
+    scene = scene_with(mesh)
+    assert len(scene[0]["size"]) <= MOST_POINTS
+    hull = mesh.GetConvexHull()
+    points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+    found, _ = corners(scene)
+    assert found.min(axis=0) == pytest.approx(points.min(axis=0), abs=1e-6)
+    assert found.max(axis=0) == pytest.approx(points.max(axis=0), abs=1e-6)
+
+
+def test_hull_of_many_points_is_thinned_out_and_keeps_its_extent() -> None:
+    rng = np.random.default_rng(3)
+    ball = rng.normal(size=(3, 4000))
+    ball *= 0.5 / np.linalg.norm(ball, axis=0)
+    scene = scene_with(Convex(points=ball, label="ball"))
+    assert 100 < len(scene[0]["size"]) <= MOST_POINTS
+    points, _ = corners(scene)
+    # Directions that are 0.25 rad apart: the farthest corner along an axis is within 1 - cos(0.25) = 3 %.
+    assert np.ptp(points, axis=0) == pytest.approx(np.ones(3), abs=0.03)
+
+
+def test_half_space_is_left_out() -> None:
+    assert scene_with(HalfSpace()) == []

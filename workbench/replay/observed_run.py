@@ -1,0 +1,195 @@
+"""A diagram of the reader's own, watched: following camera, arrows of the air, and a run log of what its plant does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType
+
+from aerodima.workbench.aero.section_watch import SectionWatch
+from aerodima.workbench.atomic_write import refuse_existing
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.signal_table import CAR_PORTS, sensor_columns
+from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.recorder import (
+    LogSink,
+    RunRecorder,
+    Signals,
+    open_log,
+    output_ports,
+    recorded_columns,
+    signals_of,
+)
+from aerodima.workbench.logs.schema import (
+    METADATA_KEY,
+    PLANT_RUN,
+    RunLog,
+    decode_metadata,
+    encode_metadata,
+    run_metadata,
+)
+from aerodima.workbench.replay.logged_plant import AIR_SCALE_KEY
+from aerodima.workbench.replay.logged_run import AIR_SCALE
+from aerodima.workbench.replay.watched_plant import WatchedPlant
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.simulate.car_run import plant_facts, truth_signals
+from aerodima.workbench.systems.event_order import Stage
+
+
+class ObservedRun:
+    """The log of a diagram while it is simulated; a context manager, see `observe`.
+
+    Args:
+        path: of the log; None keeps it in memory.
+        force: replace an existing log.
+    """
+
+    def __init__(self, path: Path | None, force: bool) -> None:
+        if path is not None:
+            refuse_existing(path, force, LogError)
+        self._path, self._force = path, force
+        self._columns: list[str] = []
+        self._metadata: dict[str, Any] = {}
+        self._watches: dict[str, SectionWatch] = {}
+        self._sink: LogSink | None = None
+        self._over = False
+
+    @property
+    def log(self) -> RunLog:
+        """The run log, after the `with` block; UserError before its end."""
+        if self._sink is None or not self._over:
+            raise UserError("observe: the log is there after the `with` block in which the diagram is simulated")
+        return self._sink.run_log()
+
+    def append(self, row: np.ndarray) -> None:
+        """Takes a row of the recorder; UserError outside the `with` block."""
+        if self._sink is None or self._over:
+            raise UserError("observe: simulate the diagram inside the block `with observe(...) as run:`")
+        self._sink.append(row)
+
+    def __enter__(self) -> Self:
+        self._sink = open_log(self._path, self._columns, self._metadata, self._force)
+        self._over = False
+        self._sink.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._sink is not None
+        self._sink.add_facts({f"{name}_sections": watch.facts() for name, watch in self._watches.items()})
+        self._sink.__exit__(kind, error, trace)
+        self._over = kind is None
+
+    def watch(self, builder: DiagramBuilder, tail: Any, rate: float) -> None:
+        """Counts how long the sections of a `TailForce` are outside their coefficients' range."""
+        ports = (tail.GetOutputPort("sections"), tail.GetOutputPort("validity"))
+        watch = SectionWatch.on_ports(builder, *ports, rate, f"{tail.get_name()}_watch")
+        self._watches[tail.get_name()] = watch
+
+    def record(
+        self, builder: DiagramBuilder, signals: Signals, rate: float, stage: Stage | None, metadata: dict[str, Any]
+    ) -> None:
+        """Adds the recorder of these ports; LogError when two columns have one name."""
+        decode_metadata({METADATA_KEY: encode_metadata(metadata)}, "observe")  # what cannot be read is not written
+        self._columns, self._metadata = recorded_columns(signals), metadata
+        twice = sorted({name for name in self._columns if self._columns.count(name) > 1})
+        if twice:
+            raise LogError(f"observe: column(s) named twice: {', '.join(twice)}; give the ports other names")
+        RunRecorder.add_to_builder(builder, self, signals, rate, stage)
+
+
+def observe(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant | Diagram,
+    meshcat: Meshcat | None = None,
+    log: str | Path | None = None,
+    *,
+    base: RigidBody | str | None = None,
+    rate: float = 100.0,
+    name: str = "",
+    settings: Scenario | Mapping[str, Any] | None = None,
+    signals: Mapping[str, OutputPort] | None = None,
+    air_scale: float = AIR_SCALE,
+    force: bool = False,
+) -> ObservedRun:
+    """Watches a diagram of one's own: call it last, before `builder.Build()`, and simulate within its `with` block.
+
+    Meshcat gets the plant, if nothing shows it yet, a camera that follows it, and the force of every `TailForce` on it
+    as an arrow. The log has the state of the plant, the motion of its centre of mass and its base, the poses of its
+    bodies with their shapes, per `TailForce` wrench and sections, the wind, and `signals`; `plant_metrics`, `aerodima
+    metrics`, `replay` and `compare` read it, with the outcome where it is defined (`plant_outcome`). A car's station
+    with driver, tail controller and roll estimator in the same builder gives the log of a car if `settings` is its
+    scenario.
+
+    Args:
+        builder: that owns the plant.
+        plant: finalised, discrete or continuous; or a simulated station, whose port `plant_state_truth` is read.
+        meshcat: shows the run while it goes on; of a station, give it to `make_car_station` too.
+        log: the Parquet file to be; refused when it exists, unless `force`. None keeps the log in memory.
+        base: the body whose tilt, heading and speed count, its z axis up; by default the only floating base, if any.
+        rate: rows per second, Hz.
+        name: of the run, for titles; by default that of the plant.
+        settings: what `aerodima compare` names when runs differ: numbers and texts, nested as one likes.
+        signals: further vector ports, by the name of their columns; with more than one element `<name>_0`, ...
+        air_scale: length of the arrows, m per N.
+        force: replace an existing log.
+
+    Raises:
+        UserError: plant not finalised or not in the builder, no such body, a rate that is not above 0, an existing log.
+    """
+    for what, value in (("rate", rate), ("air_scale", air_scale)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise UserError(f"observe: {what} is {value:g}, but it must be a finite number above 0")
+    run = ObservedRun(None if log is None else Path(log), force)
+    watched = WatchedPlant.find(builder, plant, base)
+    truth = watched.add_truth(builder)
+    if meshcat is not None:
+        watched.show(builder, truth, meshcat, air_scale)
+    stage = Stage.RECORD if watched.plant.time_step() > 0.0 else None
+    stated = settings.resolved() if isinstance(settings, Scenario) else dict(settings or {})
+    if (
+        isinstance(settings, Scenario)
+        and watched.station is not None
+        and (car := _car_signals(builder, watched.station))
+    ):
+        run.record(builder, car, rate, stage, run_metadata(stated, settings.seed, extra=plant_facts(watched.station)))
+        return run
+    for tail in watched.tails:
+        run.watch(builder, tail, rate)
+    stated = {"name": name or stated.get("name") or watched.plant.get_name()} | stated
+    metadata = run_metadata(stated, seed=0, kind=PLANT_RUN, extra=watched.facts() | {AIR_SCALE_KEY: air_scale})
+    run.record(builder, watched.signals(truth) + _further(builder, signals or {}), rate, stage, metadata)
+    return run
+
+
+def _car_signals(builder: DiagramBuilder, station: Diagram) -> Signals:
+    """Every column of a car's log, if driver, tail controller and roll estimator are in the builder; else none."""
+    parts = (TurnDriver, TailController, RollEstimator)
+    sources = [system for system in builder.GetSystems() if isinstance(system, parts)]
+    signals = signals_of(CAR_PORTS, output_ports(*sources, station))
+    found = {name for _, names in signals for name in names}
+    wanted = {column.name for column in sensor_columns()[1:] if not column.optional}
+    return signals + truth_signals(station) if wanted <= found else []
+
+
+def _further(builder: DiagramBuilder, signals: Mapping[str, OutputPort]) -> Signals:
+    """The reader's own ports, with a column per element."""
+    found: Signals = []
+    for name, port in signals.items():
+        if port.get_system() not in builder.GetSystems():
+            raise UserError(f"observe: signal {name!r} is a port of another diagram; allowed: ports of this builder")
+        if port.get_data_type() != PortDataType.kVectorValued:
+            raise UserError(f"observe: signal {name!r}: port '{port.get_name()}' holds no vector")
+        size = port.size()
+        found.append((port, [name] if size == 1 else [f"{name}_{index}" for index in range(size)]))
+    return found

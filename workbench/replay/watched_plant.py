@@ -1,0 +1,189 @@
+"""What of a diagram is watched: its plant or station, its base, its tail forces, and the columns that they fill."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+
+from aerodima.workbench.aero.tail_force import TailForce, resolve_body
+from aerodima.workbench.config.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
+from aerodima.workbench.metrics.plant_metrics import TAILS
+from aerodima.workbench.replay.live_scene import LiveScene, reach_of
+from aerodima.workbench.replay.logged_plant import SCENE
+from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, scene_of
+from aerodima.workbench.stations.plant_truth import (
+    BASE_COLUMNS,
+    COM_COLUMNS,
+    PlantTruth,
+    air_columns,
+    own_instances,
+    pose_columns,
+    section_columns,
+)
+
+_STATION_TRUTH = ("contact_truth", "wind_truth")
+"""Ports of a simulated car's station that are recorded beside the motion."""
+
+
+@dataclass(frozen=True)
+class WatchedPlant:
+    """A plant in a diagram under construction, and what is to be seen of it.
+
+    Attributes:
+        plant: finalised.
+        station: the diagram that holds the plant; None where the builder itself does.
+        state: port of [q; v].
+        base: index of the body whose tilt, heading and speed count; None without one.
+        tails: `TailForce` systems on bodies of the plant; those in a station are computed once more.
+        wind: port of the air that they feel; None in still air.
+        scene: the plant's visible shapes, see `scene_of`.
+        scene_graph: that the plant is registered with, in this builder; None without or in a station.
+        bodies: label and index of each body that has visible shapes.
+    """
+
+    plant: MultibodyPlant
+    station: Diagram | None
+    state: OutputPort
+    base: BodyIndex | None
+    tails: list[Any]
+    wind: OutputPort | None
+    scene: list[dict[str, Any]]
+    scene_graph: SceneGraph | None
+    bodies: dict[str, BodyIndex]
+
+    @classmethod
+    def find(
+        cls, builder: DiagramBuilder, plant: MultibodyPlant | Diagram, base: RigidBody | str | None
+    ) -> WatchedPlant:
+        """Looks for all this; ModelError as `aerodima.workbench.replay.observed_run.observe`."""
+        if plant not in builder.GetSystems():
+            raise ModelError(f"observe: '{plant.get_name()}' is not in this builder; add it first")
+        inside, station = (builder, None) if isinstance(plant, MultibodyPlant) else (plant, plant)
+        if station is not None:
+            plant, state = _plant_in(station), station.GetOutputPort("plant_state_truth")
+        assert isinstance(plant, MultibodyPlant)
+        if not plant.is_finalized():
+            raise ModelError(f"observe: plant '{plant.get_name()}' is not finalised; call plant.Finalize() first")
+        if station is None:
+            state = plant.get_state_output_port()
+        systems = inside.GetSystems()
+        tails = [system for system in systems if isinstance(system, TailForce) and system.plant is plant]
+        shown = next((system for system in systems if isinstance(system, SceneGraph)), None)
+        scene = scene_of(plant, shown) if shown is not None and plant.geometry_source_is_registered() else []
+        labels = {entry["body"] for entry in scene} - {WORLD_BODY}
+        indices = {body_label(plant, BodyIndex(index)): BodyIndex(index) for index in range(plant.num_bodies())}
+        bodies = {label: index for label, index in indices.items() if label in labels}
+        wind = _wind(builder, tails) if station is None else output_ports(station).get("wind_truth")
+        if station is not None:
+            tails = [_again(builder, tail, state, wind) for tail in tails]
+        scene_graph = shown if station is None else None
+        return cls(plant, station, state, _base_of(plant, base), tails, wind, scene, scene_graph, bodies)
+
+    def add_truth(self, builder: DiagramBuilder) -> PlantTruth:
+        """Adds the system that computes what is recorded and drawn."""
+        truth = PlantTruth(self.plant, self.base, list(self.bodies.values()), self.tails)
+        builder.AddNamedSystem(f"{self.plant.get_name()}_truth", truth)
+        builder.Connect(self.state, truth.GetInputPort("plant_state"))
+        for tail in self.tails:
+            builder.Connect(tail.GetOutputPort("wrench"), truth.GetInputPort(tail.get_name()))
+        return truth
+
+    def show(self, builder: DiagramBuilder, truth: PlantTruth, meshcat: Meshcat, air_scale: float) -> None:
+        """Adds camera, arrows, and the visualizer of the shapes unless there is one.
+
+        Raises:
+            ModelError: the plant has no visible shapes.
+        """
+        if not self.scene:
+            raise ModelError(
+                f"observe: plant '{self.plant.get_name()}' has no visible shapes for Meshcat; make it with "
+                "AddMultibodyPlantSceneGraph and parse the model after that"
+            )
+        seen = any(isinstance(system, MeshcatVisualizer) for system in builder.GetSystems())
+        if self.scene_graph is not None and not seen:
+            MeshcatVisualizer.AddToBuilder(builder, self.scene_graph, meshcat)
+        names = [tail.get_name() for tail in self.tails]
+        reach = [reach_of(self.scene, label) for label in self.bodies]
+        live = builder.AddNamedSystem("live_scene", LiveScene(meshcat, names, reach, air_scale))
+        for port in ("com", *(["poses"] if self.bodies else []), *(f"{name}_air" for name in names)):
+            builder.Connect(truth.GetOutputPort(port), live.GetInputPort(port))
+
+    def signals(self, truth: PlantTruth) -> Signals:
+        """Ports with the names of their columns."""
+        plant = self.plant
+        names = [f"{PLANT_POSITION_PREFIX}{position}" for position in plant.GetPositionNames()]
+        names += [f"plant_velocity_{velocity}" for velocity in plant.GetVelocityNames()]
+        names += [f"plant_state_{index}" for index in range(plant.num_multibody_states() - len(names))]
+        found: Signals = [(self.state, names)] if names else []
+        if self.base is not None:
+            found.append((truth.GetOutputPort("base"), list(BASE_COLUMNS)))
+        found.append((truth.GetOutputPort("com"), list(COM_COLUMNS)))
+        if self.bodies:
+            poses = [column for label in self.bodies for column in pose_columns(label)]
+            found.append((truth.GetOutputPort("poses"), poses))
+        for tail in self.tails:
+            name, number = tail.get_name(), tail.layout.number
+            found.append((truth.GetOutputPort(f"{name}_air"), air_columns(name)))
+            found.append((tail.GetOutputPort("sections"), section_columns(name, number)))
+            validity = [f"{name}_section_{index}_validity" for index in range(number)]
+            found.append((tail.GetOutputPort("validity"), validity))
+        if self.station is not None:
+            ports = output_ports(self.station)
+            found += signals_of(CAR_TRUTH, {name: ports[name] for name in _STATION_TRUTH if name in ports})
+        elif self.wind is not None:
+            found.append((self.wind, names_of(CAR_TRUTH["wind_truth"])))
+        return found
+
+    def facts(self) -> dict[str, Any]:
+        """For `extra` of the log."""
+        plant = self.plant
+        mass = plant.CalcTotalMass(plant.CreateDefaultContext(), own_instances(plant))
+        tails = [{"name": tail.get_name(), "body": tail.body.name()} for tail in self.tails]
+        base = None if self.base is None else plant.get_body(self.base).name()
+        return {SCENE: self.scene, TAILS: tails, "base": base, "total_mass_kg": mass}
+
+
+def _plant_in(station: Diagram) -> MultibodyPlant:
+    plant: Any = station.GetSubsystemByName("plant") if station.HasSubsystemNamed("plant") else None
+    if plant is None or not station.HasOutputPort("plant_state_truth"):
+        raise ModelError(
+            f"observe: '{station.get_name()}' has no plant to be watched; allowed: a MultibodyPlant of this builder, "
+            "or a simulated station, which has a subsystem 'plant' and a port 'plant_state_truth'"
+        )
+    return plant
+
+
+def _base_of(plant: MultibodyPlant, base: RigidBody | str | None) -> BodyIndex | None:
+    """The body that was named, or the floating base if there is one only."""
+    if base is not None:
+        return resolve_body(plant, base, "observe").index()
+    floating = sorted(plant.GetFloatingBaseBodies())
+    return floating[0] if len(floating) == 1 else None
+
+
+def _wind(builder: DiagramBuilder, tails: list[Any]) -> OutputPort | None:
+    """The port that the first tail force feels wind from."""
+    connections: Mapping[Any, Any] = builder.connection_map()
+    for tail in tails:
+        source = connections.get((tail, tail.GetInputPort("wind_velocity").get_index()))
+        if source is not None:
+            system, index = source
+            return system.get_output_port(index)
+    return None
+
+
+def _again(builder: DiagramBuilder, tail: Any, state: OutputPort, wind: OutputPort | None) -> System:
+    """A tail force inside a station once more, in this builder, where its ports can be read."""
+    copy = builder.AddNamedSystem(tail.get_name(), tail.reporter())
+    builder.Connect(state, copy.GetInputPort("plant_state"))
+    if wind is not None:
+        builder.Connect(wind, copy.GetInputPort("wind_velocity"))
+    return copy
