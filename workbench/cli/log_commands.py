@@ -268,11 +268,11 @@ def _show(run_log: RunLog, port: int | None, rate: float) -> None:
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(help="Two to five run logs (Parquet).")],
-    html: Annotated[Path | None, typer.Option(help="Write the page: table, signals, replays in step.")] = None,
+    runs: Annotated[list[Path], typer.Argument(help="Two to twenty run logs (Parquet).")],
+    html: Annotated[Path | None, typer.Option(help="Write the page: replays and signals in step, metrics.")] = None,
     force: Force = False,
 ) -> None:
-    """Compare runs: what was set differently, the metrics side by side, and with --html signals and replays.
+    """Compare runs: what was set differently, the metrics side by side, and with --html replays and signals in step.
 
     Example: aerodima compare none.parquet swing.parquet --html compare.html
     """

@@ -169,7 +169,7 @@ def _command(joint: str) -> list[Column]:
     ]
 
 
-_TAIL_PARTS = {"pitch": "tail_pitch", "roll": "tail_roll", "sail": "sail"}
+_TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
 
 CAR_PORTS: Mapping[str, list[Column]] = {
     "steering_angle": [
@@ -181,8 +181,8 @@ CAR_PORTS: Mapping[str, list[Column]] = {
     "tail_roll_command": _command("roll"),
     "state": [Column("controller_state", "", "number of the tail controller's state")],
     "tail_state": [
-        *(Column(f"{stem}_angle_rad", "rad", f"{part} angle") for part, stem in _TAIL_PARTS.items()),
-        *(Column(f"{stem}_rate_rad_per_s", "rad/s", f"{part} rate") for part, stem in _TAIL_PARTS.items()),
+        *(Column(f"{part}_angle_rad", "rad", f"{part.replace('_', ' ')} angle") for part in _TAIL_PARTS),
+        *(Column(f"{part}_rate_rad_per_s", "rad/s", f"{part.replace('_', ' ')} rate") for part in _TAIL_PARTS),
     ],
     "tail_torque": [
         Column(f"tail_{part}_torque_n_m", "N m", f"torque of the tail {part} motor") for part in ("pitch", "roll")

@@ -174,14 +174,13 @@ def _fit_to_shown(axes: Axes, start: float, end: float) -> None:
         axes.set_ylim(low - 0.12 * span, high + 0.3 * span)
 
 
-RUN_STYLES: tuple[tuple[str, Any], ...] = (
-    (BLACK, "-"),
-    (VERMILION, (0, (5, 1.5))),
-    (BLUE, (0, (1, 1))),
-    (GREEN, (0, (5, 1.5, 1, 1.5))),
-    (PURPLE, (0, (8, 2, 1, 2, 1, 2))),
+_RUN_COLOURS = (BLACK, VERMILION, BLUE, GREEN, PURPLE)
+_RUN_LINES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (8, 2, 1, 2, 1, 2)))
+RUN_STYLES: tuple[tuple[str, Any], ...] = tuple(
+    (_RUN_COLOURS[run % 5], _RUN_LINES[(run + run // 5) % 5]) for run in range(20)
 )
-"""Colour and line of the first, second, ... run; both differ, so that neither alone must be told apart."""
+"""Colour and line of the first, second, ... run. Of the first five both differ, so that neither alone must be told
+apart; of twenty the pair does."""
 
 _PANELS = (
     ("yaw rate [rad/s]", "imu_gyro_z_rad_per_s", True),

@@ -1,6 +1,6 @@
 """Replays as HTML pages that need nothing else: of one run, and of several side by side with what differs between them.
 
-A replay is Meshcat with the animation, a title over it and a bar below.
+A replay is Meshcat with the animation, a title over it, a bar below, and the signals of the run, its time as cursor.
 """
 
 import json
@@ -24,6 +24,7 @@ from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_ro
 from aerodima.workbench.replay.viewer import open_meshcat
 from aerodima.workbench.report.report_page import (
     Finding,
+    Folded,
     Page,
     Part,
     Plot,
@@ -33,6 +34,7 @@ from aerodima.workbench.report.report_page import (
     render,
     write_files,
 )
+from aerodima.workbench.report.run_channels import channels_of, line_looks
 from aerodima.workbench.text_table import shown_value
 
 
@@ -53,20 +55,21 @@ def write_replay_html(run_log: RunLog, path: Path | str, *, force: bool = False,
     return write_files(path.parent, {path.name: replay_page(run_log, rate)}, force=force)[0]
 
 
-def replay_page(run_log: RunLog, rate: float = 1.0) -> str:
-    """The page of `write_replay_html` as text: Drake's page of the scene, with title, readout and bar put into it.
+def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> str:
+    """The page of `write_replay_html` as text: Drake's page of the scene, with title, readout, bar and signals.
 
-    The script of the page drives Meshcat's animator itself, so that a page that holds two replays can show both at the
-    same time: it calls `replay.follow()` once and then `replay.show(seconds)` of each.
+    The script of the page has one clock, which drives Meshcat's animator and the cursor in the signals. A page that
+    holds several replays, without `signals` of their own, shows them at the same time: it calls `replay.follow()` once
+    and then `replay.show(seconds)` of each.
     """
     meshcat = open_meshcat()
     logged = record_run(run_log, meshcat, rate)
     head, scene = _split(meshcat.StaticHtml(), "<title>Drake MeshCat</title>")
     scene, end = _split(scene, "</body>")
     drake = {"head": head, "scene": scene, "end": "</body>" + end}
-    return render(
-        "replay.html", **drake, caption=caption_of(run_log), keys=_keys(logged), rate=rate, run=_frames(run_log, rate)
-    )
+    channels = channels_of([run_log], [run_log.name]) if signals else None
+    shown = {"caption": caption_of(run_log), "keys": _keys(logged), "run": _frames(run_log, rate), "channels": channels}
+    return render("replay.html", **drake, **shown, rate=rate)
 
 
 def _keys(logged: LoggedRun) -> list[tuple[str, str, tuple[int, ...]]]:
@@ -100,6 +103,7 @@ def _frames(run_log: RunLog, rate: float) -> dict[str, Any]:
     ]
     return {
         "frames_per_second": frames_per_second,
+        "rate": rate,
         "time": run_log.time[rows].round(3).tolist(),
         "readings": shown,
     }
@@ -120,6 +124,8 @@ def _split(page: str, mark: str) -> tuple[str, str]:
 
 
 MOST_RUNS = len(RUN_STYLES)
+MOST_VIEWS, FIRST_VIEWS = 8, 4
+"""Cars that a comparison draws in 3-D at a time, and at first; browsers end at 16 WebGL views."""
 _CAR_SECTIONS = ("car", "tail", "friction", "tail_motor", "servo", "drive")
 """Sections of a scenario that say which car it is; a difference in one of them is named first."""
 
@@ -182,15 +188,15 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     differences = scenario_differences(run_logs)
     metrics = [[name, *map(shown_value, values)] for name, values in metrics_rows(run_logs).items()]
     plants = of_plants(run_logs)
-    signals = Plot(
+    printed = Plot(
         plot_overlay(run_logs, names),
         "As logged." if plants else "IMU signals after the car's zero-phase filter; roll and torque as logged.",
         "Signals of the runs over time, one line per run",
     )
     said = "" if plants else " The turn is positive."
-    replays = [(name, replay_page(replayable(run_log))) for name, run_log in zip(names, run_logs, strict=True)]
     sections = (
         Section("What was set differently", _settings(differences, names, plants)),
+        Section("Replays and signals in step", [_in_step(run_logs, names)]),
         Section(
             "Metrics",
             [
@@ -198,10 +204,34 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
                 Table(["metric", *names], metrics),
             ],
         ),
-        Section("Signals", [signals]),
-        Section("Replays in step", [Templated("replays.html", {"replays": replays})]),
+        Section("Signals for print", [Folded("Six signals after the car's zero-phase filter", [printed])]),
     )
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
+
+
+_LIBRARY_MARK = "<!-- Meshcat -->"
+
+
+def _in_step(run_logs: Sequence[RunLog], names: Sequence[str]) -> Templated:
+    """The replays with one clock, and their signals over one another; Drake's library stands once on the page."""
+    pages = [replay_page(replayable(run_log), signals=False) for run_log in run_logs]
+    library = _library(pages[0])
+    values = {
+        "runs": [{"name": name, **look} for name, look in zip(names, line_looks(), strict=False)],
+        "channels": channels_of(run_logs, names),
+        "pages": [page.replace(library, _LIBRARY_MARK) for page in pages],
+        "library": library,
+        "mark": _LIBRARY_MARK,
+        "most_views": MOST_VIEWS,
+        "first_views": FIRST_VIEWS,
+    }
+    return Templated("replays.html", values)
+
+
+def _library(page: str) -> str:
+    """The first script of Drake's page, which is equal in all: Meshcat itself."""
+    start = page.index("<script")
+    return page[start : page.index("</script>", start) + len("</script>")]
 
 
 def _settings(differences: Mapping[str, Sequence[Any]], names: Sequence[str], plants: bool) -> list[Part]:

@@ -13,6 +13,11 @@ function replayClock(bar, duration, show) {
     last = performance.now();
     button.textContent = on ? "Pause" : "Play";
   }
+  function seek(seconds) {
+    play(false);
+    time = Math.min(Math.max(seconds, 0), duration);
+    draw();
+  }
   function tick(now) {
     if (playing) {
       time = (time + Math.max(0, now - last) / 1000 * Number(rate.value)) % duration;
@@ -22,8 +27,8 @@ function replayClock(bar, duration, show) {
     requestAnimationFrame(tick);
   }
   button.addEventListener("click", () => play(!playing));
-  slider.addEventListener("input", () => { play(false); time = Number(slider.value); draw(); });
+  slider.addEventListener("input", () => seek(Number(slider.value)));
   play(true);
   requestAnimationFrame(tick);
-  return { play, get time() { return time; } };
+  return { play, seek, get time() { return time; } };
 }
