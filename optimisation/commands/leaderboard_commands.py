@@ -24,14 +24,16 @@ def corner(
     scenario: ScenarioOption = "turn_fast",
     contestant: Annotated[
         list[str] | None,
-        typer.Option(help="none, low-ballast, low-centre, held, published, constant; may be repeated; by default all."),
+        typer.Option(
+            help="none, low-ballast, low-centre, held, published, constant, trained; may be repeated; by default all."
+        ),
     ] = None,
     law: Annotated[list[str] | None, typer.Option(help="Swing file or name to take part; may be repeated.")] = None,
     ensemble: Ensemble = "car",
     seed: Annotated[int, typer.Option(help="Of the split into training and test cars.", min=0)] = 1,
     cars: Annotated[int, typer.Option(help="Test cars.", min=1)] = 4,
     car: Annotated[list[str] | None, typer.Option(help="This test car alone; may be repeated.")] = None,
-    training: Annotated[int, typer.Option(help="Training cars, for the best constant rate.", min=1)] = 4,
+    training: Annotated[int, typer.Option(help="Training cars, for the laws constant and trained.", min=1)] = 4,
     speed: Annotated[
         list[float] | None, typer.Option(help="m/s; may be repeated; by default 4.5.", min=1, max=8)
     ] = None,
@@ -48,6 +50,11 @@ def corner(
     fixed: Annotated[bool, typer.Option("--fixed", help="Also with steering fixed from the training cars.")] = False,
     levels: Annotated[int, typer.Option(help="Of the steering; 2 takes seven times as long.", min=1, max=2)] = 1,
     runs: Annotated[int, typer.Option(help="Of each search for an amplitude.", min=3, max=50)] = 9,
+    laws: Annotated[
+        int, typer.Option(help="When laws are trained: of a generation, for each number that is free.", min=3)
+    ] = 6,
+    generations: Annotated[int, typer.Option(help="Of these beside the first one, on reduced cars.", min=0)] = 15,
+    finalists: Annotated[int, typer.Option(help="Of the laws, driven by the full training cars.", min=1)] = 5,
 ) -> None:
     """Who turns the car further on the same floor, each with its own best steering: course turned in 0.5 s.
 
@@ -66,13 +73,14 @@ def corner(
         chosen_cars,
         contestants_of,
     )
+    from aerodima.optimisation.studies.law_training import LawSearch
     from aerodima.optimisation.studies.steering_search import SteeringSearch
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.errors import SweepError
     from aerodima.workbench.text_table import text_table
 
     chosen = contestants_of(contestant or list(CONTESTANTS))
-    laws = [swing_player(name) for name in law or ()]
+    players = [swing_player(name) for name in law or ()]
     split = load_ensemble(ensemble).split(seed)
     for option, asked, part in (("--cars", cars, split.test), ("--training", training, split.training)):
         if asked > len(part):
@@ -87,10 +95,11 @@ def corner(
         (ONE_LEVEL, *(TWO_LEVELS if levels == 2 else ())),
         fixed,
         SteeringSearch(low, high, runs=runs),
+        training=LawSearch(laws, generations, finalists, seed),
     )
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
         _, summary, files = make_corner(
-            out, plan, chosen, laws, test, split.training[:training], engine, force=work.force, progress=progress
+            out, plan, chosen, players, test, split.training[:training], engine, force=work.force, progress=progress
         )
     typer.echo("\n".join(text_table(*summary_cells(summary))))
     typer.echo(f"page: {files[-1]}")

@@ -21,6 +21,7 @@ from aerodima.optimisation.studies.corner_plan import (
     CornerPlan,
 )
 from aerodima.optimisation.studies.corner_study import Corner, CornerRuns
+from aerodima.optimisation.studies.law_training import LawFamily
 from aerodima.optimisation.studies.leaderboard import open_runs
 from aerodima.optimisation.studies.study_report import table_cells
 from aerodima.optimisation.sweep.run_study import make_frame
@@ -37,7 +38,7 @@ PAGE, TABLE = "corner.html", "corner.md"
 def make_corner(
     out: Path,
     plan: CornerPlan,
-    chosen: Mapping[str, Contestant | None],
+    chosen: Mapping[str, Contestant | LawFamily],
     laws: Sequence[Contestant],
     test: Sequence[Member],
     training: Sequence[Member],
@@ -61,7 +62,7 @@ def make_corner(
         progress(f"{remembering.ran} runs made, the others were there")
     summary = summarise_corner(corner.cases, corner.contestants)
     tables = {"cases.csv": corner.cases, "summary.csv": summary} | (
-        {"rates.csv": corner.rates} if len(corner.rates) else {}
+        {"laws.csv": corner.laws} if len(corner.laws) else {}
     )
     left_out = "".join(f" Left out: {words}." for words in corner.without_floor)
     words = _how(plan, test, training) + left_out
@@ -130,6 +131,11 @@ COLUMNS = {
     "median_peak_roll_rad": "peak roll [deg]",
     "median_two_wheel_time_s": "on two wheels [s]",
 }
+TRAINING = (
+    "The published law and those that did best on reduced cars, on the full training cars at 2 ms, each with its best "
+    "steering. Worth: course over that of the published law, half the mean over the cases, half that of the worst car. "
+    "The law of the largest worth takes part."
+)
 FIXED = {
     "fixed_without_a_turn_that_counts": "without a turn, fixed steering",
     "fixed_gain_over_no_tail": "over no tail, fixed steering",
@@ -162,8 +168,8 @@ def corner_page(corner: Corner, summary: pd.DataFrame, how: str) -> Page:
         *(by_part if len(parts) > 2 else []),
         Section("Each case", [Folded("Table", [_whole(corner.cases)])]),
     ]
-    if len(corner.rates):
-        sections.append(Section("Constant rates on the training cars", [_whole(corner.rates)]))
+    if len(corner.laws):
+        sections.append(Section("Laws on the training cars", [TRAINING, _whole(corner.laws)]))
     return Page(
         "Who turns the car further", "Course turned by a short pulse of steering, each with its own best.", sections
     )
@@ -206,8 +212,8 @@ def _how(plan: CornerPlan, test: Sequence[Member], training: Sequence[Member]) -
     low, high = (f"{np.degrees(angle):g}" for angle in (search.low, search.high))
     back = 1.0 - search.angle(0) / search.angle(STEP_BACK)
     return (
-        f"Scenario {plan.scenario}; test cars {', '.join(car.name for car in test)}; training cars for the best "
-        f"constant rate {', '.join(car.name for car in training) or 'none'}; speeds {_listed(plan.speeds)} m/s; floors "
+        f"Scenario {plan.scenario}; test cars {', '.join(car.name for car in test)}; training cars for laws "
+        f"{', '.join(car.name for car in training) or 'none'}; speeds {_listed(plan.speeds)} m/s; floors "
         f"{_listed(plan.floors)} times the critical friction of the published swing at full lock; pulse {PULSE:g} s. "
         f"A run counts that is clean, with a peak roll of at most {MOST_ROLL:g} rad and a sideslip of at most "
         f"{MOST_SIDESLIP:g} rad at the exit. Steering from {low} to {high} degrees: {search.runs} runs of each shape "

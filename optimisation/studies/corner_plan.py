@@ -15,6 +15,7 @@ from aerodima.optimisation.studies.contestants import (
     THESIS,
     Contestant,
 )
+from aerodima.optimisation.studies.law_training import CONSTANT_RATE, TRAINED, LawFamily, LawSearch
 from aerodima.optimisation.studies.steering_search import SteeringSearch
 from aerodima.optimisation.sweep.rollover_threshold import Search, is_clean
 from aerodima.optimisation.swing.full_car import FINE_STEP
@@ -23,18 +24,16 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.metrics.turn_course import COURSES
 
-CONSTANT = "constant"
-CONTESTANTS: dict[str, Contestant | None] = {
+CONTESTANTS: dict[str, Contestant | LawFamily] = {
     "none": NO_TAIL,
     "low-ballast": LOW_BALLAST,
     "low-centre": LOW_CENTRE,
     "held": HELD,
     "published": THESIS,
-    CONSTANT: None,
+    "constant": CONSTANT_RATE,
+    "trained": TRAINED,
 }
-"""By the name that asks for one; the best constant rate is found first."""
-RATES, RELEASES = (4.0, 6.0, 8.0, 10.0), (0.25, 0.5, 1.0)
-"""Roll rates and yaw rates of release among which the best constant rate is looked for, rad/s."""
+"""By the name that asks for one; of a family of laws the best one on the training cars is found first."""
 PULSE = 0.5
 """s."""
 LONGEST = 3.0
@@ -66,12 +65,12 @@ class CornerPlan:
         floors: friction over the critical friction of the published swing at full lock.
         courses: degrees; the time to each is measured too.
         shapes: of the steering: first level over the second and its time, s; (1, 0) is one level. Every contestant
-            searches each of them, and has the best; the best constant rate is chosen with the first one alone.
+            searches each of them, and has the best; laws are trained with the first one alone.
         fixed: also measure the course with steering of one level that is not found on the test car: the least of the
             best amplitudes of the training cars, by contestant, speed and share of the floor.
         search: for the steering.
         friction: climb of the critical friction.
-        rates, releases: tried for the best constant rate, rad/s.
+        training: how laws are looked for on the training cars.
         step, fine_step: of the plant, s: of searches and of claims.
 
     Raises:
@@ -86,8 +85,7 @@ class CornerPlan:
     fixed: bool = False
     search: SteeringSearch = field(default_factory=SteeringSearch)
     friction: Search = FRICTION_CLIMB
-    rates: tuple[float, ...] = RATES
-    releases: tuple[float, ...] = RELEASES
+    training: LawSearch = field(default_factory=LawSearch)
     step: float = 0.002
     fine_step: float = FINE_STEP
 
@@ -179,7 +177,7 @@ class Steered:
     row: Mapping[str, Any] = field(default_factory=dict)
 
 
-def contestants_of(names: Sequence[str]) -> dict[str, Contestant | None]:
+def contestants_of(names: Sequence[str]) -> dict[str, Contestant | LawFamily]:
     """Contestants by the names that ask for them; the reference without tail always takes part.
 
     Raises:

@@ -4,7 +4,7 @@ A case is a car, a speed and a floor: a multiple of the critical friction of the
 Each contestant steers a pulse of `PULSE` with the amplitude that turns the course furthest among the runs that count
 (`counts`): found at the ordinary step, proved at the fine one, and lowered by a stated share until it counts there too.
 The time to a course is measured likewise, in runs of their own that are steered until they reach it. The steering is
-found on the car that is judged, as a driver would; the rate of the best constant-rate swing on training cars alone.
+found on the car that is judged, as a driver would; laws are trained (`law_training`) on training cars alone.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
+import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.studies.contestants import SWINGING, THESIS, Contestant, best_fixed, fixed_law
+from aerodima.optimisation.studies.contestants import THESIS, Contestant
 from aerodima.optimisation.studies.corner_plan import (
-    CONSTANT,
     MOST_BACK,
+    MOST_ROLL,
+    MOST_SIDESLIP,
     ONE_LEVEL,
+    PULSE,
     SHOWN,
     STEP_BACK,
     Aim,
@@ -32,10 +35,17 @@ from aerodima.optimisation.studies.corner_plan import (
     Turn,
     counts,
 )
+from aerodima.optimisation.studies.law_training import (
+    LawFamily,
+    Screening,
+    score,
+    screened_finalists,
+)
 from aerodima.optimisation.studies.steering_search import best_place, search_steering
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, find_thresholds
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
@@ -47,13 +57,13 @@ class Corner:
 
     Attributes:
         cases: a row per floor and contestant.
-        rates: what each rate and release was worth on the training cars; empty without.
+        laws: what the finalists of each family, and the published law, came to on the training cars; empty without.
         contestants: in order.
         without_floor: cars and speeds that have no floor, since the published swing at full lock is clean on none.
     """
 
     cases: pd.DataFrame
-    rates: pd.DataFrame
+    laws: pd.DataFrame
     contestants: tuple[Contestant, ...]
     without_floor: tuple[str, ...]
 
@@ -66,7 +76,7 @@ class CornerRuns:
         self._without_floor: dict[str, None] = {}
 
     def measure(
-        self, chosen: Mapping[str, Contestant | None], laws: Sequence[Contestant], test: Sequence[Member],
+        self, chosen: Mapping[str, Contestant | LawFamily], laws: Sequence[Contestant], test: Sequence[Member],
         training: Sequence[Member],
     ) -> Corner:  # fmt: skip
         """The table.
@@ -75,10 +85,12 @@ class CornerRuns:
             chosen: of `contestants_of`.
             laws: further contestants.
             test: cars that are judged on.
-            training: cars that the best constant rate is chosen on.
+            training: cars that laws are looked for on.
         """
-        rates = self.constant_rates(training) if CONSTANT in chosen else pd.DataFrame()
-        contestants = [who or best_constant(rates) for who in chosen.values()] + list(laws)
+        trained = {who.name: self.trained(who, training) for who in chosen.values() if isinstance(who, LawFamily)}
+        tables = [table for _, table in trained.values()]
+        contestants = [trained[who.name][0] if isinstance(who, LawFamily) else who for who in chosen.values()]
+        contestants += laws
         floors = self.floors(test)
         turns = [(who, floor) for floor in floors for who in contestants]
         measured = {aim: self._steered(aim, turns, self._plan.shapes) for aim in (Aim(), *map(Aim, self._plan.courses))}
@@ -87,10 +99,11 @@ class CornerRuns:
             for place, (who, floor) in enumerate(turns)
         ]
         if self._plan.fixed:
-            trained = self._fixed_places([(who, floor) for floor in self.floors(training) for who in contestants])
-            for row, fixed in zip(rows, self._fixed(turns, trained), strict=True):
+            places = self._fixed_places([(who, floor) for floor in self.floors(training) for who in contestants])
+            for row, fixed in zip(rows, self._fixed(turns, places), strict=True):
                 row |= fixed
-        return Corner(make_frame(rows), rates, tuple(contestants), tuple(self._without_floor))
+        table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+        return Corner(make_frame(rows), table, tuple(contestants), tuple(self._without_floor))
 
     def floors(self, members: Sequence[Member]) -> list[Floor]:
         """Of cars, speeds and shares; SweepError when none has a floor."""
@@ -111,28 +124,41 @@ class CornerRuns:
             raise SweepError(f"{', '.join(self._without_floor)}: the published swing at full lock is clean on no floor")
         return floors
 
-    def constant_rates(self, training: Sequence[Member]) -> pd.DataFrame:
-        """Mean course by speed, rate and release over training cars and floors; a turn that does not count is none."""
-        plan = self._plan
-        floors = self.floors(training)
-        choices = [(rate, release) for rate in plan.rates for release in plan.releases]
-        turns = [(Contestant("", (*SWINGING, *fixed_law(*choice))), floor) for choice in choices for floor in floors]
-        self._engine.stage = "best constant rate"
-        best = [one.worth if one else 0.0 for one in self._search(Aim(), turns, plan.shapes[:1])]
-        frame = pd.DataFrame(
-            [
-                {
-                    "speed_m_per_s": floor.speed,
-                    "rate_rad_per_s": rate,
-                    "release_rad_per_s": release,
-                    "course_rad": course,
-                }
-                for ((rate, release), floor), course in zip(
-                    ((choice, floor) for choice in choices for floor in floors), best, strict=True
-                )
-            ]
+    def trained(self, family: LawFamily, training: Sequence[Member]) -> tuple[Contestant, pd.DataFrame]:
+        """The law of a family for each speed that is best on the training cars, and a table of the finalists."""
+        chosen, rows = {}, []
+        for speed in self._plan.speeds:
+            floors = [floor for floor in self.floors(training) if floor.speed == speed]
+            laws = [family.published_law, *self._finalists(family, floors)]
+            courses = self._full(family, laws, floors)
+            worth = score(courses, courses[0], [floor.member.name for floor in floors])
+            chosen[speed] = laws[int(np.argmax(worth))]
+            for place, law in enumerate(laws):
+                row = {"family": family.name, "speed_m_per_s": speed, "law": place or "published", **law}
+                rows.append(row | {"worth": worth[place], "median_course_rad": np.median(courses[place])})
+        return family.contestant(chosen), pd.DataFrame(rows)
+
+    def _finalists(self, family: LawFamily, floors: Sequence[Floor]) -> list[dict[str, float]]:
+        plan, search = self._plan, self._plan.training
+        pulse = f"manoeuvre.turn_hold={PULSE!r}"
+        settings = [self._settings(THESIS, floor.member, floor.speed, plan.step) for floor in floors]
+        cases = Screening(
+            plan.scenario,
+            tuple((*own, f"{FRICTION}={floor.friction!r}", pulse) for own, floor in zip(settings, floors, strict=True)),
+            tuple(floor.member.name for floor in floors),
+            replace(plan.search, runs=search.steering_runs),
+            MOST_ROLL,
+            MOST_SIDESLIP,
         )
-        return frame.groupby(["speed_m_per_s", "rate_rad_per_s", "release_rad_per_s"], as_index=False).mean()
+        return screened_finalists(family, search, cases, self._engine)
+
+    def _full(self, family: LawFamily, laws: Sequence[Mapping[str, float]], floors: Sequence[Floor]) -> FloatArray:
+        """Course of laws on floors (laws, floors) with the best steering; a turn that does not count is none."""
+        self._engine.stage = family.name
+        drivers = [Contestant("", family.settings(law)) for law in laws]
+        turns = [(who, floor) for who in drivers for floor in floors]
+        best = [one.worth if one else 0.0 for one in self._search(Aim(), turns, self._plan.shapes[:1])]
+        return np.array(best).reshape(len(laws), len(floors))
 
     def _settings(self, who: Contestant, member: Member, speed: float, step: float) -> tuple[str, ...]:
         scenario = self._plan.scenario
@@ -235,14 +261,6 @@ class CornerRuns:
 
     def _degrees(self, place: int) -> float:
         return math.degrees(self._plan.search.angle(place))
-
-
-def best_constant(rates: pd.DataFrame) -> Contestant:
-    """The law of the largest mean course at each speed, from `CornerRuns.constant_rates`."""
-    best = rates.loc[rates.groupby("speed_m_per_s")["course_rad"].idxmax()]
-    columns = ("speed_m_per_s", "rate_rad_per_s", "release_rad_per_s")
-    chosen = {v: (rate, release) for v, rate, release in zip(*(best[c] for c in columns), strict=True)}
-    return best_fixed(chosen, "best constant rate")
 
 
 def _number(value: Any) -> float:

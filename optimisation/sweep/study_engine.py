@@ -274,6 +274,16 @@ class RememberingEngine:
         """See `RunEngine`; not remembered."""
         return self._engine.call(function, items)
 
+    def kept(self, key: str, make: Callable[[], Any]) -> Any:
+        """What `make` gives, JSON-able: made only if the store does not hold it under this key."""
+        if key not in self.store.rows:
+            self.store.add(key, {"kept": make()})
+        return self.store.rows[key]["kept"]
+
+    def say(self, line: str) -> None:
+        """A line of progress."""
+        self._progress(line)
+
 
 def run_key(task: RunTask) -> str:
     """The same for the same run, whatever it is called: of everything that determines its row, swing file included."""

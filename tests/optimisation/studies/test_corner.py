@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from aerodima.optimisation.studies.contestants import HELD, LOW_PLACE, NO_TAIL, THESIS, low_ballast
 from aerodima.optimisation.studies.corner_page import make_corner
 from aerodima.optimisation.studies.corner_plan import CornerPlan, chosen_cars, contestants_of, counts
+from aerodima.optimisation.studies.law_training import LawSearch, Screening
 from aerodima.optimisation.studies.steering_search import SteeringSearch, best_place, search_steering
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.study_engine import RunTask
@@ -25,10 +28,15 @@ from aerodima.workbench.plants.car_model import chassis_centre, gearbox_height
 
 CARS = (Member("light", 0.5, {"car.mass": 5.0}), Member("heavy", 0.5, {"car.mass": 6.0}))
 LIMIT = {"none": 5.0, "held": 6.0, "swing": 7.0}
-"""Steering at which a car rolls too far, degrees; a fast swing bears 0.1 degrees more for each rad/s above 8."""
+"""Steering at which a car rolls too far, degrees, with the published swing; see `limit_of`."""
 GRID = SteeringSearch()
 ONE_STEP = GRID.angle(1) / GRID.angle(0)
-PLAN = CornerPlan(rates=(6.0, 10.0), releases=(0.5,))
+PLAN = CornerPlan(training=LawSearch(laws=4, generations=4, finalists=2))
+
+
+def limit_of(mode: str, rate: float = 8.0) -> float:
+    """Steering that a car bears, degrees: with a swing most at 10 rad/s."""
+    return LIMIT[mode] + (0.1 * (2.0 - abs(rate - 10.0)) if mode == "swing" else 0.0)
 
 
 class MadeUp:
@@ -54,16 +62,17 @@ class MadeUp:
                 done(place, rows[-1])
         return rows
 
-    def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
-        return [function(item) for item in items]
+    def call(self, function: Any, items: Sequence[Screening]) -> list[np.ndarray]:
+        """Reduced cars turn as far as the full ones."""
+        limits = [[limit_of("swing", law.get("swing_speed", 8.0)) for law in item.laws] for item in items]
+        return [np.radians(8.0 * np.outer(rows, np.ones(len(PLAN.floors)))) for rows in limits]
 
     def row(self, given: dict[str, str]) -> dict[str, Any]:
         friction, fine = float(given[FRICTION]), given["simulation.step"] == "0.0005"
         if "manoeuvre.steer_angle" not in given:
             return {"outcome": "survived", "clean": friction <= 0.6 + 1e-9, "error": ""}
         steering = math.degrees(float(given["manoeuvre.steer_angle"]))
-        limit = LIMIT[given["tail.mode"]] + 0.1 * (float(given.get("controller.swing_speed", 8.0)) - 8.0)
-        limit *= 0.95 if fine else 1.0
+        limit = limit_of(given["tail.mode"], float(given.get("controller.swing_speed", 8.0))) * (0.95 if fine else 1.0)
         hold = float(given["manoeuvre.turn_hold"])
         row = {
             "outcome": "survived", "clean": True, "error": "", "exit_sideslip_rad": 0.0, "exit_speed_m_per_s": 4.0,
@@ -91,26 +100,47 @@ def measured(folder: Path, engine: Any = None, plan: CornerPlan = PLAN) -> tuple
 def test_each_contestant_gets_the_steering_that_the_fine_step_bears_out(tmp_path: Path) -> None:
     cases, summary = measured(tmp_path)
     for (name, floor), row in cases.iterrows():
-        limit = LIMIT.get(name, LIMIT["swing"]) if name != NO_TAIL.name else LIMIT["none"]
-        limit += 0.2 if "constant" in name else 0.0
+        limit = {NO_TAIL.name: LIMIT["none"], HELD.name: LIMIT["held"]}.get(name) or limit_of("swing", rate_of(name))
         assert row["friction"] == pytest.approx(floor * 0.6)
         assert limit / ONE_STEP <= row["steering_found_deg"] <= limit
         assert 0.95 * limit / ONE_STEP**2 <= row["steering_deg"] <= 0.95 * limit
         assert row["course_change_rad"] == pytest.approx(math.radians(8.0 * row["steering_deg"]))
-    assert set(cases.index.get_level_values(0)) == {
-        NO_TAIL.name, HELD.name, THESIS.name, "best constant rate (10 @ 0.5)",
-    }  # fmt: skip
+    names = list(dict.fromkeys(cases.index.get_level_values(0)))
+    assert names[:3] == [NO_TAIL.name, HELD.name, THESIS.name]
+    assert rate_of(names[3]) == pytest.approx(10.0, abs=0.5)
     assert summary.loc[("all", HELD.name), "gain_over_no_tail"] == pytest.approx(0.2, abs=0.04)
     assert summary.loc[("all", NO_TAIL.name), "gain_over_published"] == pytest.approx(5 / 7 - 1, abs=0.04)
     assert "| held |" in (tmp_path / "corner.md").read_text()
 
 
-def test_the_constant_rate_is_chosen_on_training_cars_alone(tmp_path: Path) -> None:
+def rate_of(contestant: str) -> float:
+    """rad/s, of "best constant rate (10 @ 0.5)"; the published one without."""
+    found = re.search(r"\((\S+) @", contestant)
+    return 8.0 if found is None else float(found[1])
+
+
+def test_laws_are_found_on_training_cars_alone(tmp_path: Path) -> None:
     engine = MadeUp()
-    measured(tmp_path, engine)
-    slow = [task for task in engine.tasks if "controller.swing_speed=6.0" in task.settings]
-    assert slow
-    assert all("car.mass=6.0" in task.settings for task in slow)
+    cases, _ = measured(tmp_path, engine)
+    laws = pd.read_csv(tmp_path / "laws.csv")
+    assert list(laws["law"]) == ["published", "1", "2"]
+    for rate in set(laws["swing_speed"]) - {8.0, rate_of(cases.index.get_level_values(0)[-1])}:
+        tried = [task for task in engine.tasks if f"controller.swing_speed={rate!r}" in task.settings]
+        assert tried
+        assert all("car.mass=6.0" in task.settings for task in tried)
+
+
+def test_a_law_that_only_reduced_cars_like_is_not_taken(tmp_path: Path) -> None:
+    class Misled(MadeUp):
+        """Reduced cars like slow swings, which the full ones do not bear."""
+
+        def call(self, function: Any, items: Sequence[Screening]) -> list[np.ndarray]:
+            rates = [[law.get("swing_speed", 8.0) for law in item.laws] for item in items]
+            return [20.0 - np.outer(rows, np.ones(len(PLAN.floors))) for rows in rates]
+
+    cases, _ = measured(tmp_path, Misled())
+    assert rate_of(cases.index.get_level_values(0)[-1]) == 8.0
+    assert pd.read_csv(tmp_path / "laws.csv")["swing_speed"][1] < 4.0
 
 
 def test_the_time_to_a_course_is_proved_by_a_run_that_is_steered_so_long(tmp_path: Path) -> None:
@@ -271,6 +301,8 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
         (lambda: contestants_of(["none", "someone"]), "contestant 'someone': allowed: none, low-ballast, low-centre"),
         (lambda: chosen_cars(CARS, ["other"]), "car 'other': is no test car with this seed; allowed: heavy, light"),
         (lambda: SteeringSearch(math.radians(-2.0), 0.5), "steering -2 to 28.6479 degrees: allowed: from above 0"),
+        (lambda: LawSearch(laws=2), "2 laws for each number: allowed: at least 3"),
+        (lambda: LawSearch(finalists=0), "0 finalists: allowed: at least 1"),
         (lambda: CornerPlan(courses=(50,)), "course 50: allowed: 45, 60, 90 degrees"),
         (lambda: CornerPlan(scenario="slalom"), "slalom: manoeuvre.kind slalom; allowed: turn"),
         (lambda: CornerPlan(search=SteeringSearch(high=0.7)), "manoeuvre.steer_angle"),

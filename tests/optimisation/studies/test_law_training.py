@@ -1,0 +1,77 @@
+"""Search for a law: on a made-up landscape, and one case of a reduced car."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from aerodima.optimisation.screening.turns import TurnPlans, drive_turns
+from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.optimisation.studies.law_training import (
+    APART,
+    SOON_OVER,
+    TRAINED,
+    LawSearch,
+    Screening,
+    score,
+    screened_courses,
+    search_laws,
+)
+from aerodima.optimisation.studies.steering_search import SteeringSearch
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.controllers.swing_law import SwingSettings
+from aerodima.workbench.errors import UserError
+
+ONE_AMPLITUDE = SteeringSearch(math.radians(2.0), math.radians(8.0), runs=1, spread=1)
+
+
+def found(seed: int = 1) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
+    """Finalists and all laws that were tried, of which the one at 0.3 of every range is the best."""
+    tried: list[dict[str, float]] = []
+
+    def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
+        tried.extend(map(dict, laws))
+        return np.array([1.0 - np.linalg.norm(TRAINED.shares(law) - 0.3) for law in laws])
+
+    return search_laws(TRAINED, LawSearch(laws=5, generations=40, finalists=3, seed=seed), worth, [].append), tried
+
+
+def test_the_search_comes_to_the_best_law_and_to_others_beside_it() -> None:
+    finalists, tried = found()
+    assert TRAINED.shares(finalists[0]) == pytest.approx(0.3, abs=0.12)
+    distances = [np.max(np.abs(TRAINED.shares(a) - TRAINED.shares(b))) for a, b in pairwise(finalists)]
+    assert min(distances) >= APART - 1e-3  # four digits
+    assert tried[0] == pytest.approx(TRAINED.published_law, rel=1e-3)
+    assert found()[0] == finalists
+    assert found(seed=2)[0] != finalists
+    for law in tried[::100]:
+        SwingSettings.published(**law)  # raises where the car would refuse it
+
+
+def test_the_worst_car_counts_as_much_as_the_mean() -> None:
+    courses = np.array([[1.0, 1.0, 2.0, 2.0], [2.0, 2.0, 2.0, 2.0]])
+    assert score(courses, courses[0], "aabb") == pytest.approx([1.0, 0.5 * (1.5 + 1.0)])
+    # A case without a turn of the published swing says nothing.
+    assert score(courses, np.array([1.0, 0.0, 2.0, 2.0]), "aabb") == pytest.approx([1.0, 0.5 * (4 / 3 + 1.0)])
+    with pytest.raises(UserError, match="training cars a, b: no turn of the published swing counts"):
+        score(courses, np.zeros(4), "aabb")
+
+
+def test_a_law_is_screened_as_its_scenario_would_be() -> None:
+    """With 4 degrees, as if driven from standstill. A swing that begins on the straight counts for nothing."""
+    law = TRAINED.published_law | {"swing_speed": 9.0, "delay": 0.1}
+    case = ("car.tyre_friction=0.9", "manoeuvre.turn_hold=0.5")
+    task = Screening("turn_designed", (case,), ("",), ONE_AMPLITUDE, 1.0, 0.5, (law,), TRAINED.fixed)
+    (course,) = screened_courses(task)
+    steered = f"manoeuvre.steer_angle={math.radians(4.0)!r}"
+    scenario = load_scenario("turn_designed", (*case, *TRAINED.settings(law), steered))
+    turns = drive_turns(Vehicles.of([scenario]), TurnPlans.of([scenario]), duration=SOON_OVER)
+    assert turns.clean[0]
+    assert turns.trigger == pytest.approx(0.11)  # the command is seen a tick late
+    assert course == pytest.approx(turns.course, abs=1e-9)
+    early = replace(task, laws=({"trigger_yaw_rate": 1e-5},), fixed=())
+    assert screened_courses(early)[0] == 0.0
