@@ -7,18 +7,31 @@ import shutil
 import subprocess
 from math import degrees
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.cli.options import CHECKS, COEFFICIENTS, Force, ScenarioArgument, Settings, command_group
+from aerodima.workbench.cli.options import (
+    CHECKS,
+    COEFFICIENTS,
+    Force,
+    ScenarioArgument,
+    ScenarioOption,
+    Settings,
+    command_group,
+)
 from aerodima.workbench.errors import ModelError, UserError
+
+if TYPE_CHECKING:
+    from aerodima.workbench.plants.tail_geometry import TailGeometry
 
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    command_group(app, "models", "Look after models and parameters.", CHECKS).command()(check)
+    models = command_group(app, "models", "Look after models and parameters.", CHECKS)
+    models.command()(check)
+    models.command()(tail)
     app.command("range-of-motion", rich_help_panel=CHECKS)(range_of_motion)
     coefficients = command_group(app, "coefficients", "Look at sets of aerodynamic coefficients.", COEFFICIENTS)
     coefficients.command("list")(list_sets)
@@ -45,6 +58,68 @@ def check(
     problems = [problem for result in results for problem in result.problems]
     if problems:
         raise ModelError(f"{len(problems)} problem(s):\n  " + "\n  ".join(problems))
+
+
+def tail(
+    file: Annotated[Path | None, typer.Argument(help="Tail file (YAML); the scenario's own tail without it.")] = None,
+    scenario: ScenarioOption = "turn_swing",
+    settings: Settings = None,
+    out: Annotated[Path | None, typer.Option(help="Picture (png, svg, pdf): sections, normals, axis, centres.")] = None,
+    html: Annotated[Path | None, typer.Option(help="The tail in Meshcat as one HTML file.")] = None,
+    save: Annotated[Path | None, typer.Option(help="Write the tail as a tail file.")] = None,
+    force: Force = False,
+) -> None:
+    """Areas, centres, mass and inertia of a tail, and what is odd about it on the car of a scenario.
+
+    Example: aerodima models tail --save tail.yaml --out tail.png
+    """
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.plants.tail import tail_geometry
+    from aerodima.workbench.plants.tail_file import read_tail, write_tail
+    from aerodima.workbench.plants.tail_findings import overlap_findings, tail_findings
+
+    for path in (out, html, save):
+        if path is not None:
+            refuse_existing(path, force, UserError)
+    kind = "png" if out is None else out.suffix.lstrip(".").lower()
+    if kind not in ("png", "svg", "pdf"):
+        raise UserError(f"--out {out}: ending {kind!r}; allowed: .png, .svg, .pdf")
+    car = load_scenario(scenario, settings or [])
+    geometry = tail_geometry(car.tail) if file is None else read_tail(file)
+    for line in tail_lines(geometry):
+        typer.echo(line)
+    for line in tail_findings(car, geometry) + (overlap_findings(car) if file is None else []):
+        typer.echo(f"warning: {line}")
+    if save is not None:
+        typer.echo(f"tail: {write_tail(geometry, save, force=force)}")
+    if out is not None:
+        from aerodima.workbench.figures.tail_geometry_figure import plot_tail
+
+        figure = plot_tail(geometry)
+        write_atomically(out, lambda path: figure.savefig(path, format=kind), force, UserError)
+        typer.echo(f"picture: {out}")
+    if html is not None:
+        from aerodima.workbench.replay.tail_drawing import tail_page
+
+        write_atomically(html, tail_page(geometry), force, UserError)
+        typer.echo(f"Meshcat: {html}")
+
+
+def tail_lines(geometry: TailGeometry) -> list[str]:
+    """What a tail comes to, for the terminal: a line per plate, then the whole."""
+    lines = []
+    for plate in geometry.plates:
+        x, y, z = plate.centre_of_pressure
+        lines.append(
+            f"{plate.kind.replace('_', ' ')} {plate.name!r}: {1e4 * plate.area:.4g} cm2, centre of pressure "
+            f"({x:.4g}, {y:.4g}, {z:.4g}) m, {plate.sections * len(plate.pieces)} sections"
+        )
+    whole = geometry.inertial
+    lines.append(f"arm: {sum(geometry.arm.lengths):.4g} m, {1000 * geometry.arm_mass.mass:.4g} g")
+    lines.append(f"mass: {1000 * whole.mass:.4g} g, centre of mass ({', '.join(f'{v:.4g}' for v in whole.com)}) m")
+    about = geometry.inertia_about_joints
+    lines.append(f"inertia about the joints: {', '.join(f'{v:.4g}' for v in about.diagonal())} kg m2 (x, y, z)")
+    return lines
 
 
 def range_of_motion(

@@ -157,7 +157,9 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
         make_folder(replay.parent, UserError)
     new_folder = "" if log is None or log.parent.exists() else " (in a new folder)"
     run_log = _simulated(scenario, options, law)
-    for line in summary_lines(run_log):
+    from aerodima.workbench.plants.tail_findings import tail_findings
+
+    for line in [*summary_lines(run_log), *(f"note: {line}" for line in tail_findings(scenario))]:
         typer.echo(line)
     if log is not None:
         typer.echo(f"log: {log}{new_folder}")

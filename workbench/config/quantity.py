@@ -23,7 +23,7 @@ def quantity(unit: str, description: str, **limits: float) -> Any:
     Args:
         unit: SI unit as written in the YAML files, `1` when dimensionless.
         description: what the number is, in one line.
-        limits: pydantic's `ge`, `gt`, `le`, `lt`, in that unit.
+        limits: pydantic's `ge`, `gt`, `le`, `lt`, and `default` where the file may leave it out, in that unit.
     """
     described: Any = {"unit": unit}
     bounds: Any = limits

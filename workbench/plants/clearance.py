@@ -106,7 +106,7 @@ def make_range_of_motion(scenario: Scenario, pitch_count: int = 37, roll_count: 
     for name, count in (("pitch", pitch_count), ("roll", roll_count)):
         if not 3 <= count <= 1001:
             raise UserError(f"--{name}-nodes {count}: allowed: 3 to 1001")
-    query = _TailQuery(scenario.varied(tail={"mode": "swing"}))
+    query = TailQuery(scenario.varied(tail={"mode": "swing"}))
     tail = scenario.tail
     pitch = np.linspace(-tail.pitch_limit, tail.pitch_limit, pitch_count)
     roll = np.linspace(-tail.roll_limit, tail.roll_limit, roll_count)
@@ -130,15 +130,9 @@ def ground_clearance(scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_
         pitch, roll: of the tail, rad.
         car_roll: rad, positive to the right.
     """
-    tail, half_track = scenario.tail, scenario.car.outer_half_track
-    pitch, roll, lean = np.asarray(pitch), np.asarray(roll), np.asarray(car_roll)
+    tail = scenario.tail
     low = tail.length - tail.sail_length
-    side = np.where(np.real(lean) >= 0.0, half_track, -half_track)
-    # Heights over the ground of unit steps along x, y and z of the tail (design section 4).
-    along_x = -np.sin(pitch) * np.cos(lean)
-    along_y = np.cos(roll) * np.sin(lean) + np.cos(pitch) * np.sin(roll) * np.cos(lean)
-    along_z = -np.sin(roll) * np.sin(lean) + np.cos(pitch) * np.cos(roll) * np.cos(lean)
-    root = side * np.sin(lean) + tail.mount_height * np.cos(lean)
+    root, along_x, along_y, along_z = tail_heights(scenario, pitch, roll, car_roll)
     across: tuple[NDArray[Any], ...]
     if tail.sail == "locked":
         across = (-tail.sail_width / 2 * along_x, tail.sail_width / 2 * along_x)
@@ -148,7 +142,26 @@ def ground_clearance(scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_
     return np.min(np.broadcast_arrays(root, *heights), axis=0)
 
 
-class _TailQuery:
+def tail_heights(
+    scenario: Scenario, pitch: ArrayLike, roll: ArrayLike, car_roll: ArrayLike = 0.0
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Height of the tail's joints over the ground, m, and those of unit steps along x, y and z of the tail.
+
+    Args:
+        scenario: geometry of the car.
+        pitch, roll: of the tail, rad.
+        car_roll: lean of the car about the contact line of its outer wheels, rad, positive to the right.
+    """
+    pitch, roll, lean = np.asarray(pitch), np.asarray(roll), np.asarray(car_roll)
+    half_track = scenario.car.outer_half_track
+    side = np.where(np.real(lean) >= 0.0, half_track, -half_track)
+    along_x = -np.sin(pitch) * np.cos(lean)
+    along_y = np.cos(roll) * np.sin(lean) + np.cos(pitch) * np.sin(roll) * np.cos(lean)
+    along_z = -np.sin(roll) * np.sin(lean) + np.cos(pitch) * np.cos(roll) * np.cos(lean)
+    return side * np.sin(lean) + scenario.tail.mount_height * np.cos(lean), along_x, along_y, along_z
+
+
+class TailQuery:
     """The car with all its drawn shapes as obstacles."""
 
     def __init__(self, scenario: Scenario) -> None:

@@ -9,19 +9,32 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from aerodima.workbench.errors import ModelError
 
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 ElementTree.register_namespace("drake", DRAKE_NAMESPACE)
+_MOMENTS, _PRODUCTS = ("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz")
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass (kg), centre of mass in the link frame (m) and principal moments about it (kg m2) along the link axes."""
+    """Mass (kg), centre of mass in the link frame (m), moments and products of inertia about it (kg m2).
+
+    Moments are xx, yy, zz, products xy, xz, yz, along the link axes.
+    """
 
     mass: float
     com: tuple[float, float, float]
     moments: tuple[float, float, float]
+    products: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Inertia about the centre of mass (3 x 3), kg m2."""
+        xy, xz, yz = self.products
+        return np.diag(self.moments) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 
 
 class SdfModel:
@@ -49,21 +62,25 @@ class SdfModel:
         self.model = model
 
     def set_inertial(self, link: str, inertial: Inertial) -> None:
-        """Sets mass, centre of mass and principal moments of a link."""
+        """Sets mass, centre of mass, moments and products of inertia of a link."""
         element = self._child(self._named("link", link), "inertial")
         self._set_position(element, inertial.com)
         self._child(element, "mass").text = _text(inertial.mass)
-        for tag, moment in zip(("ixx", "iyy", "izz"), inertial.moments, strict=True):
-            self._child(self._child(element, "inertia"), tag).text = _text(moment)
+        inertia = self._child(element, "inertia")
+        for tag, moment in zip(_MOMENTS, inertial.moments, strict=True):
+            self._child(inertia, tag).text = _text(moment)
+        for tag, product in zip(_PRODUCTS, inertial.products, strict=True):
+            if product or inertia.find(tag) is not None:  # SDF's default is 0
+                self._child(inertia, tag).text = _text(product)
 
     def inertial(self, link: str) -> Inertial:
-        """Mass, centre of mass and principal moments of a link."""
+        """Mass, centre of mass, moments and products of inertia of a link."""
         element = self._child(self._named("link", link), "inertial")
         x, y, z = (float(word) for word in (self._child(element, "pose").text or "").split()[:3])
-        xx, yy, zz = (
-            float(self._child(self._child(element, "inertia"), tag).text or "nan") for tag in ("ixx", "iyy", "izz")
-        )
-        return Inertial(float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz))
+        inertia = self._child(element, "inertia")
+        xx, yy, zz = (float(self._child(inertia, tag).text or "nan") for tag in _MOMENTS)
+        xy, xz, yz = (float(inertia.findtext(tag, "0")) for tag in _PRODUCTS)
+        return Inertial(float(self._child(element, "mass").text or "nan"), (x, y, z), (xx, yy, zz), (xy, xz, yz))
 
     def set_link_position(self, link: str, position: Sequence[float]) -> None:
         """Sets the position (m) of a link in the model frame; its orientation stays."""

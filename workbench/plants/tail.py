@@ -1,4 +1,4 @@
-"""The tail arm: hub, rod and sail with pitch, roll and sail joints (models/tail/tail.sdf).
+"""The car's tail as a `TailGeometry`, and its SDF: hub, rod and sail with three joints (models/tail/tail.sdf).
 
 Joint signs: roll 0 = straight up, positive to the right (-y), axis +x; pitch axis +y, positive tilts forward; sail
 about the tail's own axis (design section 4). At sail angle 0 the sail is hollow towards +y; one that faces the wind is
@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
+from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry
+from aerodima.workbench.plants.tail_plate import Plate
 from aerodima.workbench.resources import model_path
 
 TAIL_SDF = "tail/tail.sdf"
@@ -74,24 +76,51 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
 
 def added_mass_layout(tail: TailParameters) -> SectionLayout:
     """Parts of the tail that carry added mass, in the frame of the body `tail_rod`: z along the tail."""
-    return SectionLayout.robot_tail(start=0.0, length=tail.length, width=tail.sail_width, number=ADDED_MASS_PARTS)
+    return tail_geometry(tail).added_mass_layout(ADDED_MASS_PARTS)
 
 
-def tail_sdf(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> SdfModel:
-    """The tail model with the numbers of a scenario.
+def tail_geometry(tail: TailParameters) -> TailGeometry:
+    """The tail of a scenario as an object, with the mass and inertia that its parameters give.
 
-    The rod is a uniform thin rod from the roll axis to the tip; the sail ends at the tip, see `sail_inertial`.
+    The rod is a uniform thin rod from the roll axis to the tip, the sail ends at the tip, see `sail_inertial`. The
+    densities are those of these masses over length and area: `from_densities` is the same tail to rounding.
     """
-    model = SdfModel(model_path(TAIL_SDF))
     sail = sail_inertial(tail)
     rod_mass = tail.mass - sail.mass
-    hub = 0.4 * tail.hub_mass * 0.03**2
     rod = rod_mass * tail.length**2 / 12
-    model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
-    model.set_inertial(
-        "tail_rod", Inertial(rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2))
+    plate = Plate(
+        name="sail",
+        root=(0.0, 0.0, tail.length - tail.sail_length),
+        lengths=(tail.sail_length,),
+        chords=(tail.sail_width, tail.sail_width),
+        normal=(0.0, -1.0, 0.0),
+        density=sail.mass / (tail.sail_length * tail.sail_width),
+        depth=tail.sail_depth,
+        sections=tail.sections,
     )
-    model.set_inertial("tail_sail", sail)
+    return TailGeometry(
+        name=tail.name,
+        arm=TailArm((tail.length,), rod_mass / tail.length, ROD_RADIUS),
+        plates=(plate,),
+        arm_inertial=Inertial(rod_mass, (0, 0, tail.length / 2), (rod, rod, 0.5 * rod_mass * ROD_RADIUS**2)),
+        sail_inertial=sail,
+    )
+
+
+def tail_sdf(
+    tail: TailParameters, motor: TailMotorParameters, car: CarParameters, geometry: TailGeometry | None = None
+) -> SdfModel:
+    """The tail model with the numbers of a scenario.
+
+    Args:
+        geometry: whose mass and inertia it has; by default that of the parameters, see `tail_geometry`.
+    """
+    model = SdfModel(model_path(TAIL_SDF))
+    geometry = geometry or tail_geometry(tail)
+    hub = 0.4 * tail.hub_mass * 0.03**2
+    model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
+    model.set_inertial("tail_rod", geometry.arm_mass)
+    model.set_inertial("tail_sail", geometry.sail_mass)
     model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
     _set_sail_shapes(model, tail)
     for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):

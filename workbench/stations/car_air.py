@@ -21,7 +21,7 @@ from aerodima.workbench.config.car_parameters import TailParameters
 from aerodima.workbench.config.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.plants.tail import sail_inertial
+from aerodima.workbench.plants.tail import sail_inertial, tail_geometry
 from aerodima.workbench.systems.connections import stacked, transformed
 
 
@@ -78,13 +78,8 @@ def sail_layout(tail: TailParameters) -> SectionLayout:
 
     The sail is drawn hollow towards +y (models/tail/tail.sdf), and its normal leaves the round side.
     """
-    return SectionLayout.robot_tail(
-        start=tail.length - tail.sail_length,
-        length=tail.sail_length,
-        width=tail.sail_width,
-        number=tail.sections,
-        normal_B=(0.0, -1.0, 0.0),
-    )
+    (layout,) = tail_geometry(tail).section_layouts()
+    return layout
 
 
 def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:

@@ -1,0 +1,299 @@
+"""A tail as an object: closed forms of its shapes, the car's tail made of densities, files, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.quiver import Quiver
+from pydrake.math import RollPitchYaw
+
+from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
+from aerodima.workbench.errors import ModelError
+from aerodima.workbench.figures.tail_geometry_figure import plot_tail
+from aerodima.workbench.plants.mass_moments import MassMoments
+from aerodima.workbench.plants.sdf_model import Inertial
+from aerodima.workbench.plants.tail import tail_geometry, tail_sdf
+from aerodima.workbench.plants.tail_file import read_tail, write_tail
+from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry
+from aerodima.workbench.plants.tail_plate import Plate
+
+EXACT = {"rtol": 1e-9, "atol": 1e-13}
+
+
+def plate(**changes) -> Plate:
+    values = {
+        "name": "sail", "root": (0.0, 0.0, 0.3), "lengths": (0.4,), "chords": (0.2, 0.2), "normal": (0.0, -1.0, 0.0),
+        "density": 0.5,
+    }  # fmt: skip
+    return Plate(**(values | changes))
+
+
+def tail(*plates: Plate, **changes) -> TailGeometry:
+    return TailGeometry(**({"name": "t", "arm": TailArm((0.7,), 0.06), "plates": plates or (plate(),)} | changes))
+
+
+def about_origin(moments: MassMoments) -> np.ndarray:
+    return np.trace(moments.second) * np.eye(3) - moments.second
+
+
+def test_rectangle_has_the_area_mass_and_inertia_of_a_thin_rectangle() -> None:
+    shape, (length, width, start) = plate(), (0.4, 0.2, 0.3)
+    mass = 0.5 * length * width
+    found = shape.moments.inertial()
+    assert shape.area == pytest.approx(length * width, rel=1e-9)
+    assert found.mass == pytest.approx(mass, rel=1e-9)
+    np.testing.assert_allclose(shape.centre_of_pressure, [0, 0, start + length / 2], **EXACT)
+    np.testing.assert_allclose(found.com, [0, 0, start + length / 2], **EXACT)
+    # Face across y, width along x.
+    expected = mass / 12 * np.array([length**2, length**2 + width**2, width**2])
+    np.testing.assert_allclose(found.moments, expected, **EXACT)
+    np.testing.assert_allclose(found.products, 0.0, atol=1e-13)
+
+
+def test_trapezoid_is_a_triangle_less_its_tip() -> None:
+    shape, length, near, far = plate(chords=(0.2, 0.1)), 0.4, 0.2, 0.1
+
+    def triangle(base: float, height: float, start: float) -> tuple[float, np.ndarray, np.ndarray]:
+        """Area, its first and its second moments (x^2, 0, z^2), of a triangle with its base at z = start."""
+        area, middle = base * height / 2, start + height / 3
+        return (
+            area,
+            np.array([0, 0, area * middle]),
+            np.array([area * base**2 / 24, 0, area * (height**2 / 18 + middle**2)]),
+        )
+
+    whole = triangle(near, length * near / (near - far), 0.3)
+    tip = triangle(far, length * near / (near - far) - length, 0.3 + length)
+    area, first, second = (a - b for a, b in zip(whole, tip, strict=True))
+    assert shape.area == pytest.approx(area, rel=1e-9)
+    np.testing.assert_allclose(shape.centre_of_pressure, first / area, **EXACT)
+    np.testing.assert_allclose(np.diag(shape.moments.second), 0.5 * second, **EXACT)
+    assert shape.moments.mass == pytest.approx(0.5 * area, rel=1e-9)
+
+
+def test_half_cylinder_has_the_moments_of_a_half_ring() -> None:
+    shape, radius, length = plate(kind="half_shell"), 0.1, 0.4
+    mass = 0.5 * math.pi * radius * length
+    found = shape.moments
+    assert shape.area == pytest.approx(2 * radius * length, rel=1e-9)
+    assert found.mass == pytest.approx(mass, rel=1e-9)
+    np.testing.assert_allclose(found.inertial().com, [0, -2 * radius / math.pi, 0.5], **EXACT)  # round towards -y
+    inertia = about_origin(found)
+    assert inertia[2, 2] == pytest.approx(mass * radius**2, rel=1e-9)
+    along = mass * (length**2 / 12 + 0.5**2)
+    np.testing.assert_allclose(np.diag(inertia)[:2], [mass * radius**2 / 2 + along] * 2, **EXACT)
+    assert inertia[1, 2] == pytest.approx(mass * 2 * radius / math.pi * 0.5, rel=1e-9)
+
+
+def test_end_caps_are_half_discs_at_both_ends() -> None:
+    shell, capped = plate(kind="half_shell"), plate(kind="half_shell", cap_density=1.5)
+    radius, disc = 0.1, 1.5 * math.pi * 0.1**2 / 2
+    caps = {name: getattr(capped.moments, name) - getattr(shell.moments, name) for name in ("mass", "first", "second")}
+    assert capped.area == shell.area
+    assert caps["mass"] == pytest.approx(2 * disc, rel=1e-9)
+    np.testing.assert_allclose(caps["first"], [0, -2 * disc * 4 * radius / (3 * math.pi), disc * (0.3 + 0.7)], **EXACT)
+    square = 2 * disc * radius**2 / 4
+    np.testing.assert_allclose(np.diag(caps["second"]), [square, square, disc * (0.3**2 + 0.7**2)], **EXACT)
+
+
+def test_half_cone_is_a_cone_less_its_tip() -> None:
+    shape = plate(kind="half_shell", chords=(0.2, 0.1), root=(0.0, 0.0, 0.0))
+    near, far, height = 0.1, 0.05, 0.8
+
+    def cone(radius: float, high: float) -> tuple[float, np.ndarray, float]:
+        """Mass, second moments about the apex and the product of depth and height, of half a cone's shell."""
+        mass = 0.5 * math.pi * radius * math.hypot(radius, high) / 2
+        square = mass * radius**2 / 4
+        return mass, np.array([square, square, mass * high**2 / 2]), mass * (2 * radius / math.pi) * high / 2
+
+    (mass, second, mixed), (off, less, other) = cone(near, height), cone(far, height / 2)
+    found = shape.moments
+    assert found.mass == pytest.approx(mass - off, rel=1e-9)
+    # From the apex, which is 0.8 m up the axis, back to the base.
+    apex = found.moved(np.eye(3), np.array([0.0, 0.0, -height]))
+    np.testing.assert_allclose(np.diag(apex.second), second - less, **EXACT)
+    assert apex.second[1, 2] == pytest.approx(mixed - other, rel=1e-9)
+
+
+def test_bent_and_swept_tails_are_their_pieces() -> None:
+    bend = (0.6, 0.0, 0.8)
+    whole = plate(lengths=(0.2, 0.3), chords=(0.2, 0.1, 0.06), axes=((0.0, 0.0, 1.0), bend))
+    inner = plate(lengths=(0.2,), chords=(0.2, 0.1))
+    outer = plate(lengths=(0.3,), chords=(0.1, 0.06), root=(0.0, 0.0, 0.5), axes=(bend,))
+    pieces = inner.moments + outer.moments
+    np.testing.assert_allclose(whole.moments.second, pieces.second, **EXACT)
+    assert whole.area == pytest.approx(inner.area + outer.area, rel=1e-9)
+    assert len(whole.section_layouts()) == 2
+    arm = TailArm((0.5, 0.5), 0.1, axes=((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
+    inertia = about_origin(arm.moments)
+    # A rod upright to 0.5 m, then one along y: 1/3 m l^2, and 1/12 m l^2 + m (l^2/4 + l^2).
+    assert inertia[0, 0] == pytest.approx(0.05 * 0.25 * (1 / 3 + 1 / 12 + 5 / 4), rel=1e-9)
+
+
+def test_moments_do_not_depend_on_how_the_plate_is_turned() -> None:
+    turn = RollPitchYaw(0.3, -0.5, 1.1).ToRotationMatrix().matrix()
+    straight = plate(kind="half_shell", chords=(0.2, 0.1), cap_density=1.0)
+    turned = replace(
+        straight,
+        root=tuple(turn @ straight.root),
+        axes=(tuple(turn @ [0.0, 0.0, 1.0]),),
+        normal=tuple(turn @ straight.normal),
+    )
+    np.testing.assert_allclose(turned.moments.second, turn @ straight.moments.second @ turn.T, **EXACT)
+    np.testing.assert_allclose(turned.moments.first, turn @ straight.moments.first, **EXACT)
+
+
+def test_sections_share_the_area_and_have_its_centre() -> None:
+    shape = plate(lengths=(0.2, 0.3), chords=(0.2, 0.1, 0.06), sections=3)
+    (layout,) = shape.section_layouts()
+    assert layout.number == 6
+    assert sum(layout.areas) == pytest.approx(shape.area, rel=1e-12)
+    np.testing.assert_allclose(
+        np.asarray(layout.areas) @ layout.p_BoSi_B / shape.area, shape.centre_of_pressure, **EXACT
+    )
+    assert layout.end == pytest.approx(0.8)
+
+
+def test_centre_of_pressure_counts_what_a_direction_sees() -> None:
+    both = tail(plate(), plate(name="rudder", normal=(1.0, 0.0, 0.0), chords=(0.1, 0.1), lengths=(0.1,)))
+    np.testing.assert_allclose(both.centre_of_pressure(), [0, 0, 0.5], **EXACT)
+    np.testing.assert_allclose(both.centre_of_pressure((1.0, 0.0, 0.0)), [0, 0, 0.35], **EXACT)
+    assert both.facing_area((1.0, 1.0, 0.0)) == pytest.approx((0.08 + 0.01) / math.sqrt(2))
+    with pytest.raises(ModelError, match="no plate faces"):
+        both.centre_of_pressure((0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("name", ["turn_swing", "turn_designed"])
+def test_tail_of_a_scenario_made_of_densities_is_the_same_tail(name: str) -> None:
+    scenario = load_scenario(name)
+    parameters, motor, car = scenario.tail, scenario.tail_motor, scenario.car
+    known = tail_geometry(parameters)
+    made = known.from_densities()
+    assert made.arm_inertial is None
+    for part in ("arm_mass", "sail_mass"):
+        one, other = getattr(known, part), getattr(made, part)
+        for field in ("mass", "com", "moments", "products"):
+            np.testing.assert_allclose(getattr(one, field), getattr(other, field), **EXACT)
+    # Drake parses the same text, so that every outcome is the same too.
+    assert tail_sdf(parameters, motor, car, made).text() == tail_sdf(parameters, motor, car).text()
+    assert made.inertial.mass == pytest.approx(parameters.mass, rel=1e-12)
+
+
+def test_sections_of_the_cars_tail_are_those_of_its_parameters_to_the_last_bit() -> None:
+    parameters = load_scenario("turn_swing").tail
+    geometry = tail_geometry(parameters)
+    (layout,) = geometry.section_layouts()
+    length, sail = parameters.length, parameters.sail_length
+    assert layout == SectionLayout.robot_tail(
+        start=length - sail, length=sail, width=parameters.sail_width, normal_B=(0.0, -1.0, 0.0)
+    )
+    whole = SectionLayout.robot_tail(start=0.0, length=length, width=parameters.sail_width)
+    assert geometry.added_mass_layout() == whole
+
+
+def test_file_gives_the_same_tail_to_the_last_bit(tmp_path: Path) -> None:
+    bent = tail(
+        plate(kind="half_shell", cap_density=1.5, lengths=(0.1, 0.3), chords=(0.1, 0.2, 0.123456789012345)),
+        plate(name="board", normal=(1.0, 0.0, 0.0), root=(0.0, -0.2, 0.3), depth=0.01),
+        arm=TailArm((0.4, 0.4), 0.06, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0))),
+    )
+    for number, geometry in enumerate((bent, tail_geometry(scenario_from_dict({}).tail))):
+        assert read_tail(write_tail(geometry, tmp_path / f"{number}.yaml")) == geometry
+
+
+def test_known_mass_and_inertia_replace_those_of_the_densities() -> None:
+    known = Inertial(0.2, (0.0, 0.01, 0.5), (0.02, 0.02, 0.001), (0.0, 0.0, 0.0005))
+    geometry = tail(sail_inertial=known)
+    assert geometry.sail_mass == known
+    total = geometry.inertial
+    assert total.mass == pytest.approx(0.2 + 0.06 * 0.7)
+    assert total.com[1] == pytest.approx(0.2 * 0.01 / total.mass)
+    np.testing.assert_allclose(MassMoments.of(known).inertial().matrix, known.matrix, **EXACT)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"chords": (0.2, -0.1)}, "plate 'sail': chord is -0.1 m; allowed: a finite number above 0"),
+        ({"lengths": (math.nan,)}, "plate 'sail': length is nan m"),
+        ({"density": 0.0}, "plate 'sail': density is 0 kg/m2; allowed: a finite number above 0"),
+        ({"chords": (0.2,)}, "1 lengths, 1 chords and 1 axes; allowed: n lengths"),
+        ({"normal": (0.0, 0.0, 2.0)}, "runs along its axis; allowed: across it"),
+        ({"normal": (0.0, 0.0, 0.0)}, "has no length"),
+        ({"kind": "sphere"}, "kind 'sphere'; allowed: plate, half_shell"),
+        ({"depth": -1.0}, "depth is -1; allowed"),
+        ({"cap_density": 1.0}, "cap_density is 1; allowed: 0 for a plate"),
+        ({"kind": "half_shell", "depth": 0.1}, "depth is 0.1; allowed: 0 for a half_shell"),
+        ({"sections": 0}, "0 sections per piece; allowed: 1 to 100"),
+    ],
+)
+def test_impossible_plate_is_refused_in_one_line(changes: dict, words: str) -> None:
+    with pytest.raises(ModelError) as error:
+        plate(**changes)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_plates_that_overlap_are_refused_and_those_that_touch_or_cross_are_not() -> None:
+    with pytest.raises(ModelError, match="plates 'sail' and 'other' overlap"):
+        tail(plate(), plate(name="other", root=(0.05, 0.0, 0.5), lengths=(0.1,), chords=(0.01, 0.01)))
+    tail(plate(), plate(name="above", root=(0.0, 0.0, 0.7)))
+    tail(plate(), plate(name="beside", root=(0.2, 0.0, 0.3)))
+    tail(plate(), plate(name="across", normal=(1.0, 0.0, 0.0)))
+    tail(plate(), plate(name="behind", root=(0.0, 0.05, 0.3)))
+
+
+def test_tails_that_cannot_be_are_refused() -> None:
+    for geometry, words in (
+        ({"plates": ()}, "it has no plates"),
+        ({"plates": (plate(), plate(root=(0.0, 0.0, 2.0)))}, "plate name 'sail' is used twice"),
+    ):
+        with pytest.raises(ModelError, match=words):
+            TailGeometry(**({"name": "t", "arm": TailArm((0.7,), 0.06), "plates": ()} | geometry))
+    with pytest.raises(ModelError, match="arm: density is 0 kg/m; allowed"):
+        TailArm((0.7,), 0.0)
+    with pytest.raises(ModelError, match="added mass needs a straight arm"):
+        tail(arm=TailArm((0.4, 0.4), 0.06, axes=((0.0, 0.0, 1.0), (0.1, 0.0, 1.0)))).added_mass_layout()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "density: 0.5",
+            "density: 0.0",
+            "plates.0.density: 0.0 is not allowed; input should be greater than 0 (kg/m2)",
+        ),
+        ("density: 0.5", "density: 0.5 kg", "allowed is 'kg/m2'"),
+        ("chords: [0.2, 0.2]", "chords: [0.2, -0.2]", "plate 'sail': chord is -0.2 m"),
+        ("kind: plate", "kind: disc", "'disc' is not allowed; input should be 'plate' or 'half_shell'"),
+        ("lengths: [0.4]", "length: [0.4]", "did you mean 'lengths'?"),
+        ("aerodima/tail/1", "aerodima/tail/9", "is not read by this version"),
+    ],
+)
+def test_wrong_file_is_one_line_that_names_file_place_and_what_is_allowed(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    path = write_tail(tail(), tmp_path / "tail.yaml")
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ModelError) as error:
+        read_tail(path)
+    assert words in str(error.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_picture_shows_every_section_and_its_normal() -> None:
+    shell = plate(kind="half_shell", lengths=(0.2, 0.2), chords=(0.1, 0.2, 0.1), sections=4)
+    figure = plot_tail(tail(shell, plate(name="rudder", normal=(1.0, 0.0, 0.0), root=(0.0, 0.0, 0.1), lengths=(0.1,))))
+    face, side = figure.axes
+    for axes, plate_normals in ((face, {"rudder": 5}), (side, {"sail": 8})):
+        arrows = [drawn.N for drawn in axes.collections if isinstance(drawn, Quiver)]
+        assert arrows == list(plate_normals.values())
