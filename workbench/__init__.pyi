@@ -57,6 +57,8 @@ from .replay.observed_run import observe as observe
 from .replay.strip import strip_figure as strip_figure
 from .replay.strip import write_strip as write_strip
 from .replay.tail_drawing import draw_tail as draw_tail
+from .replay.video import Filmed as Filmed
+from .replay.video import write_video as write_video
 from .report.replay_page import write_replay_html as write_replay_html
 from .simulate.car_run import assemble as assemble
 from .simulate.simulation import simulate as simulate

@@ -8,6 +8,7 @@ import typer
 
 COMMAND_MODULES: tuple[str, ...] = (
     "turn_commands",
+    "replay_commands",
     "log_commands",
     "model_commands",
     "rig_commands",

@@ -1,8 +1,7 @@
-"""`aerodima replay`, `compare`, `metrics` and the group `log`: what is done with run logs."""
+"""`aerodima compare`, `metrics` and the group `log`: what is done with run logs."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.cli.options import RUNS, Force, Html, LogOut, command_group
+from aerodima.workbench.cli.options import RUNS, Force, LogOut, command_group
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    app.command(rich_help_panel=RUNS)(replay)
     app.command(rich_help_panel=RUNS)(compare)
     app.command(rich_help_panel=RUNS)(metrics)
     group = command_group(app, "log", "Work on run logs.", RUNS)
@@ -215,58 +213,6 @@ def condition(
         typer.echo(note)
 
 
-def replay(
-    run: Annotated[Path, typer.Argument(help="Log of a run (Parquet); the path of a real car is reckoned.")],
-    html: Html = None,
-    strip: Annotated[Path | None, typer.Option(help="Write five pictures of the run as one PNG file.")] = None,
-    port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
-    rate: Annotated[float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")] = 1.0,
-    force: Force = False,
-) -> None:
-    """Replay a run: in Meshcat until Ctrl-C, or with --html and --strip as files.
-
-    Example: aerodima replay run.parquet --html run.html --strip run.png
-    """
-    from aerodima.workbench.logs.schema import read_run_log
-
-    if strip is not None and strip.suffix.lower() != ".png":
-        raise UserError(f"--strip {strip}: ending {strip.suffix!r}; allowed: .png")
-    for path in (html, strip):
-        if path is not None:
-            refuse_existing(path, force, UserError)
-    run_log = read_run_log(run)
-    from aerodima.workbench.replay.logged_car import replayable  # imports Drake
-
-    run_log = replayable(run_log)
-    if html is not None:
-        from aerodima.workbench.report.replay_page import write_replay_html
-
-        typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
-    if strip is not None:
-        from aerodima.workbench.replay.strip import write_strip
-
-        typer.echo(f"strip: {write_strip(run_log, strip, force=force)}")
-    if port is not None or (html is None and strip is None):
-        _show(run_log, port, rate)
-
-
-def _show(run_log: RunLog, port: int | None, rate: float) -> None:
-    """Plays the run in Meshcat until Ctrl-C."""
-    from aerodima.workbench.replay.captions import caption_of
-    from aerodima.workbench.replay.recording import record_run
-    from aerodima.workbench.replay.viewer import open_meshcat
-
-    meshcat = open_meshcat(port)
-    record_run(run_log, meshcat, rate)
-    typer.echo(caption_of(run_log).text)
-    typer.echo(f"open {meshcat.web_url()} in a browser; Ctrl-C ends")
-    try:
-        while True:
-            time.sleep(1.0)
-    except KeyboardInterrupt:
-        typer.echo("")
-
-
 def compare(
     runs: Annotated[list[Path], typer.Argument(help="Two to twenty run logs (Parquet).")],
     html: Annotated[Path | None, typer.Option(help="Write the page: replays and signals in step, metrics.")] = None,
@@ -278,7 +224,7 @@ def compare(
     """
     from aerodima.workbench.logs.schema import read_run_log
 
-    names = _names(runs)
+    names = run_names(runs)
     if html is not None:
         refuse_existing(html, force, UserError)
     run_logs = [read_run_log(path) for path in runs]
@@ -320,7 +266,7 @@ def _echo_jolts(found: Mapping[str, RunMetrics]) -> None:
             typer.echo(f"note: {name}: {line}")
 
 
-def _names(runs: list[Path]) -> list[str]:
+def run_names(runs: list[Path]) -> list[str]:
     """File names without ending; whole paths where these are not enough."""
     _refuse_twice(runs)
     stems = [path.stem for path in runs]

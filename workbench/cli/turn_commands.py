@@ -228,14 +228,14 @@ def live_view(port: int | None = None) -> Meshcat:
     return meshcat
 
 
-def show_progress() -> Progress | None:
+def show_progress(what: str = "simulating", unit: str = " s") -> Progress | None:
     """A progress line on stderr when that is a terminal; None otherwise."""
     if not sys.stderr.isatty():
         return None
 
     def progress(time: float, length: float) -> None:
         end = "\r" if time + 0.1 < length else "\r\x1b[K"
-        print(f"simulating {time:5.1f} of {length:.1f} s", end=end, file=sys.stderr, flush=True)
+        print(f"{what} {time:5.1f} of {length:.1f}{unit}", end=end, file=sys.stderr, flush=True)
 
     return progress
 

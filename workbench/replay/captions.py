@@ -37,6 +37,10 @@ class Caption:
         return f"{self.name}: {self.facts}: {self.outcome}"
 
 
+RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
+"""Of the words that tell the outcome, in pictures."""
+
+
 def caption_of(run_log: RunLog) -> Caption:
     """The caption of a run of the car that has a resolved scenario, or of another plant."""
     if run_log.kind == PLANT_RUN:

@@ -28,8 +28,9 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.message_logs import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows, shortest_turn
 from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car, replayable
-from aerodima.workbench.replay.recording import ForceArrow, force_arrows, frame_rows, shortest_turn
+from aerodima.workbench.replay.recording import frame_rows
 from aerodima.workbench.replay.viewer import area_around
 
 POSES, BODIES, FORCES = "/tf", "/scene/bodies", "/scene/forces"

@@ -1,7 +1,7 @@
 """A robot as a picture: triangles of its visible shapes, perspective camera, depth buffer, one sun, metre lines.
 
-Plain NumPy and the same bits everywhere: Drake's own offscreen renderer needs an X server or an EGL driver, which a
-container or a car's computer may not have.
+Plain NumPy and the same bits everywhere: Drake's own offscreen renderer (`offscreen`, for video) needs an EGL driver,
+which a container or a car's computer may not have.
 """
 
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 from pydrake.geometry import (
     Box,
     Convex,
@@ -31,6 +32,7 @@ from pydrake.systems.framework import Context
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import ModelError
+from aerodima.workbench.replay.camera import Camera
 
 _SUN = np.array([0.25, -0.35, 1.0]) / np.linalg.norm([0.25, -0.35, 1.0])
 """Direction to the sun in the picture's axes: x to the right, y away from the camera, z up."""
@@ -38,47 +40,6 @@ _AMBIENT, _SHADOW = 0.5, 0.72
 _SKY, _FLOOR, _FINE, _METRE = (0.93, 0.95, 0.97), (0.91, 0.92, 0.93), (0.82, 0.84, 0.86), (0.52, 0.56, 0.62)
 _METRE_WIDTH, _FINE_WIDTH = 0.012, 0.006
 """Half widths of the lines on the floor, m."""
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A camera without roll.
-
-    Attributes:
-        p_WC: its position in W, m, shape (3,).
-        target: the point of W that it looks at, m, shape (3,).
-        focal_length: pixels.
-        width, height: of the picture, pixels.
-    """
-
-    p_WC: FloatArray
-    target: FloatArray
-    focal_length: float
-    width: int
-    height: int
-
-    @property
-    def axes(self) -> FloatArray:
-        """Rows: right, down and forward in W, shape (3, 3)."""
-        forward = (self.target - self.p_WC) / np.linalg.norm(self.target - self.p_WC)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        return np.array([right, np.cross(forward, right), forward])
-
-    def project(self, points: FloatArray) -> FloatArray:
-        """Points (..., 3) in W, m, as column, row (pixels) and inverse depth (1/m), shape (..., 3)."""
-        p_C = (points - self.p_WC) @ self.axes.T
-        inverse = 1.0 / np.maximum(p_C[..., 2], 1e-3)
-        column = 0.5 * self.width + self.focal_length * p_C[..., 0] * inverse
-        row = 0.5 * self.height + self.focal_length * p_C[..., 1] * inverse
-        return np.stack([column, row, inverse], axis=-1)
-
-    def rays(self) -> FloatArray:
-        """Direction in W through each pixel with unit depth, shape (height, width, 3)."""
-        right, down, forward = self.axes
-        columns = (np.arange(self.width) + 0.5 - 0.5 * self.width) / self.focal_length
-        rows = (np.arange(self.height) + 0.5 - 0.5 * self.height) / self.focal_length
-        return forward + columns[None, :, None] * right + rows[:, None, None] * down
 
 
 def draw_picture(camera: Camera, triangles: FloatArray, colours: FloatArray, finer: int = 2) -> FloatArray:
@@ -95,11 +56,10 @@ def draw_picture(camera: Camera, triangles: FloatArray, colours: FloatArray, fin
     """
     fine = Camera(camera.p_WC, camera.target, finer * camera.focal_length, finer * camera.width, finer * camera.height)
     sun = _sun_in_world(fine)
-    picture = _floor(camera).repeat(finer, axis=0).repeat(finer, axis=1)  # its lines are smooth by themselves
+    picture = floor_picture(camera).repeat(finer, axis=0).repeat(finer, axis=1)  # its lines are smooth by themselves
     inverse_depth = np.maximum(-fine.rays()[..., 2] / camera.p_WC[2], 0.0)
     shadow = np.zeros(inverse_depth.shape, dtype=bool)
-    flat = triangles - sun * (np.maximum(triangles[..., 2:], 0.0) / sun[2])
-    for window, corners in _windows(fine, flat):
+    for window, corners in _windows(fine, _on_floor(triangles, sun)):
         inside, _ = _covered(window, corners)
         shadow[window] |= inside
     picture[shadow] *= _SHADOW
@@ -111,6 +71,22 @@ def draw_picture(camera: Camera, triangles: FloatArray, colours: FloatArray, fin
         picture[window][nearer] = colour
     pixels = picture.reshape(camera.height, finer, camera.width, finer, 3)
     return np.clip(pixels.mean(axis=(1, 3)), 0.0, 1.0)
+
+
+def draw_shadow(picture: FloatArray, camera: Camera, triangles: FloatArray) -> None:
+    """Darkens a picture of `floor_picture` where triangles (n, 3, 3; W, m) throw their shadow, with hard edges."""
+    mask = Image.new("1", (camera.width, camera.height))
+    draw = ImageDraw.Draw(mask)
+    flat = _on_floor(triangles, _sun_in_world(camera))
+    before = ((flat - camera.p_WC) @ camera.axes[2]).min(axis=1) > 0.0
+    for corners in camera.project(flat[before])[..., :2].reshape(-1, 6).tolist():
+        draw.polygon(corners, fill=1)
+    picture[np.asarray(mask)] *= _SHADOW
+
+
+def _on_floor(triangles: FloatArray, sun: FloatArray) -> FloatArray:
+    """Where the sun throws them, shape (n, 3, 3)."""
+    return triangles - sun * (np.maximum(triangles[..., 2:], 0.0) / sun[2])
 
 
 def _sun_in_world(camera: Camera) -> FloatArray:
@@ -129,24 +105,31 @@ def _brightness(triangles: FloatArray, sun: FloatArray, eye: FloatArray) -> Floa
     return _AMBIENT + (1.05 - _AMBIENT) * np.clip(0.55 * towards_sun + 0.45, 0.0, 1.0)
 
 
-def _floor(camera: Camera) -> FloatArray:
-    """Floor and sky, shape (height, width, 3)."""
+def floor_picture(camera: Camera) -> FloatArray:
+    """Floor and sky, colours from 0 to 1, shape (height, width, 3)."""
     rays = camera.rays()
-    down = rays[..., 2] < -1e-6
-    distance = camera.p_WC[2] / np.where(down, -rays[..., 2], 1.0)
-    picture = np.broadcast_to(np.array(_SKY), rays.shape).copy()
-    on_floor = camera.p_WC[:2] + rays[..., :2] * distance[..., None]
+    horizon = int(np.count_nonzero(rays[:, 0, 2] >= -1e-6))  # the camera has no roll: rows of sky, then rows of floor
+    rays = rays[horizon:].astype(np.float32)
+    distance = camera.p_WC[2] / -rays[..., 2]
     pixel = distance / camera.focal_length / np.clip(-rays[..., 2], 0.05, 1.0)
-    colour = np.broadcast_to(np.array(_FLOOR), rays.shape)
-    for step, half, line in ((0.25, _FINE_WIDTH, _FINE), (1.0, _METRE_WIDTH, _METRE)):
-        to_line = np.abs(on_floor - step * np.round(on_floor / step))
-        cover = np.clip((half + pixel[..., None] - to_line) / (2 * pixel[..., None]), 0.0, 1.0)
-        cover = np.minimum(cover, 2 * half / np.maximum(pixel[..., None], 2 * half))
-        share = cover.max(axis=-1, keepdims=True)
-        colour = colour * (1 - share) + np.array(line) * share
-    haze = np.clip(distance / 40.0, 0.0, 1.0)[..., None]
-    picture[down] = (colour * (1 - haze) + np.array(_SKY) * haze)[down]
+    x, y = (camera.p_WC[axis] + rays[..., axis] * distance for axis in range(2))
+    fine, metre = (
+        np.maximum(_line_share(x, step, half, pixel), _line_share(y, step, half, pixel))
+        for step, half in ((0.25, _FINE_WIDTH), (1.0, _METRE_WIDTH))
+    )
+    clear = 1.0 - np.clip(distance / 40.0, 0.0, 1.0)
+    shares = np.stack([(1 - fine) * (1 - metre) * clear, fine * (1 - metre) * clear, metre * clear, 1 - clear], axis=-1)
+    picture = np.empty((camera.height, camera.width, 3))
+    picture[:horizon] = _SKY
+    picture[horizon:] = shares @ np.array([_FLOOR, _FINE, _METRE, _SKY])
     return picture
+
+
+def _line_share(place: FloatArray, step: float, half: float, pixel: FloatArray) -> FloatArray:
+    """Share of each pixel that lines every `step` with that half width cover, all in m."""
+    to_line = np.abs(place - step * np.round(place / step))
+    cover = np.clip((half + pixel - to_line) / (2 * pixel), 0.0, 1.0)
+    return np.minimum(cover, 2 * half / np.maximum(pixel, 2 * half))
 
 
 Window = tuple[slice, slice]

@@ -15,6 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.camera import camera_azimuth, camera_path, camera_pose
 from aerodima.workbench.replay.force_arrows import DrawnArrow, ForceArrow, force_arrows
 from aerodima.workbench.replay.logged_plant import add_logged_run
 from aerodima.workbench.replay.logged_run import LoggedRun
@@ -30,10 +31,6 @@ MOST_FRAMES = 1000
 TIP_COLOUR, COM_COLOUR = Rgba(0.93, 0.60, 0.10), Rgba(0.25, 0.30, 0.75)
 _TRACE_RADIUS = 0.006
 _TRACE_PIECES = 200
-_FOLLOW_TIME = 0.15
-"""Width (s) of the smoothing of the camera's path: it does not shake with the car."""
-_CAMERA_SIDE = 0.45
-"""Angle between the car's heading and the direction to the camera, rad."""
 
 
 def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRun:
@@ -48,8 +45,7 @@ def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRu
         LogError: the log cannot be replayed, see `add_logged_run`.
         UserError: rate out of range.
     """
-    if not RATES[0] <= rate <= RATES[1]:
-        raise UserError(f"--rate: {rate:g}; allowed: {RATES[0]:g} to {RATES[1]:g}")
+    check_rate(rate)
     builder = DiagramBuilder()
     logged = add_logged_run(builder, run_log)
     run_log = logged.run_log
@@ -78,52 +74,34 @@ def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRu
     return logged
 
 
+def check_rate(rate: float) -> None:
+    """UserError when a replay is asked for slower or faster than `RATES`."""
+    if not RATES[0] <= rate <= RATES[1]:
+        raise UserError(f"--rate: {rate:g}; allowed: {RATES[0]:g} to {RATES[1]:g}")
+
+
 def frame_rows(time: FloatArray, rate: float) -> tuple[NDArray[np.int64], float]:
     """Row of the log nearest to each frame, first and last included, and the frames per second of the replay."""
     length = float(time[-1] - time[0]) / rate
     count = max(2, min(round(length * FRAMES_PER_SECOND), MOST_FRAMES) + 1)
-    wanted = np.linspace(time[0], time[-1], count)
+    return nearest_rows(time, np.linspace(time[0], time[-1], count)), (count - 1) / length
+
+
+def nearest_rows(time: FloatArray, wanted: FloatArray) -> NDArray[np.int64]:
+    """Row of the log nearest to each wanted time, s; the last one for times after its end."""
     after = np.clip(np.searchsorted(time, wanted), 1, time.size - 1)
     rows = np.where(wanted - time[after - 1] < time[after] - wanted, after - 1, after)
-    return rows.astype(np.int64), (count - 1) / length
+    return rows.astype(np.int64)
 
 
 def _follow(meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedRun, rows: NDArray[np.int64]) -> None:
     """Moves the world so that the car stays at the origin, and looks at it from ahead, where roll is seen best."""
     run_log = logged.run_log
-    path = _smooth(run_log.time, run_log.vector("com", "truth_m") * [1.0, 1.0, 0.0])
+    path = camera_path(run_log)
     for frame, row in enumerate(rows):
         animation.SetTransform(frame, WORLD, RigidTransform(-path[row]))
     meshcat.SetTransform(WORLD, RigidTransform(-path[rows[0]]))
-    azimuth = camera_azimuth(run_log)
-    distance, height, target = logged.camera_place
-    eye = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
-    meshcat.SetCameraPose(eye, np.array([0.0, 0.0, target]))
-
-
-def camera_azimuth(run_log: RunLog) -> float:
-    """Direction (rad about z) from the robot to the camera: ahead and to the outside of the turn, halfway through it.
-
-    A plant without a base has no heading: the camera looks along y then, a little from the side.
-    """
-    if "yaw_truth_rad" not in run_log.table:
-        return -0.5 * np.pi + _CAMERA_SIDE
-    yaw = run_log.signal("yaw_truth_rad")
-    final = float(np.clip(yaw[-1] - yaw[0], -np.pi / 2, np.pi / 2))
-    side = -_CAMERA_SIDE if final >= 0 else _CAMERA_SIDE
-    return float(yaw[0]) + 0.5 * final + side
-
-
-def _smooth(time: FloatArray, path: FloatArray) -> FloatArray:
-    """Path (n, 3) averaged with a Gaussian of `_FOLLOW_TIME`; its ends are continued straight on."""
-    width = _FOLLOW_TIME / float(np.median(np.diff(time)))
-    reach = min(int(np.ceil(3 * width)), len(path) - 1)
-    if reach < 1:
-        return path
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
-    kernel /= kernel.sum()
-    padded = np.concatenate([2 * path[0] - path[reach:0:-1], path, 2 * path[-1] - path[-2 : -reach - 2 : -1]])
-    return np.column_stack([np.convolve(padded[:, axis], kernel, mode="valid") for axis in range(3)])
+    meshcat.SetCameraPose(*camera_pose(camera_azimuth(run_log), logged.camera_place))
 
 
 def traces(logged: LoggedRun) -> list[tuple[str, Rgba, FloatArray]]:

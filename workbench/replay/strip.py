@@ -21,12 +21,13 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-from aerodima.workbench.replay.captions import caption_of, readings
+from aerodima.workbench.replay.camera import Camera, camera_azimuth
+from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
 from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows
 from aerodima.workbench.replay.logged_plant import add_logged_run
 from aerodima.workbench.replay.logged_run import LoggedRun
-from aerodima.workbench.replay.picture import Camera, draw_picture, posed_triangles, visible_surfaces
-from aerodima.workbench.replay.recording import camera_azimuth, traces
+from aerodima.workbench.replay.picture import draw_picture, posed_triangles, visible_surfaces
+from aerodima.workbench.replay.recording import traces
 
 _BEFORE, _AFTER = 0.25, 0.75
 """Time shown before the turn and after it, s."""
@@ -118,7 +119,6 @@ _DISTANCE = 7.0
 """From the camera to the car, m: far enough that pictures of one car look alike. More for larger robots."""
 _LONGEST_FITTED = 1.0
 """Arrows up to this length (m; 50 N on a wheel) fit into the picture; those of an impact are cut off at its edge."""
-_RESULT_COLOURS = {"survived": "#14713a", "flipped": "#b3261e", "unknown": "#6b5b00"}
 
 
 def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Path:
@@ -244,5 +244,5 @@ def _title(figure: Figure, run_log: RunLog) -> None:
     y = 1 - 0.5 * _TITLE / STRIP[1]
     left = 2 * _GAP / STRIP[0]
     figure.text(left, y, f"{caption.name}: {caption.facts}", ha="left", va="center", fontsize=16, weight="bold")
-    colour = _RESULT_COLOURS[caption.result]
+    colour = RESULT_COLOURS[caption.result]
     figure.text(1 - left, y, caption.outcome, ha="right", va="center", fontsize=16, weight="bold", color=colour)

@@ -53,12 +53,12 @@ def test_port_in_use_is_refused(refused: Callable, log: Path) -> None:
     assert f"port {other.port()} of 127.0.0.1 is in use" in refused("replay", log, "--port", other.port())
 
 
-@pytest.mark.parametrize("option", ["--html", "--strip"])
+@pytest.mark.parametrize("option", ["--html", "--strip", "--video"])
 def test_existing_output_is_refused_before_anything_is_written(
     refused: Callable, log: Path, untouched: Path, tmp_path: Path, option: str
 ) -> None:
-    other = {"--html": "--strip", "--strip": "--html"}[option]
-    present = untouched.rename(untouched.with_suffix(".png"))
+    other = {"--html": "--strip", "--strip": "--html", "--video": "--html"}[option]
+    present = untouched.rename(untouched.with_suffix(".gif" if option == "--video" else ".png"))
     message = refused("replay", log, other, tmp_path / "other.png", option, present)
     assert "exists already" in message
     assert present.read_text() == "precious"
@@ -68,6 +68,29 @@ def test_existing_output_is_refused_before_anything_is_written(
 def test_strip_is_a_png(refused: Callable, log: Path, tmp_path: Path) -> None:
     assert "'.jpg'; allowed: .png" in refused("replay", log, "--strip", tmp_path / "strip.jpg")
     assert not (tmp_path / "strip.jpg").exists()
+
+
+def test_video_of_two_runs_is_named_after_their_files(call: Callable, log: Path, tmp_path: Path) -> None:
+    other, video = tmp_path / "other.parquet", tmp_path / "both.gif"
+    other.write_bytes(log.read_bytes())
+    result = call("replay", log, other, "--video", video)
+    if "no off-screen renderer" in result.stderr:
+        pytest.skip("Drake's VTK finds no OpenGL through EGL on this machine")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"video: {video}\n"
+    assert video.read_bytes().startswith(b"GIF89a")
+
+
+def test_several_runs_without_video_are_refused(refused: Callable, log: Path, tmp_path: Path) -> None:
+    assert "2 runs: allowed with --video alone; `aerodima compare`" in refused("replay", log, log)
+    message = refused("replay", log, log, "--video", tmp_path / "run.gif", "--html", tmp_path / "run.html")
+    assert "2 runs: allowed with --video alone" in message
+    assert "named twice" in refused("replay", log, log, "--video", tmp_path / "run.gif")
+
+
+def test_video_of_another_ending_is_refused_before_the_log_is_read(refused: Callable, tmp_path: Path) -> None:
+    message = refused("replay", tmp_path / "missing.parquet", "--video", tmp_path / "run.mov")
+    assert "'.mov'; allowed: .mp4, .gif, .webp" in message
 
 
 def test_file_that_is_no_log_is_refused(refused: Callable, untouched: Path) -> None:

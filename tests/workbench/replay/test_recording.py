@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.camera import camera_azimuth
 from aerodima.workbench.replay.force_arrows import ForceArrow, shortest_turn
 from aerodima.workbench.replay.logged_car import add_logged_car
 from aerodima.workbench.replay.recording import (
@@ -18,7 +19,6 @@ from aerodima.workbench.replay.recording import (
     MOST_FRAMES,
     _draw_arrow,
     _follow,
-    camera_azimuth,
     frame_rows,
     record_run,
     tube,

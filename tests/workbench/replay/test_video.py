@@ -1,0 +1,223 @@
+"""Videos: what is on the frames, several runs in step, and what is told when encoder or renderer is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay import offscreen, video
+from aerodima.workbench.replay.offscreen import check_renderer
+from aerodima.workbench.replay.video import FRAMES_PER_SECOND, Film, Filmed, write_video
+
+PANEL, HEADER, GAP = (480, 300), 52, 4
+REST = 25
+"""Frames for which the last one stays."""
+
+
+def has_renderer() -> bool:
+    try:
+        check_renderer()
+    except UserError:
+        return False
+    return True
+
+
+needs_renderer = pytest.mark.skipif(
+    not has_renderer(), reason="Drake's VTK finds no OpenGL through EGL on this machine"
+)
+
+
+def cut(run_log: RunLog, length: float) -> RunLog:
+    """The beginning of a run."""
+    return replace(run_log, table=run_log.table[run_log.time <= run_log.time[0] + length + 1e-9])
+
+
+@pytest.fixture(scope="module")
+def brief(short_runs: dict[str, RunLog]) -> dict[str, RunLog]:
+    """The runs' first 0.2 s, and 0.12 s of the tailless one: 6 and 4 frames."""
+    return {"tailed": cut(short_runs["swing"], 0.2), "tailless": cut(short_runs["none"], 0.12)}
+
+
+@pytest.fixture(scope="module")
+def film(brief: dict[str, RunLog]) -> Film:
+    return Film([Filmed("longer", brief["tailed"]), Filmed("shorter", brief["tailless"], "told by hand")], 1.0)
+
+
+def panel(frame: Image.Image, which: int, header: bool = False) -> NDArray[np.uint8]:
+    left = which * (PANEL[0] + GAP)
+    top, bottom = (0, HEADER) if header else (HEADER, HEADER + PANEL[1])
+    return np.asarray(frame.crop((left, top, left + PANEL[0], bottom)))
+
+
+def yellow(pixels: NDArray[np.uint8]) -> int:
+    """How many pixels have the sail's colour."""
+    red, green, blue = (pixels[..., channel].astype(int) for channel in range(3))
+    return int(np.count_nonzero((red > 120) & (green > 80) & (blue < 0.5 * green) & (red > green)))
+
+
+@needs_renderer
+def test_each_picture_shows_its_own_car(film: Film) -> None:
+    frame = film.frame(0)
+    assert frame.size == film.size == (2 * PANEL[0] + GAP, HEADER + PANEL[1])
+    assert yellow(panel(frame, 0)) > 30
+    assert yellow(panel(frame, 1)) == 0
+    dark = panel(frame, 1).max(axis=-1) < 70  # its tyres
+    assert dark.sum() > 200
+
+
+@needs_renderer
+def test_runs_of_different_length_are_in_step_to_the_end_of_the_longest(film: Film) -> None:
+    assert film.number == 6
+    last = [film.frame(number) for number in (3, 4, 5)]
+    assert np.array_equal(panel(last[0], 1), panel(last[2], 1))  # over since frame 3
+    assert not np.array_equal(panel(last[1], 0), panel(last[2], 0))
+
+
+@needs_renderer
+def test_runs_of_different_step_show_the_same_moment(brief: dict[str, RunLog]) -> None:
+    whole = brief["tailed"]
+    coarse = replace(whole, table=whole.table.iloc[::20])  # every 0.04 s, as the frames
+    assert np.allclose(np.diff(coarse.time), 1 / FRAMES_PER_SECOND)
+    both = Film([Filmed("fine", whole), Filmed("coarse", coarse)], 1.0)
+    frame = both.frame(3)
+    fine_car, coarse_car = panel(frame, 0).astype(int), panel(frame, 1).astype(int)
+    assert np.abs(fine_car - coarse_car).mean() < 1.0
+    assert np.abs(fine_car - panel(both.frame(0), 0)).mean() > 1.0
+
+
+@needs_renderer
+@pytest.mark.parametrize(("result", "colour"), [("survived", (20, 113, 58)), ("flipped", (179, 38, 30))])
+def test_outcome_stands_above_the_picture_in_its_colour(
+    short_runs: dict[str, RunLog], result: str, colour: tuple[int, int, int]
+) -> None:
+    run = short_runs["none"]
+    table = run.table.copy()
+    if result == "flipped":
+        table["tilt_truth_rad"] = np.linspace(0.0, np.radians(80.0), len(table))
+    header = np.asarray(Film([Filmed("run", replace(run, table=table))], 1.0).frame(0))[:HEADER].astype(int)
+    assert np.any(np.abs(header - colour).max(axis=-1) < 8)
+
+
+@needs_renderer
+def test_line_of_ones_own_takes_the_place_of_the_outcome(film: Film, brief: dict[str, RunLog]) -> None:
+    plain = Film([Filmed("longer", brief["tailed"]), Filmed("shorter", brief["tailless"])], 1.0)
+    mine, usual = film.frame(0), plain.frame(0)
+    assert np.array_equal(panel(mine, 0, header=True), panel(usual, 0, header=True))
+    assert not np.array_equal(panel(mine, 1, header=True), panel(usual, 1, header=True))
+
+
+@needs_renderer
+def test_name_that_is_too_long_is_cut_off_with_an_ellipsis() -> None:
+    font = video._font(18, bold=True)
+    words = video._shortened("a" * 200, font, 300)
+    assert words.endswith("a…")
+    assert font.getlength(words) <= 300 < font.getlength(words.replace("…", "a…"))
+    assert video._shortened("short", font, 300) == "short"
+
+
+@needs_renderer
+@pytest.mark.parametrize(("ending", "rate", "frames"), [("gif", 1.0, 6), ("webp", 1.0, 6), ("webp", 0.5, 11)])
+def test_file_has_every_frame_and_rests_at_the_end(
+    brief: dict[str, RunLog], tmp_path: Path, ending: str, rate: float, frames: int
+) -> None:
+    told: list[tuple[float, float]] = []
+    path = write_video(
+        [Filmed("run", brief["tailed"])],
+        tmp_path / f"run.{ending}",
+        rate=rate,
+        progress=lambda *done: told.append(done),
+    )
+    assert told == [(number + 1, frames) for number in range(frames)]
+    with Image.open(path) as read:
+        assert read.size == (640, 400 + HEADER)
+        assert read.info["loop"] == 0
+        shown = 0
+        for number in range(read.n_frames):
+            read.seek(number)
+            read.load()
+            shown += read.info["duration"]
+    # Encoders keep a picture that stays as one frame, shown longer.
+    assert shown == 1000 // FRAMES_PER_SECOND * (frames + REST)
+
+
+@needs_renderer
+def test_mp4_has_every_frame(brief: dict[str, RunLog], tmp_path: Path) -> None:
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg (the extra `video`) is not installed")
+    path = write_video([Filmed("run", brief["tailed"])], tmp_path / "run.mp4")
+    frames, seconds = ffmpeg.count_frames_and_secs(str(path))
+    assert frames == 6 + REST
+    assert seconds == pytest.approx(frames / FRAMES_PER_SECOND, abs=0.05)
+    assert [other.name for other in tmp_path.iterdir()] == ["run.mp4"]
+
+
+def test_missing_encoder_is_one_line(brief: dict[str, RunLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video, "find_spec", lambda name: None)
+    with pytest.raises(
+        UserError, match=r"no encoder for MP4; install it with `pip install 'aerodima-workbench\[video]'"
+    ):
+        write_video([Filmed("run", brief["tailed"])], tmp_path / "run.mp4")
+    monkeypatch.setattr(video.features, "check", lambda name: False)
+    with pytest.raises(UserError, match=r"no encoder for WebP; write \.gif or \.mp4"):
+        write_video([Filmed("run", brief["tailed"])], tmp_path / "run.webp")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def without_driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """EGL looks for its drivers where there are none; VTK then takes its process down."""
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    offscreen._renderer_works.cache_clear()
+    yield
+    offscreen._renderer_works.cache_clear()
+
+
+@pytest.mark.usefixtures("without_driver")
+def test_missing_renderer_is_one_line(brief: dict[str, RunLog], tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"no off-screen renderer: .* install .*, or write --html or --strip"):
+        write_video([Filmed("run", brief["tailed"])], tmp_path / "run.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_run_without_truth_is_refused(brief: dict[str, RunLog], tmp_path: Path) -> None:
+    table = brief["tailed"].table
+    sensors = replace(brief["tailed"], table=table[[name for name in table if not name.startswith("plant_position_")]])
+    with pytest.raises(LogError, match=r"has no columns plant_position_\*; allowed with --video: simulated runs"):
+        write_video([Filmed("car", sensors)], tmp_path / "run.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("number", "name", "rate", "message"),
+    [
+        (7, "run.gif", 1.0, "7 runs; allowed: 1 to 6"),
+        (0, "run.gif", 1.0, "0 runs; allowed: 1 to 6"),
+        (1, "run.avi", 1.0, "ending '.avi'; allowed: .mp4, .gif, .webp"),
+        (1, "run.gif", 0.0, "--rate: 0; allowed: 0.02 to 20"),
+    ],
+)
+def test_wrong_number_ending_or_rate(
+    brief: dict[str, RunLog], tmp_path: Path, number: int, name: str, rate: float, message: str
+) -> None:
+    with pytest.raises(UserError, match=message):
+        write_video([Filmed("run", brief["tailed"])] * number, tmp_path / name, rate=rate)
+
+
+def test_video_of_many_minutes_is_refused(brief: dict[str, RunLog]) -> None:
+    with pytest.raises(UserError, match=r"150 s at --rate 0.02; allowed: up to 120 s"):
+        Film([Filmed("run", replace(brief["tailed"], table=stretched(brief["tailed"], 3.0)))], 0.02)
+
+
+def stretched(run_log: RunLog, length: float) -> pd.DataFrame:
+    table = run_log.table.copy()
+    table["time_s"] = np.linspace(0.0, length, len(table))
+    return table

@@ -1,0 +1,100 @@
+"""`aerodima replay`: one run in Meshcat, as a page or as a strip of pictures; up to six as a video."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from aerodima.workbench.atomic_write import refuse_existing
+from aerodima.workbench.cli.log_commands import run_names
+from aerodima.workbench.cli.options import RUNS, Force, Html
+from aerodima.workbench.errors import UserError
+
+if TYPE_CHECKING:
+    from aerodima.workbench.logs.schema import RunLog
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command(rich_help_panel=RUNS)(replay)
+
+
+def replay(
+    runs: Annotated[
+        list[Path], typer.Argument(help="Log of a run (Parquet); with --video up to six, in step.", metavar="RUN...")
+    ],
+    html: Html = None,
+    strip: Annotated[Path | None, typer.Option(help="Write five pictures of the run as one PNG file.")] = None,
+    video: Annotated[Path | None, typer.Option(help="Write a .mp4, .gif or .webp; several runs side by side.")] = None,
+    port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
+    rate: Annotated[float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")] = 1.0,
+    force: Force = False,
+) -> None:
+    """Replay a run: in Meshcat until Ctrl-C, or with --html, --strip and --video as files.
+
+    The path of a real car is reckoned from its sensors; a video needs the ground truth of a simulation.
+    Example: aerodima replay run.parquet --html run.html --strip run.png --video run.webp
+    """
+    if strip is not None and strip.suffix.lower() != ".png":
+        raise UserError(f"--strip {strip}: ending {strip.suffix!r}; allowed: .png")
+    others = html is not None or strip is not None or port is not None
+    if len(runs) > 1 and (video is None or others):
+        raise UserError(f"{len(runs)} runs: allowed with --video alone; `aerodima compare` makes a page of them")
+    for path in (html, strip, video):
+        if path is not None:
+            refuse_existing(path, force, UserError)
+    if video is not None:
+        _write_video(runs, video, rate, force)
+    if others or video is None:
+        _replay_one(runs[0], html, strip, port, rate, force)
+
+
+def _write_video(runs: list[Path], video: Path, rate: float, force: bool) -> None:
+    from aerodima.workbench.cli.turn_commands import show_progress
+    from aerodima.workbench.logs.schema import read_run_log
+    from aerodima.workbench.replay.video import Filmed, check_video, write_video
+
+    check_video(video, force)
+    filmed = [Filmed(name, read_run_log(path)) for name, path in zip(run_names(runs), runs, strict=True)]
+    typer.echo(f"video: {write_video(filmed, video, force=force, rate=rate, progress=show_progress('frame', ''))}")
+
+
+def _replay_one(
+    run: Path, html: Path | None, strip: Path | None, port: int | None, rate: float, force: bool
+) -> None:  # fmt: skip
+    from aerodima.workbench.logs.schema import read_run_log
+
+    run_log = read_run_log(run)
+    from aerodima.workbench.replay.logged_car import replayable  # imports Drake
+
+    run_log = replayable(run_log)
+    if html is not None:
+        from aerodima.workbench.report.replay_page import write_replay_html
+
+        typer.echo(f"replay: {write_replay_html(run_log, html, force=force, rate=rate)}")
+    if strip is not None:
+        from aerodima.workbench.replay.strip import write_strip
+
+        typer.echo(f"strip: {write_strip(run_log, strip, force=force)}")
+    if port is not None or (html is None and strip is None):
+        _show(run_log, port, rate)
+
+
+def _show(run_log: RunLog, port: int | None, rate: float) -> None:
+    """Plays the run in Meshcat until Ctrl-C."""
+    from aerodima.workbench.replay.captions import caption_of
+    from aerodima.workbench.replay.recording import record_run
+    from aerodima.workbench.replay.viewer import open_meshcat
+
+    meshcat = open_meshcat(port)
+    record_run(run_log, meshcat, rate)
+    typer.echo(caption_of(run_log).text)
+    typer.echo(f"open {meshcat.web_url()} in a browser; Ctrl-C ends")
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        typer.echo("")

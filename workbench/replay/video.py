@@ -1,0 +1,254 @@
+"""Runs as a video, one or several in step: GIF and WebP by Pillow, MP4 by imageio-ffmpeg; drawn without a display.
+
+Every picture has its own robot, followed as in the replay page, with the run's name and outcome above it. All are
+seen from the same direction, and shown at the same time since the beginning of their logs; a run that is over stays
+where it ended until the longest is.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from importlib.util import find_spec
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont, features
+
+from aerodima.workbench.atomic_write import refuse_existing, write_atomically
+from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
+from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
+from aerodima.workbench.logs.signals import check_time
+from aerodima.workbench.replay.camera import Camera, camera_azimuth, camera_path, camera_pose
+from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
+from aerodima.workbench.replay.offscreen import OffscreenRun, check_renderer
+from aerodima.workbench.replay.recording import check_rate, nearest_rows
+
+Progress = Callable[[float, float], None]
+"""Told how many of how many frames are drawn."""
+
+FRAMES_PER_SECOND = 25
+_REST = 1.0
+"""How long the last frame stays, s."""
+MOST_SECONDS = 120.0
+"""Of the video: a minute of drawing for each run."""
+MOST_RUNS = 6
+_ALONE, _TOGETHER = (640, 400), (480, 300)
+"""Width and height of the picture of one run, and of each of several, pixels; even, as MP4 wants them."""
+_HEADER, _GAP = 52, 4
+_FIELD_OF_VIEW = math.radians(34.0)
+_INK = "#1c2430"
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A run of a video.
+
+    Attributes:
+        name: above its picture.
+        run_log: of a simulated run.
+        line: below the name; how the run ended when empty.
+    """
+
+    name: str
+    run_log: RunLog
+    line: str = ""
+
+
+def write_video(
+    runs: Sequence[Filmed],
+    path: Path | str,
+    *,
+    force: bool = False,
+    rate: float = 1.0,
+    progress: Progress | None = None,
+) -> Path:
+    """Writes runs as one video, side by side.
+
+    Args:
+        runs: 1 to `MOST_RUNS`.
+        path: ending .gif, .webp or .mp4; refused when it exists, unless `force`.
+        rate: seconds of the runs per second of the video; 0.25 is slow motion.
+        progress: see `Progress`.
+
+    Raises:
+        UserError: number of runs, ending or rate; encoder or renderer missing; the file exists or cannot be written.
+        LogError: a run has no truth to be drawn from.
+    """
+    path = Path(path)
+    refuse_existing(path, force, UserError)
+    write = _encoder(path)
+    check_rate(rate)
+    if not 1 <= len(runs) <= MOST_RUNS:
+        raise UserError(f"--video: {len(runs)} runs; allowed: 1 to {MOST_RUNS}")
+    for run in runs:
+        _check_truth(run)
+    check_renderer()
+    film = Film(runs, rate)
+    return write_atomically(path, partial(write, film=film, progress=progress), force, UserError)
+
+
+def check_video(path: Path, force: bool) -> None:
+    """What can be wrong before a log is read: see `write_video`."""
+    refuse_existing(path, force, UserError)
+    _encoder(path)
+
+
+def _check_truth(run: Filmed) -> None:
+    check_time(run.run_log.time)
+    simulated = any(column.startswith(PLANT_POSITION_PREFIX) for column in run.run_log.table.columns)
+    if not simulated and run.run_log.kind != PLANT_RUN:
+        raise LogError(
+            f"{run.run_log.name}: has no columns {PLANT_POSITION_PREFIX}*; allowed with --video: simulated runs "
+            "(--html reckons the path of a real car)"
+        )
+
+
+class Film:
+    """The frames of a video."""
+
+    def __init__(self, runs: Sequence[Filmed], rate: float) -> None:
+        """See `write_video`; a video of more than `MOST_SECONDS` is refused."""
+        self._runs = runs
+        longest = max(float(run.run_log.time[-1] - run.run_log.time[0]) for run in runs) / rate
+        if longest > MOST_SECONDS:
+            raise UserError(f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MOST_SECONDS:.0f} s")
+        self.number = math.ceil(longest * FRAMES_PER_SECOND - 1e-9) + 1
+        since = np.arange(self.number) * rate / FRAMES_PER_SECOND
+        self._rows = [nearest_rows(run.run_log.time, run.run_log.time[0] + since) for run in runs]
+        self._pictures = [OffscreenRun(run.run_log) for run in runs]
+        self._panel = _ALONE if len(runs) == 1 else _TOGETHER
+        self._columns = len(runs) if len(runs) <= 3 else math.ceil(len(runs) / 2)
+        logs = [one.logged.run_log for one in self._pictures]
+        azimuth = float(np.median([camera_azimuth(log) for log in logs]))
+        self._eye, self._target = camera_pose(azimuth, max(one.logged.camera_place for one in self._pictures))
+        self._paths = [camera_path(log) for log in logs]
+        self._readings = [readings(log) for log in logs]
+        self._headers = [_header(run, self._panel[0]) for run in runs]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        rows = math.ceil(len(self._runs) / self._columns)
+        width, height = self._panel
+        return (self._columns * (width + _GAP) - _GAP, rows * (height + _HEADER + _GAP) - _GAP)
+
+    def frame(self, number: int) -> Image.Image:
+        """One frame, counted from 0."""
+        picture = Image.new("RGB", self.size, "white")
+        for which in range(len(self._runs)):
+            down, across = divmod(which, self._columns)
+            corner = (across * (self._panel[0] + _GAP), down * (self._panel[1] + _HEADER + _GAP))
+            picture.paste(self._headers[which], corner)
+            picture.paste(self._panel_picture(which, number), (corner[0], corner[1] + _HEADER))
+        return picture
+
+    def frames(self, progress: Progress | None) -> Iterator[Image.Image]:
+        """All of them; the last one again and again for its rest."""
+        for number in range(self.number):
+            last = self.frame(number)
+            if progress is not None:
+                progress(number + 1, self.number)
+            yield last
+        for _ in range(round(_REST * FRAMES_PER_SECOND)):
+            yield last
+
+    def _panel_picture(self, which: int, number: int) -> Image.Image:
+        row = int(self._rows[which][number])
+        width, height = self._panel
+        middle = self._paths[which][row]
+        focal_length = 0.5 * height / math.tan(0.5 * _FIELD_OF_VIEW)
+        camera = Camera(middle + self._eye, middle + self._target, focal_length, width, height)
+        picture = Image.fromarray(self._pictures[which].picture(row, camera))
+        now = f"t = {self._runs[which].run_log.time[row]:.2f} s"
+        words = "   ".join([now, *(reading.text(row) for reading in self._readings[which])])
+        draw = ImageDraw.Draw(picture)
+        draw.text((10, height - 26), words, fill=_INK, font=_font(14))
+        return picture
+
+
+def _header(run: Filmed, width: int) -> Image.Image:
+    """Name and outcome, on white."""
+    caption = caption_of(run.run_log)
+    header = Image.new("RGB", (width, _HEADER), "white")
+    draw = ImageDraw.Draw(header)
+    colour = RESULT_COLOURS[caption.result]
+    lines = ((run.name, 4, _INK, _font(18, bold=True)), (run.line or caption.outcome, 28, colour, _font(15)))
+    for words, top, ink, font in lines:
+        draw.text((10, top), _shortened(words, font, width - 20), fill=ink, font=font)
+    return header
+
+
+def _shortened(words: str, font: ImageFont.FreeTypeFont, width: float) -> str:
+    """Words that fit into a width (pixels), cut off with an ellipsis where they do not."""
+    if font.getlength(words) <= width:
+        return words
+    while words and font.getlength(f"{words}…") > width:
+        words = words[:-1]
+    return f"{words}…"
+
+
+@cache
+def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """Matplotlib brings it."""
+    name = f"DejaVuSans{'-Bold' if bold else ''}.ttf"
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path(), "fonts", "ttf", name)), size)
+
+
+Encoder = Callable[..., None]
+"""Writes a film to a path: `(path, film, progress)`."""
+
+
+def _encoder(path: Path) -> Encoder:
+    """By the ending; UserError where it is another one, or its encoder is missing."""
+    ending = path.suffix.lower()
+    if ending not in _ENCODERS:
+        raise UserError(f"--video {path}: ending {path.suffix!r}; allowed: {', '.join(_ENCODERS)}")
+    if ending == ".mp4" and find_spec("imageio_ffmpeg") is None:
+        raise UserError(
+            f"--video {path}: no encoder for MP4; install it with `pip install 'aerodima-workbench[video]'`, or write "
+            ".webp or .gif"
+        )
+    if ending == ".webp" and not features.check("webp"):
+        raise UserError(f"--video {path}: this Pillow has no encoder for WebP; write .gif or .mp4")
+    return _ENCODERS[ending]
+
+
+def _write_gif(path: Path, film: Film, progress: Progress | None) -> None:
+    """One palette for all frames and no dithering, so that what stands still costs nothing."""
+    sample = [np.asarray(film.frame(number)) for number in sorted({0, film.number // 2, film.number - 1})]
+    palette = Image.fromarray(np.concatenate(sample)).quantize(256)
+    frames = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in film.frames(progress))
+    _save(path, frames, format="GIF", optimize=False)
+
+
+def _write_webp(path: Path, film: Film, progress: Progress | None) -> None:
+    _save(path, film.frames(progress), format="WEBP", quality=60, method=2)
+
+
+def _save(path: Path, frames: Iterator[Image.Image], **how: object) -> None:
+    first = next(frames)
+    milliseconds = round(1000 / FRAMES_PER_SECOND)
+    first.save(path, save_all=True, append_images=frames, duration=milliseconds, loop=0, **how)  # type: ignore[arg-type]
+
+
+def _write_mp4(path: Path, film: Film, progress: Progress | None) -> None:
+    import imageio_ffmpeg
+
+    made = path.with_name(f"{path.name}.mp4")  # ffmpeg goes by the ending
+    try:
+        writer = imageio_ffmpeg.write_frames(str(made), film.size, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7)
+        writer.send(None)
+        try:
+            for frame in film.frames(progress):
+                writer.send(frame.tobytes())
+        finally:
+            writer.close()
+        made.replace(path)
+    finally:
+        made.unlink(missing_ok=True)
+
+
+_ENCODERS: dict[str, Encoder] = {".mp4": _write_mp4, ".gif": _write_gif, ".webp": _write_webp}
