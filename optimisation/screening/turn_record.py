@@ -8,11 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from aerodima.optimisation.screening.vehicle_motion import RATES, TINY, V, W, tail_axes, up
+from aerodima.optimisation.screening.vehicle_motion import RATES, STATES, TINY, V, W, tail_axes, up
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.metrics.turn_course import EXIT_YAW_RATE, velocity_over_ground
+from aerodima.workbench.metrics.settling import CALM, CALM_FOR, EXIT_YAW_RATE
+from aerodima.workbench.metrics.turn_course import velocity_over_ground
+from aerodima.workbench.metrics.turn_signals import LOADED_FORCE
 from aerodima.workbench.plants.tail import SAIL_TIP_MARGIN
+
+_COS_CALM = np.cos(CALM["tilt_truth_rad"])
+_CALM_STATES = {
+    **{f"w_{axis}": CALM[f"gyro_{axis}_truth_rad_per_s"] for axis in "xyz"},
+    "v_y": CALM["velocity_y_truth_m_per_s"],
+    **{name: CALM[name + "_rad_per_s"] for name in ("tail_pitch_rate", "tail_roll_rate")},
+}
+_CALM_PLACES = [STATES.index(name) for name in _CALM_STATES]
 
 
 class TurnRecord:
@@ -35,6 +45,9 @@ class TurnRecord:
         n = cars.count
         self._cars, self._begun, self._straight, self._course = cars, state, straight, course(state, cars)
         self._seen = (0.0, state)
+        self._limits = np.outer(list(_CALM_STATES.values()), np.ones(n))
+        self._limits[-2:, cars.has_tail == 0.0] = np.inf
+        self._restless, self._settled = straight.real, np.full(n, np.nan)
         self.exit_time, self.course, self.sideslip = np.full((3, n), np.nan)
         self.peak_roll, self.lowest_tail, self.lowest_board = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
 
@@ -60,9 +73,17 @@ class TurnRecord:
             self.sideslip = np.where(leaves, heading - exit_course, self.sideslip)
         self._seen = (time, state)
 
+    def settle(self, time: float, state: FloatArray, loads: FloatArray, busy: np.ndarray) -> None:
+        """Told the loads of the wheels (4, n), N, and whose law is busy: settled is who a log says has."""
+        calm = (np.abs(state[_CALM_PLACES].real) <= self._limits).all(axis=0)
+        calm &= (up(state[4], state[5])[2].real > _COS_CALM) & (loads.real > LOADED_FORCE).all(axis=0) & ~busy
+        self._restless = np.where(calm, self._restless, np.maximum(self._restless, time))
+        first = np.isnan(self._settled) & (time - self._restless >= CALM_FOR - 1e-9)
+        self._settled = np.where(first, state[3], self._settled)
+
     def heading(self, state: FloatArray) -> FloatArray:
-        """Change of it from the start to these states, rad."""
-        return state[3] - self._begun[3]
+        """Change of it from the start until the car settled (`workbench.metrics.settling`), else to these states."""
+        return np.where(np.isnan(self._settled), state[3], self._settled) - self._begun[3]
 
 
 def course(state: FloatArray, cars: Vehicles) -> FloatArray:

@@ -26,7 +26,7 @@ class Turns:
     Attributes:
         survived: as the outcome of a full run.
         clean: and tail and board stayed off the ground.
-        heading: change from the start of the turn to the end, rad.
+        heading: change from the start of the turn until the car has settled (`TurnRecord`), else to the end, rad.
         peak_roll: outwards, rad.
         trigger: when the swing began after the start of the turn, s; NaN when it never did.
         lowest_tail, lowest_board: least height over the ground, m.
@@ -93,6 +93,7 @@ def drive_turns(
         gone |= up(state[4], state[5])[2] < np.cos(FLIP_TILT)
         if index >= begin:
             record.see(time + length, state)
+            record.settle(time + length, state, loads, law.busy)
         if history:
             kept.append((state, asked))
     leaning = (np.arccos(np.clip(up(state[4], state[5])[2].real, -1.0, 1.0)) > END_TILT) & (loads <= 0.0).any(axis=0)
@@ -127,6 +128,11 @@ class BatchLaw:
         self._commands = np.zeros((2, 4, n))
         self.trigger = np.full(n, np.nan)
         self._late = int(np.max(plans.late))
+
+    @property
+    def busy(self) -> np.ndarray:
+        """Whose tail swings or is about to (n)."""
+        return (self._state == SwingState.DELAY) | (self._state == SwingState.SWING)
 
     def tick(self, time: float, state: FloatArray) -> None:
         """One tick of the controller."""

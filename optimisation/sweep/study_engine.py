@@ -90,7 +90,7 @@ def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
     from aerodima.workbench.simulate.simulation import simulate
     from aerodima.workbench.stations.outcome_record import STOPPED
 
-    run = simulate(scenario, record=task.signals, stop_when_flipped=True)
+    run = simulate(scenario, record=task.signals, stop_when_certain=True)
     summary = summarise(run, scenario.name)
     row = {
         "run": task.name,

@@ -182,7 +182,7 @@ class _Nominal:
 def _nominal_run(swing: SwingFile, scenario: Scenario) -> _Nominal:
     plain = swing.model_copy(update={"gains": swing.gains.model_copy(update={"feedback": None})})
     law = _Listening.from_scenario(plain, scenario.varied(controller={"tracking": "joint_pd"}))
-    log = simulate(scenario, law=law, stop_when_flipped=True)
+    log = simulate(scenario, law=law, stop_when_certain=True)
     summary = summarise(log, scenario.name)
     where = f"swing {swing.name} at {scenario.manoeuvre.speed:g} m/s, friction {scenario.car.tyre_friction:g}"
     if summary.trigger_time is None:

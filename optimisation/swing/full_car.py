@@ -68,7 +68,7 @@ def drive(
     if swing is not None:
         scenario = varied(scenario, tail={"mode": "swing"}, controller={"swing_file": "none", "tracking": "joint_pd"})
         law = SwingTracker.from_scenario(swing, scenario)
-    return simulate(scenario, record="all" if all_signals else "outcome", law=law, stop_when_flipped=True)
+    return simulate(scenario, record="all" if all_signals else "outcome", law=law, stop_when_certain=True)
 
 
 def outcome(run: RunLog) -> DriveOutcome:

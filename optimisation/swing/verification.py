@@ -156,7 +156,7 @@ def verify_swing(
 
 
 def _logged(scenario: Scenario) -> RunLog:
-    return simulate(scenario, stop_when_flipped=True)
+    return simulate(scenario, stop_when_certain=True)
 
 
 def heading_ratio(

@@ -41,7 +41,7 @@ class Trial(NamedTuple):
 
 
 def run_trial(scenario: Scenario, record: Literal["all", "outcome"] = "outcome") -> Trial:
-    run = simulate(scenario, record=record, stop_when_flipped=True)
+    run = simulate(scenario, record=record, stop_when_certain=True)
     return Trial(run, summarise(run, scenario.name))
 
 

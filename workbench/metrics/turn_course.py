@@ -16,11 +16,10 @@ import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.metrics.settling import EXIT_YAW_RATE
 from aerodima.workbench.metrics.turn_metrics import outcome_from
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 
-EXIT_YAW_RATE = 0.1
-"""rad/s; a car that yaws less, its wheels straight, has left the turn."""
 COURSES = (45, 60, 90)
 """degrees; the time to each is measured."""
 

@@ -25,8 +25,9 @@ from aerodima.workbench.metrics.published_values import (
     Platform,
     TurnMetrics,
 )
+from aerodima.workbench.metrics.settling import settled_row
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, tail_effort
-from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, TurnSignals, turn_signals
 
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
@@ -34,8 +35,6 @@ JOLT_FACTOR = 1.5
 """A raw peak of the lateral acceleration that is this many times the filtered one is a jolt and no cornering."""
 LEAST_HEADING = 0.95
 """Share of the reference's heading change that a turn must have to count as faster (design section 10)."""
-LOADED_FORCE = 0.1
-"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
 
 OF_THE_TURN = ("speed_in_turn_m_per_s", "lift_yaw_rate_rad_per_s")
 """What the thesis says of a turn beside its eight metrics."""
@@ -80,7 +79,8 @@ class RunMetrics:
         outcome: whether it stayed upright.
         peak_roll_rad: largest roll outwards from the turn on, rad.
         two_wheel_time_s: time with fewer than three wheels loaded from the turn on, s; None without wheel loads.
-        heading_change_rad: heading at the end less heading at the start of the turn, into the turn, rad.
+        heading_change_rad: heading once the car has settled (`settling`), else at the end of the log, less heading at
+            the start of the turn, into the turn, rad.
         tail_torque_peak_n_m: largest torque of either tail motor from the turn on, N m; None when not logged.
         tail_energy_j: positive work of the tail motors from the turn on, J; None when not logged.
         min_wheel_load_n: smallest vertical force on any wheel from the turn on, N; None without wheel loads.
@@ -143,6 +143,7 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
     after, time = signals.from_start, signals.time
     loads = signals.wheel_loads
     peak_torque, energy = tail_effort(run_log, after)
+    settled = settled_row(run_log.table, signals.window[1])
     return RunMetrics(
         source=signals.source,
         direction="left" if signals.sign > 0 else "right",
@@ -151,7 +152,7 @@ def metrics_of(run_log: RunLog) -> RunMetrics:
         outcome=_outcome(signals),
         peak_roll_rad=float(np.max(signals.roll[after])),
         two_wheel_time_s=None if loads is None else _time_while(time[after], _wheels_loaded(loads[after]) < 3),
-        heading_change_rad=float(signals.yaw[-1] - signals.yaw[after][0]),
+        heading_change_rad=float(signals.yaw[-1 if settled is None else settled] - signals.yaw[after][0]),
         tail_torque_peak_n_m=peak_torque,
         tail_energy_j=energy,
         min_wheel_load_n=None if loads is None else float(np.min(loads[after])),

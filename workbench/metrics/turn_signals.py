@@ -22,6 +22,8 @@ from aerodima.workbench.logs.signals import check_signals, check_time
 
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
+LOADED_FORCE = 0.1
+"""A wheel, cage, board or tail touches the ground from this force on, N; a part in the air feels exactly none."""
 _RATE_MARGIN = 0.05
 """A log is not thinned out for this much of its rate."""
 

@@ -1,6 +1,7 @@
 """The whole diagram of a car's run: station, driver, controller and estimator; and its simulation."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, TIME, names_of, plant_position_columns
+from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.law_of_scenario import swing_facts
 from aerodima.workbench.controllers.manoeuvre import angle_to_straighten, make_schedule, run_time
@@ -22,14 +23,14 @@ from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.live_view import LiveView
 from aerodima.workbench.stations.car_station import InterfaceFactory, Systems, make_car_station, simulated_car
-from aerodima.workbench.stations.outcome_record import STOPPED, FlipWatch, OutcomeRecord
-from aerodima.workbench.systems.event_order import Stage
+from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
+from aerodima.workbench.systems.event_order import LEAD, Stage
 
 _TIME_MARGIN = 1e-9
 """s."""
 
 LOOKS = 50.0
-"""Looks per second for a flip that ends an outcome trial, Hz; its table ends at the row of the flip all the same."""
+"""Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the flip all the same."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def truth_signals(station: Diagram) -> Signals:
 def run_car(
     scenario: Scenario,
     log: str | Path | None,
-    stop_when_flipped: bool,
+    stop_when_certain: bool,
     law: TailLaw | None,
     force: bool,
     view: LiveView,
@@ -90,7 +91,7 @@ def run_car(
     """Records every column of a run log; see `simulate`."""
     car = assemble(scenario, meshcat=view.meshcat, tail_law=law)
     watch: FlipWatch | None = None
-    if stop_when_flipped:
+    if stop_when_certain:
         watch = FlipWatch.add_to_builder(car.builder, car.station, scenario.simulation.log_rate, turn_end(scenario))
     with open_log(log, recorded_columns(car.signals), _metadata(car, scenario, law), force) as rows:
         RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
@@ -103,24 +104,33 @@ def run_car(
     return rows.run_log()
 
 
-def run_outcome(scenario: Scenario, stop_when_flipped: bool, law: TailLaw | None, view: LiveView) -> RunLog:
+def run_outcome(scenario: Scenario, stop_when_certain: bool, law: TailLaw | None, view: LiveView) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
 
     The plant is driven by fused systems, nothing is recorded in Python, and the roll estimator is left out.
     """
     car = assemble(scenario, meshcat=view.meshcat, tail_law=law, systems="fused", estimator=False)
-    if stop_when_flipped:
-        rate = min(LOOKS, scenario.simulation.log_rate)
-        FlipWatch.add_to_builder(car.builder, car.station, rate, turn_end(scenario), one_more=True)
     outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
     metadata = _metadata(car, scenario, law)
     simulator = Simulator(car.builder.Build())
-    view.run(simulator, run_time(scenario))
-    stop_after = turn_end(scenario) if stop_when_flipped else math.inf
-    table, stopped = outcome.table(simulator.get_context(), stop_after)
-    if stopped:
-        metadata["extra"][STOPPED] = float(table[TIME].iloc[-1])
+    view.begin(simulator, run_time(scenario))
+    stop_after = turn_end(scenario) if stop_when_certain else math.inf
+    for time in _looks(scenario, stop_after):
+        simulator.AdvanceTo(time)
+        if outcome.is_certain(simulator.get_context(), stop_after):
+            break
+    else:
+        simulator.AdvanceTo(run_time(scenario))
+    table, ended = outcome.table(simulator.get_context(), stop_after)
+    metadata["extra"] |= ended
     return run_log_from_metadata(table, metadata)
+
+
+def _looks(scenario: Scenario, first: float) -> Iterator[float]:
+    """When a trial is looked at, s: behind the rows of that instant, before the plant's step."""
+    rate, end = min(LOOKS, scenario.simulation.log_rate), run_time(scenario)
+    if first < end:
+        yield from (k / rate * (1.0 - 0.5 * LEAD) for k in range(math.ceil(first * rate), math.ceil(end * rate)))
 
 
 def _metadata(car: CarDiagram, scenario: Scenario, law: TailLaw | None) -> dict[str, Any]:

@@ -27,11 +27,15 @@ class LiveView:
 
     def run(self, simulator: Simulator, length: float, *, margin: float = 0.0, check: Check | None = None) -> None:
         """Simulates from time 0 to `length` + `margin`, s."""
+        self.begin(simulator, length, check)
+        simulator.AdvanceTo(length + margin)
+
+    def begin(self, simulator: Simulator, length: float, check: Check | None = None) -> None:
+        """Initialises a run of `length` s."""
         simulator.set_target_realtime_rate(self.real_time_rate)
         if self.progress is not None or check is not None:
             simulator.set_monitor(self._monitor(length, check))
         simulator.Initialize()
-        simulator.AdvanceTo(length + margin)
 
     def _monitor(self, length: float, check: Check | None) -> Callable[[Context], EventStatus]:
         last, period = -np.inf, TOLD_EVERY if check is None else CHECKED_EVERY

@@ -21,7 +21,7 @@ def simulate(
     log: str | Path | None = None,
     *,
     record: Literal["all", "outcome"] = "all",
-    stop_when_flipped: bool | None = None,
+    stop_when_certain: bool | None = None,
     law: TailLaw | None = None,
     force: bool = False,
     meshcat: Meshcat | None = None,
@@ -39,9 +39,11 @@ def simulate(
         record: `all` records every column of a run log; `outcome`, of the car and in memory only, what the metrics need
             and what the sensors report, for half of the CPU time: by fused systems, the vertical forces of the ground
             from the motion (design section 9).
-        stop_when_flipped: end the run of a car when its tilt has passed 75 degrees and the turn is over; the log has
-            `STOPPED` in its `extra` then, and what happens after the turn (peak roll, roll integral, heading change,
-            time on two wheels, tail energy) is that until the stop. By default with `record="outcome"` only.
+        stop_when_certain: end the run of a car when its outcome is certain, by default with `record="outcome"` only:
+            when its tilt has passed 75 degrees and the turn is over; a trial of a single turn in still air also when
+            the car has settled after it (`metrics.settling`), so that a law which acts later still is not seen. The log
+            has `STOPPED` or `SETTLED` in its `extra` then, and what happens after the turn (peak roll, roll integral,
+            heading change, time on two wheels, tail energy) is that until the stop.
         law: drives the tail of a car instead of the law that the scenario names; the log has the name of its class as
             `tail_law` in its `extra`.
         force: replace an existing log.
@@ -60,15 +62,15 @@ def simulate(
     if isinstance(scenario, RigScenario):
         from aerodima.workbench.simulate.rig_run import run_rig
 
-        if law is not None or stop_when_flipped or record != "all":
+        if law is not None or stop_when_certain or record != "all":
             raise UserError(
-                f"{scenario.name}: law, stop_when_flipped and record='outcome' are for scenarios of the car"
+                f"{scenario.name}: law, stop_when_certain and record='outcome' are for scenarios of the car"
             )
         return run_rig(scenario, log, force=force, view=view)
     from aerodima.workbench.simulate.car_run import run_car, run_outcome
 
     if record == "all":
-        return run_car(scenario, log, bool(stop_when_flipped), law, force, view)
+        return run_car(scenario, log, bool(stop_when_certain), law, force, view)
     if log is not None:
         raise UserError(f"{log}: record='outcome' leaves out columns of a log file; allowed: record='all'")
-    return run_outcome(scenario, stop_when_flipped is not False, law, view)
+    return run_outcome(scenario, stop_when_certain is not False, law, view)

@@ -18,6 +18,8 @@ from aerodima.workbench.aero.sail_motion import rotation_rows
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
+from aerodima.workbench.controllers.manoeuvre import run_time
+from aerodima.workbench.metrics.settling import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_loads import GroundLoads
@@ -35,6 +37,9 @@ COS_FLIP = float(np.cos(FLIP_TILT))
 STOPPED = "stopped_at_flip_s"
 """Key in `extra` of a log that ends at a flip: the time of its last row, s."""
 
+SETTLED = "settled_s"
+"""Key in `extra` of a log that ends once the car has settled after its turn: the time of its last row, s."""
+
 CONTACT_COLUMNS = (
     *(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS),
     *(f"ground_contact_{part}_truth_n" for part in GROUND_CONTACTS),
@@ -51,25 +56,22 @@ class FlipWatch(LeafSystem):
         station: simulated station.
         rate: looks per second, Hz.
         stop_after: s; a flipped car ends the run from then on.
-        one_more: stops at the look after, so that all who act at the instant of this one have done so.
     """
 
-    def __init__(self, station: Diagram, rate: float, stop_after: float, one_more: bool = False) -> None:
+    def __init__(self, station: Diagram, rate: float, stop_after: float) -> None:
         super().__init__()
         plant = simulated_car(station).plant
         self._quaternion = plant.GetBodyByName("chassis").floating_positions_start()
         self._stop_after, self._rate = stop_after, rate
-        self._flipped, self._one_more = False, one_more
+        self._flipped = False
         self.stopped: float | None = None
         self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.DeclarePeriodicPublishEvent(period_of(rate, Stage.RECORD), 0.0, self._look)
 
     @classmethod
-    def add_to_builder(
-        cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float, one_more: bool = False
-    ) -> "FlipWatch":
+    def add_to_builder(cls, builder: DiagramBuilder, station: Diagram, rate: float, stop_after: float) -> "FlipWatch":
         """Adds a watch to the diagram of a simulated station."""
-        watch = cls(station, rate, stop_after, one_more)
+        watch = cls(station, rate, stop_after)
         builder.AddNamedSystem("flip_watch", watch)
         builder.Connect(station.GetOutputPort("plant_state_truth"), watch.GetInputPort("plant_state"))
         return watch
@@ -84,11 +86,8 @@ class FlipWatch(LeafSystem):
         time = nominal_time(context.get_time(), self._rate)
         if not (self._flipped and time >= self._stop_after):
             return EventStatus.Succeeded()
-        if not self._one_more:
-            self.stopped = time
-            return EventStatus.ReachedTermination(self, "the car has flipped")
-        self._one_more = False
-        return EventStatus.Succeeded()
+        self.stopped = time
+        return EventStatus.ReachedTermination(self, "the car has flipped")
 
 
 def has_flipped(quaternion: Any) -> Any:
@@ -119,31 +118,67 @@ class OutcomeRecord:
         port = "last_tail_torque_truth"
         self._torques = _log(builder, station.GetOutputPort(port), steps) if station.HasOutputPort(port) else None
         self._loads = GroundLoads(self._car)
+        chassis = self._plant.GetBodyByName("chassis")
+        q = chassis.floating_positions_start()
+        v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()
+        self._quaternion, self._spin = slice(q, q + 4), slice(v, v + 3)
+        still = scenario.wind.is_still or scenario.tail.mode == "none"
+        self._look_back = CALM_FOR + 0.05 + 1.0 / self._rate
+        self._may_settle = still and scenario.manoeuvre.kind == "turn"
 
-    def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, bool]:
+    def is_certain(self, context: Context, turn_end: float) -> bool:
+        """Whether the run may end: the car has flipped, or has settled after a single turn in still air.
+
+        Args:
+            context: of the whole diagram.
+            turn_end: s; from then on.
+        """
+        state, time = self._state.FindLog(context).data(), self._times(context)
+        if self._over(state, time, turn_end).any():
+            return True
+        first = int(np.searchsorted(time, max(turn_end, time[-1] - self._look_back)))
+        if not self._may_settle or first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
+            return False
+        return settled_row(self._table(context, state, slice(first, None)), time[first]) is not None
+
+    def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, dict[str, float]]:
         """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every row would stop.
 
-        Whether it does so is the second answer.
+        The second answer is for `extra` of the log: when and why the run ended before its time.
 
         Args:
             context: of the whole diagram, at the end of the run.
             stop_after: s; a flipped car ends the table from then on.
         """
-        state = self._state.FindLog(context).data()
-        held: dict[str, FloatArray] = {}
+        state, time = self._state.FindLog(context).data(), self._times(context)
+        over = self._over(state, time, stop_after)
+        table = self._table(context, state, slice(0, int(np.argmax(over)) + 1 if over.any() else time.size))
+        end = float(table[TIME].iloc[-1])
+        if over.any():
+            return table, {STOPPED: end}
+        return table, {SETTLED: end} if end < run_time(self._scenario) - 1.0 / self._rate else {}
+
+    def _times(self, context: Context) -> FloatArray:
+        return np.arange(self._sinks[0][0].FindLog(context).num_samples()) / self._rate
+
+    def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> NDArray[np.bool_]:
+        """At which rows the run of a car that has flipped is over."""
+        rotations = state[self._quaternion][:, self._steps(time)]
+        over: NDArray[np.bool_] = np.logical_or.accumulate(has_flipped(rotations)) & (time >= stop_after)
+        return over
+
+    def _steps(self, time: FloatArray) -> IntArray:
+        """Step of the plant that a row shows: between two steps the one that has begun."""
+        return np.ceil(time / self._scenario.simulation.step - 1e-6).astype(int)
+
+    def _table(self, context: Context, state: FloatArray, rows: slice) -> pd.DataFrame:
+        time = self._times(context)[rows]
+        steps = self._steps(time)
+        columns: dict[str, FloatArray] = {TIME: time}
         for sink, names in self._sinks:
-            held |= dict(zip(names, sink.FindLog(context).data(), strict=True))
-        count = len(held["steering_command_rad"])
-        time = np.arange(count) / self._rate
-        # Between two steps the plant shows itself after the one that has begun.
-        steps = np.ceil(time / self._scenario.simulation.step - 1e-6).astype(int)
-        q = self._plant.GetBodyByName("chassis").floating_positions_start()
-        over = np.logical_or.accumulate(has_flipped(state[q : q + 4, steps])) & (time >= stop_after)
-        rows = slice(0, int(np.argmax(over)) + 1 if over.any() else count)
-        steps = steps[rows]
-        columns: dict[str, FloatArray] = {TIME: time[rows]} | {name: row[rows] for name, row in held.items()}
+            columns |= dict(zip(names, sink.FindLog(context).data()[:, rows], strict=True))
         columns |= self._body(state, steps) | self._tail(state, steps, context)
-        return pd.DataFrame(columns | self._contacts(state, steps)), bool(over.any())
+        return pd.DataFrame(columns | self._contacts(state, steps))
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
         """Motion of the chassis; the definitions of `ground_truth.CarTruth` and `sensors.imu.motion_at_imu`."""

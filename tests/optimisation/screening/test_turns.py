@@ -13,7 +13,7 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 from aerodima.optimisation.swing.full_car import drive, outcome
 from aerodima.optimisation.swing.swing_construction import constant_rate_swing
-from aerodima.workbench import Observation, UserError, load_scenario, simulate
+from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
 from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
 from aerodima.workbench.metrics.turn_course import turn_course
@@ -39,7 +39,7 @@ def test_the_law_commands_what_the_one_on_the_car_does(changes: tuple[str, ...])
 
 def test_critical_friction_is_that_of_the_full_car() -> None:
     """Figures of the full car, 4.5 m/s, on the same grid: optimisation/swing/README.md."""
-    full = {"none": 0.525, "held": 0.4875, "swing": 0.85}
+    full = {"none": 0.5375, "held": 0.4875, "swing": 0.8875}
     scenarios = [load_scenario("turn_designed", (f"tail.mode={mode}",)) for mode in full]
     found = screened_friction(scenarios, Search(FRICTION, 0.4, 1.0, 0.1, 0.0125))
     assert [each.survived for each in found] == pytest.approx(list(full.values()), rel=0.05)  # screening/README.md
@@ -62,6 +62,17 @@ def test_course_of_a_turn_is_that_of_the_full_car() -> None:
     assert whole.sideslip[0] == pytest.approx(full.exit_sideslip_rad, abs=0.02)
     for name in ("course", "exit_time", "sideslip", "peak_roll", "lowest_tail", "heading"):
         assert getattr(again, name)[0] == pytest.approx(getattr(whole, name)[0], abs=1e-9), name
+
+
+def test_heading_is_that_of_the_full_car_once_it_has_settled() -> None:
+    """The designed tail, held to the outside, turns the car back by another 2 degrees until the end of the run."""
+    scenario = load_scenario("turn_designed", ("car.tyre_friction=0.5",))
+    full = np.degrees(metrics_of(simulate(scenario, record="outcome")).heading_change_rad)
+    turns = drive_turns(Vehicles.of([scenario]), TurnPlans.of([scenario]), history=True)
+    assert turns.history is not None
+    yaw = np.degrees(turns.history[:, STATES.index("yaw"), 0])
+    assert np.degrees(turns.heading[0]) == pytest.approx(full, abs=0.5)
+    assert yaw[-1] - yaw[999] < full - 1.0
 
 
 def test_what_it_does_not_know_is_refused() -> None:

@@ -1,20 +1,26 @@
-"""Outcome trials against full runs on separate systems, near the limit; not run by pytest, but for two cars.
+"""Outcome trials, which end early, against runs of full length, near the limit; not run by pytest, but for two cars.
 
-Cars of drawn speed, direction and tail, each at frictions within 5 % of that which just flips it. Seeds tell drawn
-lists apart, so that two processes share the work.
+Cars of drawn speed, direction and tail, each at frictions within 5 % of that which just flips it. One trial of each car
+is compared with a run on separate systems that records everything, the others with one that does not end early. What is
+done is kept in the folder and not done again; seeds tell drawn lists apart, so that two processes share the work:
 
-    python -m tests.workbench.simulate.outcome_study 100 1
+    python -m tests.workbench.simulate.outcome_study 50 1 out/outcome_study
+    python -m tests.workbench.simulate.outcome_study 50 2 out/outcome_study
 """
 
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from aerodima.workbench.batch.row_store import RowStore, content_key
 from aerodima.workbench.config.scenario import Scenario, load_scenario
+from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.simulate.simulation import simulate
@@ -25,12 +31,36 @@ PER_CAR = 5
 """Frictions of each car."""
 HALVINGS = 4
 """Of the range of friction in which the critical one is looked for."""
+HEADING = 1e-4
+"""Largest difference of heading changes, rad: wheel loads from the motion may tell a row later that the car is calm."""
 
 
-def scenarios(seed: int, cars: int) -> Iterator[Scenario]:
-    """Scenarios near the limit of drawn cars."""
+@dataclass(frozen=True)
+class DrawnCar:
+    """A car and its turn; `shares` of `NEAR` at which its frictions lie from the critical one."""
+
+    mode: str
+    settings: tuple[str, ...]
+    shares: tuple[float, ...]
+
+    def at(self, friction: float) -> Scenario:
+        """Its scenario at a friction."""
+        return load_scenario(f"turn_{self.mode}", [*self.settings, f"car.tyre_friction={friction:.6f}"])
+
+    def scenarios(self) -> Iterator[Scenario]:
+        """Its scenarios near the limit."""
+        low, high = 0.45, 0.95
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            survived = metrics_of(simulate(self.at(middle), record="outcome")).outcome.result == "survived"
+            low, high = (middle, high) if survived else (low, middle)
+        yield from (self.at(0.5 * (low + high) * (1.0 + NEAR * share)) for share in self.shares)
+
+
+def drawn_cars(seed: int, count: int) -> Iterator[DrawnCar]:
+    """Of one seed always the same, however many."""
     rng = np.random.default_rng(seed)
-    for _ in range(cars):
+    for _ in range(count):
         mode = str(rng.choice(["none", "held", "swing"]))
         settings = [
             f"manoeuvre.speed={rng.uniform(3.0, 4.5):.3f}",
@@ -39,27 +69,25 @@ def scenarios(seed: int, cars: int) -> Iterator[Scenario]:
         ]
         if mode != "none":
             settings.append(f"tail.sail={rng.choice(['facing', 'locked', 'free'])}")
-
-        def at(friction: float, mode: str = mode, settings: list[str] = settings) -> Scenario:
-            return load_scenario(f"turn_{mode}", [*settings, f"car.tyre_friction={friction:.6f}"])
-
-        low, high = 0.45, 0.95
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            survived = metrics_of(simulate(at(middle), record="outcome")).outcome.result == "survived"
-            low, high = (middle, high) if survived else (low, middle)
-        critical = 0.5 * (low + high)
-        yield from (at(critical * (1.0 + NEAR * share)) for share in rng.uniform(-1.0, 1.0, PER_CAR))
+        yield DrawnCar(mode, tuple(settings), tuple(rng.uniform(-1.0, 1.0, PER_CAR).tolist()))
 
 
-def differences(scenario: Scenario) -> tuple[list[str], bool]:
-    """What an outcome trial says otherwise than the full run on separate systems; whether the car flipped.
+class Compared(NamedTuple):
+    """What a trial says otherwise than the full run; whether the car flipped; share of the run that was simulated."""
 
-    A flipped car ends its trial early, and so roll and heading are compared as far as the trial goes. A free sail
-    flutters, and rounding grows with it.
+    wrong: list[str]
+    flipped: bool
+    share: float
+
+
+def differences(scenario: Scenario, separate: bool = True) -> Compared:
+    """Compares an outcome trial with a run of full length, on `separate` systems or on the fused ones of the trial.
+
+    Roll and heading are compared as far as the trial goes, and of a car that survives peak roll and heading change. A
+    free sail flutters, and rounding between the systems grows with it.
     """
     found = simulate(scenario, record="outcome")
-    whole = simulate(scenario)
+    whole = simulate(scenario) if separate else simulate(scenario, record="outcome", stop_when_certain=False)
     trial, run = summarise(found, scenario.name), summarise(whole, scenario.name)
     same = {
         "outcome": (trial.metrics.outcome.result, run.metrics.outcome.result),
@@ -68,28 +96,45 @@ def differences(scenario: Scenario) -> tuple[list[str], bool]:
     }
     wrong = [f"{name} {one} instead of {other}" for name, (one, other) in same.items() if one != other]
     flipped = run.metrics.outcome.result == "flipped"
-    rows = len(found.table)
-    tolerance = 0.02 if scenario.tail.sail == "free" else 1e-6
+    rows, free = len(found.table), separate and scenario.tail.sail == "free"
     for name in ("roll_truth_rad", "yaw_truth_rad"):
         apart = float(np.abs(found.signal(name) - whole.signal(name)[:rows]).max())
-        if not apart <= tolerance:
+        if not apart <= (0.02 if free else 1e-6):
             wrong.append(f"{name} {apart:.2g} rad apart")
-    if not flipped and rows != len(whole.table):
-        wrong.append(f"{rows} rows instead of {len(whole.table)}")
-    return wrong, flipped
+    if not flipped:
+        for name, tolerance in (("peak_roll_rad", 1e-6), ("heading_change_rad", HEADING)):
+            apart = abs(getattr(trial.metrics, name) - getattr(run.metrics, name))
+            if not apart <= (0.02 if free else tolerance):
+                wrong.append(f"{name} {apart:.2g} rad apart")
+    return Compared(wrong, flipped, rows / len(whole.table))
 
 
 def main() -> None:
-    """Arguments: cars, seed."""
-    cars, seed = (int(text) for text in (*sys.argv[1:], "100", "1")[:2])
-    count = flips = wrong = 0
-    for scenario in scenarios(seed, cars):
-        apart, flipped = differences(scenario)
-        count, flips, wrong = count + 1, flips + flipped, wrong + bool(apart)
-        for line in apart:
-            print(f"{scenario.name} {scenario.car.tyre_friction:g} {scenario.manoeuvre.speed:g}: {line}", flush=True)
-        if count % PER_CAR == 0:
-            print(f"{count} runs, {flips} flipped, {wrong} differ, {time.process_time():.0f} s of CPU", flush=True)
+    """Arguments: cars, seed, folder."""
+    cars, seed, folder = (*sys.argv[1:], *("100", "1", "out/outcome_study")[len(sys.argv) - 1 :])
+    identity = {"study": "outcome", "seed": int(seed), "versions": software_versions()}
+    compared: list[Compared] = []
+    with RowStore(Path(folder) / f"seed_{seed}.jsonl", identity) as store:
+        for car in drawn_cars(int(seed), int(cars)):
+            key = content_key(car.mode, car.settings, car.shares)
+            if key not in store.rows:
+                runs = [differences(at, separate=place == 0) for place, at in enumerate(car.scenarios())]
+                store.add(key, {"car": [car.mode, *car.settings], "runs": runs})
+            compared += [Compared(*run) for run in store.rows[key]["runs"]]
+            for line in (line for run in compared[-PER_CAR:] for line in run.wrong):
+                print(f"{car.mode} {' '.join(car.settings)}: {line}", flush=True)
+            print(_summary(compared), flush=True)
+
+
+def _summary(compared: list[Compared]) -> str:
+    shares: dict[Any, list[float]] = {True: [], False: []}
+    for run in compared:
+        shares[run.flipped].append(run.share)
+    simulated = [f"{100.0 * np.mean(found):.0f} %" if found else "-" for found in (shares[False], shares[True])]
+    return (
+        f"{len(compared)} runs, {len(shares[True])} flipped, {sum(bool(run.wrong) for run in compared)} differ; "
+        f"simulated of a run that survives {simulated[0]}, that flips {simulated[1]}"
+    )
 
 
 if __name__ == "__main__":
