@@ -42,7 +42,7 @@ from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.logs.schema import TAIL_LAW
+from aerodima.workbench.logs.schema import DRIVEN_BY, TAIL_LAW
 from aerodima.workbench.realtime import is_realtime, prefer_realtime, restore_ordinary
 
 _HOUR = 3600.0
@@ -316,6 +316,8 @@ def _prepare(drive: _Drive, journal: RunJournal) -> Callable[[RadioMode], float]
         diagram = DiagramRun(guard, scenario, journal, links, drive.law)
 
     def run(mode: RadioMode) -> float:
+        if mode is not RadioMode.AUTO:
+            journal.add_facts({DRIVEN_BY: f"hand ({mode.name})"})
         if mode is RadioMode.MANUAL:
             return run_loop(guard, ManualPilot(scenario), scenario, _HOUR, journal, links)
         if mode is RadioMode.CONTROL:

@@ -172,10 +172,10 @@ def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
 
     if run_log.kind in RIG_KINDS:
         return ()
-    from aerodima.workbench.replay.foxglove_scene import scene_of  # imports Drake
+    from aerodima.workbench.replay.foxglove_scene import foxglove_scene  # imports Drake
 
     try:
-        return scene_of(run_log)
+        return foxglove_scene(run_log)
     except LogError as error:
         typer.echo(f"note: signals only, no scene: {error}", err=True)
         return ()

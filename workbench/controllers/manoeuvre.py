@@ -205,8 +205,7 @@ def make_schedule(scenario: Any) -> Schedule:
     if manoeuvre.direction not in ("left", "right"):
         raise UserError(f"manoeuvre.direction: {manoeuvre.direction!r}; allowed: left, right")
     side = 1.0 if manoeuvre.direction == "left" else -1.0
-    lag, breakaway = (0.0, 0.0) if drive.governor else (drive.time_constant, drive.breakaway_throttle)
-    line = ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
+    line = throttle_line(scenario)
     ramp = SpeedRamp(manoeuvre.speed, manoeuvre.speed_ramp, line)
     if manoeuvre.kind == "turn":
         first = {"first_angle": manoeuvre.first_angle, "first_hold": manoeuvre.first_hold}
@@ -223,6 +222,13 @@ def make_schedule(scenario: Any) -> Schedule:
     if manoeuvre.kind == "slalom":
         return SlalomSchedule(ramp, side, manoeuvre.steer_angle, manoeuvre.turn_start, manoeuvre.slalom_period)
     raise UserError(f"manoeuvre.kind: {manoeuvre.kind!r}; allowed: turn, auto_turn, straight, slalom")
+
+
+def throttle_line(scenario: Any) -> ThrottleLine:
+    """Throttle of a speed, of `scenario.drive`."""
+    drive = scenario.drive
+    lag, breakaway = (0.0, 0.0) if drive.governor else (drive.time_constant, drive.breakaway_throttle)
+    return ThrottleLine(drive.throttle_gain, drive.throttle_offset, lag, breakaway)
 
 
 def run_time(scenario: Any) -> float:

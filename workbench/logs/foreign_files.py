@@ -206,7 +206,7 @@ def export_log(
         path: to write.
         form: of the file.
         force: replace an existing file.
-        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene.scene_of` gives.
+        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene` gives.
 
     Raises:
         LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.

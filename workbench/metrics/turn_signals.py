@@ -17,9 +17,11 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.controllers.manoeuvre import angle_to_straighten
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
+from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 
+STEERED = 0.01
+"""A command above this (rad) is steering by hand, not the middle of a stick."""
 _TIME_MARGIN = 1e-6
 """Log times are sums of steps: a sample this close to the edge of the window (s) belongs to it."""
 LOADED_FORCE = 0.1
@@ -123,6 +125,8 @@ def turn_signals(run_log: RunLog, source: Literal["truth", "sensors"] | None = N
 
 def turn_sign(run_log: RunLog) -> float:
     """+1 for a left turn, -1 for a right one; +1 for runs that are straight or a slalom."""
+    if DRIVEN_BY in run_log.extra:
+        return -1.0 if np.sum(run_log.signal("steering_command_rad")) < 0.0 else 1.0
     if run_log.setting("manoeuvre", "kind") in ("straight", "slalom"):
         return 1.0
     return -1.0 if run_log.setting("manoeuvre", "direction") == "right" else 1.0
@@ -133,8 +137,13 @@ def turn_window(run_log: RunLog) -> tuple[float, float]:
 
     The end is start + hold + the time in which the servo brings the wheels back. A turn starts when the scenario says,
     the turn of the AUTO sequence at the first steering command in the log. For a straight run or a slalom the window is
-    the run from `turn_start` on, or the whole run if it is shorter than that.
+    the run from `turn_start` on, or the whole run if it is shorter than that. That of a car that somebody steered is
+    from the first to the last steering command, all of it without any.
     """
+    if DRIVEN_BY in run_log.extra:
+        steered = np.flatnonzero(np.abs(run_log.signal("steering_command_rad")) > STEERED)
+        first, last = (steered[0], steered[-1]) if steered.size else (0, -1)
+        return float(run_log.time[first]), float(run_log.time[last])
     kind = run_log.setting("manoeuvre", "kind")
     if kind in ("straight", "slalom"):
         first, start, last = (

@@ -8,7 +8,7 @@ import numpy as np
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import MODE_STYLES
-from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
+from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, TAIL_LAW, RunLog
 from aerodima.workbench.metrics.plant_metrics import plant_air, plant_outcome, plant_speed, plant_tilt, tails_of
 from aerodima.workbench.metrics.run_summary import tail_mode_of
 from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
@@ -52,6 +52,8 @@ def caption_of(run_log: RunLog) -> Caption:
     turn = f"{manoeuvre['direction']} turn, " if manoeuvre["kind"] in ("turn", "auto_turn") else ""
     reckoned = ", path reckoned from the sensors" if RECKONED in run_log.extra else ""
     facts = f"{turn}{speed:.2f} m/s ({3.6 * speed:.1f} km/h), {tail}{reckoned}"
+    if DRIVEN_BY in run_log.extra:
+        facts = f"driven by {run_log.extra[DRIVEN_BY]}{reckoned}"
     try:
         outcome = outcome_of(run_log)
     except LogError:

@@ -15,7 +15,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.law_of_scenario import swing_facts
-from aerodima.workbench.controllers.manoeuvre import angle_to_straighten, make_schedule, run_time
+from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straighten, make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
@@ -49,15 +49,19 @@ def assemble(
     tail_law: TailLaw | None = None,
     systems: Systems = "separate",
     estimator: bool = True,
+    schedule: Schedule | None = None,
 ) -> CarDiagram:
     """Connects station, driver, controller and estimator; the controllers stand outside the station.
 
-    The tail follows `tail_law`, or by default the law that the scenario names. For `systems` see `make_car_station`.
+    The tail follows `tail_law`, the driver `schedule`, or by default what the scenario names. For `systems` see
+    `make_car_station`.
     """
     builder = DiagramBuilder()
     station = make_car_station(scenario, interface, meshcat, systems)
     builder.AddSystem(station)
-    driver = TurnDriver.add_to_builder(builder, make_schedule(scenario), scenario.controller.rate, station=station)
+    driver = TurnDriver.add_to_builder(
+        builder, schedule or make_schedule(scenario), scenario.controller.rate, station=station
+    )
     controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=tail_law)
     sources = [driver, controller, station]
     if estimator:

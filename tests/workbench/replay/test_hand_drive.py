@@ -1,0 +1,132 @@
+"""A car that is driven by hand: what the driver asks for is done, logged and measured, in simulated time."""
+
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.logs.schema import RunLog, read_run_log
+from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.metrics.turn_signals import turn_signals
+from aerodima.workbench.replay import hand_drive
+from aerodima.workbench.replay.captions import caption_of
+from aerodima.workbench.replay.hand_drive import SLICE, TAIL_SPEED, Wishes, drive_by_hand
+
+
+class Clock:
+    """Time that passes when somebody sleeps, and by `busy` s whenever it is read."""
+
+    def __init__(self, busy: float) -> None:
+        self.now, self.busy, self.slept = 0.0, busy, 0.0
+
+    def monotonic(self) -> float:
+        self.now += self.busy
+        return self.now
+
+    def sleep(self, time: float) -> None:
+        self.now += time
+        self.slept += time
+
+
+class Script:
+    """Controls that follow a function of the number of looks; one look is `SLICE` of the run."""
+
+    def __init__(self, plan: Callable[[int], Wishes]) -> None:
+        self.plan, self.looks, self.shown = plan, -1, []
+
+    def wishes(self) -> Wishes:
+        self.looks += 1
+        return self.plan(self.looks)
+
+    def show(self, speed: float, pace: float) -> None:
+        self.shown.append((speed, pace))
+
+
+def left_turn(look: int) -> Wishes:
+    """2 m/s; from 1.2 s on to the left, the tail's roll by hand to 0.5 rad; straight again from 2 s on."""
+    time = look * SLICE
+    steering = 0.2 if 1.2 <= time < 2.0 else 0.0
+    return Wishes(steering, 2.0, 1.0, 0.5 if time >= 1.2 else math.nan)
+
+
+def driven(folder: Path, plan: Callable[[int], Wishes], clock: Clock, **options: Any) -> tuple[Script, list[Path]]:
+    script = Script(plan)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hand_drive, "wall", clock)
+        return script, drive_by_hand(load_scenario("turn_swing"), script, log=folder / "run.parquet", **options)
+
+
+@pytest.fixture(scope="module")
+def left(tmp_path_factory: pytest.TempPathFactory) -> RunLog:
+    _, (log,) = driven(tmp_path_factory.mktemp("left"), left_turn, Clock(0.0), length=2.6)
+    return read_run_log(log)
+
+
+def test_speed_steering_and_tail_do_what_was_asked_for(left: RunLog) -> None:
+    assert left.signal("velocity_x_truth_m_per_s")[left.time > 1.1][0] == pytest.approx(2.0, abs=0.1)
+    assert left.signal("yaw_truth_rad")[-1] > 0.3, "to the left"
+    tail, time = left.signal("tail_roll_angle_rad"), left.time
+    before, after = tail[time < 1.2], tail[-1]
+    assert before[-1] == pytest.approx(-math.pi / 2, abs=0.1), "the law holds it inside"
+    assert after == pytest.approx(0.5, abs=0.1)
+    fastest = np.max(np.abs(np.diff(left.signal("tail_roll_command_position_rad"))))
+    assert fastest == pytest.approx(TAIL_SPEED / 100.0, rel=0.01)
+
+
+def test_log_says_who_drove_and_its_metrics_are_those_of_the_steering_given(left: RunLog) -> None:
+    assert "driven by hand (simulation)" in caption_of(left).text
+    window = turn_signals(left).window
+    assert window == pytest.approx((1.2, 2.0), abs=0.03)
+    assert metrics_of(left).direction == "left"
+
+
+def test_reset_begins_a_second_log_from_standstill_and_end_ends(tmp_path: Path) -> None:
+    def plan(look: int) -> Wishes:
+        return Wishes(0.0, 2.0, attempt=int(look >= 30), over=look >= 60)
+
+    _, logs = driven(tmp_path, plan, Clock(0.0))
+    assert [log.name for log in logs] == ["run.parquet", "run_2.parquet"]
+    first, second = (read_run_log(log) for log in logs)
+    assert first.time[-1] == pytest.approx(0.58, abs=0.05)
+    assert second.time[0] == 0.0
+    assert abs(second.signal("velocity_x_truth_m_per_s")[0]) < 0.1
+
+
+def test_a_pause_costs_no_simulated_time(tmp_path: Path) -> None:
+    def plan(look: int) -> Wishes:
+        return Wishes(0.0, 1.0, pace=0.0 if 5 <= look < 50 else 1.0, over=look >= 60)
+
+    _, (log,) = driven(tmp_path, plan, Clock(0.0))
+    assert read_run_log(log).time[-1] == pytest.approx((60 - 45) * SLICE, abs=2 * SLICE)
+
+
+def test_half_speed_takes_twice_as_long(tmp_path: Path) -> None:
+    clock = Clock(0.0)
+    driven(tmp_path, lambda look: Wishes(pace=0.5), clock, length=1.2)
+    assert clock.slept == pytest.approx(2.4, rel=0.02)
+
+
+def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_path: Path) -> None:
+    said: list[str] = []
+    script, (log,) = driven(tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append)
+    assert len(said) == 1
+    assert "this computer keeps up at 0.4" in said[0] or "this computer keeps up at 0.5" in said[0]
+    assert 0.4 < script.shown[-1][1] < 0.6
+    assert np.max(np.diff(read_run_log(log).time)) < 0.003, "every row is there"
+
+
+def test_driving_by_hand_knows_no_device() -> None:
+    code = """
+import sys
+import aerodima.workbench.cli.play_command, aerodima.workbench.replay.meshcat_controls
+from aerodima.workbench.replay.hand_drive import drive_by_hand
+found = {"can", "serial", "aerodima.hardware", "pynmeagps", "websockets"} & set(sys.modules)
+assert not found, found
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,250 @@
+"""A simulated car that somebody drives: keyboard, sliders or gamepad of a Meshcat page, in simulated time.
+
+No device, no bus and no arming: the diagram is that of `simulate`, with a schedule that asks the driver instead of the
+clock. The run never skips: on a slow computer simulated time passes more slowly, and the page shows how slowly.
+"""
+
+import math
+import time as wall
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
+from aerodima.workbench.controllers.manoeuvre import DriverInput, ThrottleLine, throttle_line
+from aerodima.workbench.controllers.tail_law import Observation, TailLaw
+from aerodima.workbench.logs.recorder import RunRecorder, open_log, recorded_columns
+from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
+from aerodima.workbench.replay.viewer import GROUND, WORLD, draw_ground
+from aerodima.workbench.simulate.car_run import assemble, plant_facts
+from aerodima.workbench.stations.car_station import simulated_car
+from aerodima.workbench.systems.event_order import Stage
+
+SLICE = 0.02
+"""s of the run between two looks at the controls."""
+ACCELERATION = 3.0
+"""Change of the commanded speed, m/s2: what the car's tyres and drive follow on a floor of 0.5."""
+TAIL_SPEED = 8.0
+"""Fastest commanded roll of a tail that is moved by hand, rad/s: the published swing (Table 6.4)."""
+LATE = 0.9
+"""Below this share of the wanted pace the driver is told."""
+_AREA = (-14.0, 14.0, -14.0, 14.0)
+
+
+@dataclass
+class Wishes:
+    """What the driver asks for now.
+
+    Attributes:
+        steering: rad, positive to the left.
+        speed: m/s.
+        planned_turn: announced to the tail's law: +1 left, -1 right, 0 none.
+        tail_roll: of a tail that is moved by hand, rad, positive to the right; NaN leaves it to its law.
+        pace: seconds of the run per second; 0 is a pause.
+        attempt: counts the resets.
+        over: the driver has had enough.
+    """
+
+    steering: float = 0.0
+    speed: float = 0.0
+    planned_turn: float = 0.0
+    tail_roll: float = math.nan
+    pace: float = 1.0
+    attempt: int = 0
+    over: bool = False
+
+
+class Controls(Protocol):
+    """Where wishes come from, and where the driver sees what became of them."""
+
+    def wishes(self) -> Wishes:
+        """As of now."""
+
+    def show(self, speed: float, pace: float) -> None:
+        """Speed of the car, m/s, and seconds of the run per second."""
+
+
+@dataclass
+class WishedDriving:
+    """A `Schedule` that follows wishes; the speed is ramped, so that the wheels do not spin.
+
+    Args:
+        line: throttle of a speed.
+        limit: largest steering angle, rad.
+        wishes: as of now, replaced from outside.
+    """
+
+    line: ThrottleLine
+    limit: float
+    wishes: Wishes = field(default_factory=Wishes)
+    _speed: float = 0.0
+    _time: float = 0.0
+
+    def at(self, time: float) -> DriverInput:
+        """Inputs at `time` s; asked in the order of time."""
+        most = ACCELERATION * (time - self._time)
+        change = float(np.clip(self.wishes.speed - self._speed, -most, most))
+        self._speed, self._time = self._speed + change, time
+        acceleration = change / most * ACCELERATION if most > 0.0 else 0.0
+        steering = float(np.clip(self.wishes.steering, -self.limit, self.limit))
+        return DriverInput(steering, self.line.throttle(self._speed, acceleration), self.wishes.planned_turn)
+
+
+class HandOrLaw:
+    """A `TailLaw` that moves the tail's roll to where the driver wants it, or lets another law do as it does.
+
+    The hand moves it at `TAIL_SPEED` at most, with the gains that hold the tail, from where it is.
+
+    Args:
+        law: moves the tail when the hand does not.
+        driving: whose wishes say which of the two.
+        gains: position and rate gain, N m/rad and N m s/rad.
+    """
+
+    def __init__(self, law: TailLaw, driving: WishedDriving, gains: tuple[float, float]) -> None:
+        self._law, self._driving, self._gains = law, driving, gains
+        self.rate = law.rate
+        self.memory_size = law.memory_size + 1
+
+    def start(self) -> np.ndarray:
+        """Memory of the law, and the last angle of the hand, NaN before there is one."""
+        return np.append(self._law.start(), math.nan)
+
+    def step(self, memory: np.ndarray, observation: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """See `TailLaw`."""
+        after, pitch, roll, state = self._law.step(memory[:-1], observation)
+        wanted, held = self._driving.wishes.tail_roll, observation.roll_angle if math.isnan(memory[-1]) else memory[-1]
+        if math.isnan(wanted) or math.isnan(held):
+            return np.append(after, math.nan), pitch, roll, state
+        most = TAIL_SPEED / self.rate
+        angle = held + float(np.clip(wanted - held, -most, most))
+        return np.append(after, angle), pitch, np.array([angle, 0.0, *self._gains, 0.0]), state
+
+
+def drive_by_hand(
+    scenario: Scenario,
+    controls: Controls,
+    *,
+    log: Path | None = None,
+    law: TailLaw | None = None,
+    meshcat: Meshcat | None = None,
+    length: float = math.inf,
+    force: bool = False,
+    say: Callable[[str], None] = print,
+) -> list[Path]:
+    """Simulates a car that is driven by hand until the driver ends it; gives the logs that were written.
+
+    Args:
+        scenario: of a car; of its manoeuvre nothing is used.
+        controls: the driver's.
+        log: Parquet file of the first attempt; after a reset the next one goes to `NAME_2.parquet`, and so on.
+        law: of the tail while the hand leaves it alone; by default that of the scenario.
+        meshcat: shows the car from behind.
+        length: s of simulated time after which an attempt ends.
+        force: replace existing logs.
+        say: told what the driver must know.
+
+    Raises:
+        UserError: the scenario makes no valid car, a log exists.
+    """
+    written: list[Path] = []
+    while True:
+        attempt = len(written) + 1
+        path = None if log is None else log if attempt == 1 else log.with_stem(f"{log.stem}_{attempt}")
+        again = _attempt(scenario, controls, path, law, meshcat, length, force, say)
+        written.append(path or Path())
+        if not again:
+            return [path for path in written if path != Path()]
+
+
+def _attempt(
+    scenario: Scenario,
+    controls: Controls,
+    log: Path | None,
+    law: TailLaw | None,
+    meshcat: Meshcat | None,
+    length: float,
+    force: bool,
+    say: Callable[[str], None],
+) -> bool:
+    """One drive from standstill on; whether another one is wanted."""
+    driving = WishedDriving(throttle_line(scenario), scenario.servo.limit)
+    gains = (scenario.controller.hold_kp, scenario.controller.hold_kd)
+    hand = HandOrLaw(law or law_of_scenario(scenario), driving, gains)
+    if meshcat is not None:
+        meshcat.Delete(f"{WORLD}/visualizer")
+        draw_ground(meshcat, _AREA)
+    car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driving)
+    metadata = run_metadata(
+        scenario.resolved(), scenario.seed, extra={**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
+    )
+    with open_log(log, recorded_columns(car.signals), metadata, force) as rows:
+        RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
+        simulator = Simulator(car.builder.Build())
+        simulator.Initialize()
+        return _drive(simulator, _Camera(car.station, meshcat), controls, driving, length, say)
+
+
+def _drive(
+    simulator: Simulator,
+    camera: "_Camera",
+    controls: Controls,
+    driving: WishedDriving,
+    length: float,
+    say: Callable[[str], None],
+) -> bool:
+    context = simulator.get_context()
+    first, told = controls.wishes().attempt, False
+    pace, begun, at = 1.0, wall.monotonic(), 0.0
+    while context.get_time() < length:
+        wishes = controls.wishes()
+        if wishes.over or wishes.attempt != first:
+            return not wishes.over
+        if wishes.pace <= 0.0:
+            wall.sleep(SLICE)
+            begun, at = wall.monotonic(), context.get_time()
+            continue
+        driving.wishes = wishes
+        start = wall.monotonic()
+        simulator.AdvanceTo(min(context.get_time() + SLICE, length))
+        speed = camera.follow(context)
+        wall.sleep(max(0.0, SLICE / wishes.pace - (wall.monotonic() - start)))
+        if context.get_time() - at >= 1.0:
+            now = wall.monotonic()
+            pace, begun, at = (context.get_time() - at) / (now - begun), now, context.get_time()
+            if pace < LATE * wishes.pace and not told:
+                told = True
+                say(f"this computer keeps up at {pace:.2f} of real time, not {wishes.pace:g}: the run slows down")
+        controls.show(speed, pace)
+    return False
+
+
+class _Camera:
+    """Looks at a car from behind: the world moves and turns under a camera that stands still."""
+
+    def __init__(self, station: Diagram, meshcat: Meshcat | None) -> None:
+        self._plant, self._meshcat = simulated_car(station).plant, meshcat
+        self._chassis = self._plant.GetBodyByName("chassis")
+        if meshcat is not None:
+            meshcat.SetCameraPose(np.array([-2.6, 0.0, 1.5]), np.array([0.8, 0.0, 0.2]))
+
+    def follow(self, context: Context) -> float:
+        """Turns the view after the car; gives its speed over ground, m/s."""
+        plant_context = self._plant.GetMyContextFromRoot(context)
+        X_WB = self._plant.EvalBodyPoseInWorld(plant_context, self._chassis)
+        velocity = self._plant.EvalBodySpatialVelocityInWorld(plant_context, self._chassis).translational()
+        if self._meshcat is not None:
+            ahead = X_WB.rotation().matrix()[:, 0]
+            place = np.array([*X_WB.translation()[:2], 0.0])
+            turned = RigidTransform(RotationMatrix.MakeZRotation(-math.atan2(ahead[1], ahead[0])), np.zeros(3))
+            self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
+            self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))  # whole metres: its lines stay in place
+        return float(np.hypot(velocity[0], velocity[1]))
