@@ -12,15 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from aerodima.workbench.cli.program import build_app
+from tests.page_blocks import blocks, run_blocks
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-BLOCK = re.compile(r"^```(?P<language>sh|python|yaml)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```", re.M | re.S)
-
-
-def blocks(page: Path) -> list[re.Match[str]]:
-    return list(BLOCK.finditer(page.read_text(encoding="utf-8")))
-
-
 PAGES = sorted(path for path in DOCS.rglob("*.md") if blocks(path))
 
 
@@ -29,19 +23,14 @@ PAGES = sorted(path for path in DOCS.rglob("*.md") if blocks(path))
 def test_examples_of_the_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
-    names: dict[str, object] = {}
-    for block in blocks(page):
-        text, where = block["text"], f"{page.name}:{block['language']}"
-        if block["title"]:
-            (tmp_path / block["title"]).write_text(text, encoding="utf-8")
-        if block["language"] == "python":
-            exec(compile(text, where, "exec"), names)
-        elif block["language"] == "sh":
-            for line in text.replace("\\\n", " ").splitlines():
-                program, *words = shlex.split(line, comments=True) or ["aerodima", "--version"]
-                assert program == "aerodima", f"{where}: {line}"
-                result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
-                assert result.exit_code == 0, f"{where}: {line}\n{result.output}"
+
+    def command(line: str, where: str) -> None:
+        program, *words = shlex.split(line, comments=True) or ["aerodima", "--version"]
+        assert program == "aerodima", f"{where}: {line}"
+        result = CliRunner().invoke(build_app(), words, catch_exceptions=False)
+        assert result.exit_code == 0, f"{where}: {line}\n{result.output}"
+
+    run_blocks(page, tmp_path, command)
     plt.close("all")
 
 

@@ -22,9 +22,9 @@ def source(cell: dict[str, Any]) -> str:
     return "".join(cell["source"])
 
 
-def test_six_notebooks_are_numbered_from_01_without_a_gap() -> None:
+def test_seven_notebooks_are_numbered_from_01_without_a_gap() -> None:
     numbers = [int(re.match(r"(\d\d)_[a-z_]+$", path.stem)[1]) for path in NOTEBOOKS]
-    assert numbers == [1, 2, 3, 4, 5, 6]
+    assert numbers == [1, 2, 3, 4, 5, 6, 7]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

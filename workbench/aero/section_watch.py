@@ -10,6 +10,11 @@ from aerodima.workbench.systems.event_order import Stage, period_of
 from aerodima.workbench.systems.port_values import vector_of
 
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
+_SPEED, _FORCE = (SECTION_COLUMNS.index(name) for name in ("relative_speed_m_per_s", "force_n"))
+_STILL_AIR = 0.1
+"""m/s; slower air is not expected to show a force."""
+_ROUNDING = 1e-12
+"""N per (m/s)2: less is what rounding leaves of a plate along the flow."""
 
 
 class SectionWatch(LeafSystem):
@@ -69,9 +74,19 @@ class SectionWatch(LeafSystem):
             "largest_reynolds_number": self._reynolds,
         }
 
+    @property
+    def fastest(self) -> float:
+        """Largest relative speed of a section so far, m/s."""
+        return self._fastest
+
+    @property
+    def felt_no_air(self) -> bool:
+        """Whether air passed the sections and none of them ever felt more than rounding leaves of a force."""
+        return self._fastest > _STILL_AIR and self._share <= _ROUNDING
+
     def _clear(self) -> None:
         self._looks = self._outside = self._too_fast = 0
-        self._reynolds = 0.0
+        self._reynolds = self._fastest = self._share = 0.0
 
     def _start(self, context: Context) -> EventStatus:
         self._clear()
@@ -83,5 +98,8 @@ class SectionWatch(LeafSystem):
         self._looks += 1
         self._outside += bool(np.any(validity == EXTRAPOLATED))
         self._too_fast += bool(np.any(validity == BEYOND_QUASI_STEADY))
+        speeds, forces = (sections[column :: len(SECTION_COLUMNS)] for column in (_SPEED, _FORCE))
         self._reynolds = max(self._reynolds, float(sections[_REYNOLDS :: len(SECTION_COLUMNS)].max()))
+        self._fastest = max(self._fastest, float(speeds.max()))
+        self._share = max(self._share, float(np.max(forces / np.maximum(speeds, _STILL_AIR) ** 2)))
         return EventStatus.Succeeded()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from aerodima.workbench.aero.laws import (
     length,
     wind_direction,
 )
+from aerodima.workbench.aero.normal_check import idle_normal
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.systems.autodiff_system import LeafSystem_, declare_spatial_forces, system_template
@@ -127,6 +129,11 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             """The same system once more, to be watched beside a diagram that does not show its ports."""
             args = (self._layout, self._law, self._air, self._jet, self._quasi_steady_limit)
             return Impl(self._plant, self.body, *args)
+
+        @property
+        def law(self) -> SectionLaw:
+            """Force of a section."""
+            return self._law
 
         @property
         def plant(self) -> Any:
@@ -267,9 +274,11 @@ def add_tail_force(
         name: of the system; `tail_force_<body>` by default.
         applied: False leaves the plant alone: the system only reports.
 
+    A normal along which no joint moves the sections is a `UserWarning`, in still air: a swing feels nothing then.
+
     Raises:
-        ModelError: the plant is not finalised or not in the builder, the body is not in the plant, or the jet meets the
-            sections at no reachable angle.
+        ModelError: the plant is not finalised or not in the builder, the body is not in the plant, another system has
+            the name, or the jet meets the sections at no reachable angle.
     """
     if plant not in builder.GetSystems():
         raise ModelError(f"tail force: plant '{plant.get_name()}' is not in this builder; add it first")
@@ -277,7 +286,15 @@ def add_tail_force(
     if jet is not None:
         jet.require_reachable(plant, carrier, layout)
     force = TailForce(plant, carrier, layout, law, air=air, jet=jet, quasi_steady_limit=quasi_steady_limit)
-    system = builder.AddNamedSystem(name or f"tail_force_{carrier.name()}", force)
+    name = name or f"tail_force_{carrier.name()}"
+    if builder.HasSubsystemNamed(name):
+        raise ModelError(
+            f"tail force: this builder has a system named '{name}' already; a second one on body '{carrier.name()}' "
+            "needs another name="
+        )
+    if wind is None and jet is None and force.law.knows_normal and (line := idle_normal(plant, carrier, layout)):
+        warnings.warn(line, UserWarning, stacklevel=2)
+    system = builder.AddNamedSystem(name, force)
     builder.Connect(plant.get_state_output_port(), system.GetInputPort("plant_state"))
     if wind is not None:
         builder.Connect(wind, system.GetInputPort("wind_velocity"))

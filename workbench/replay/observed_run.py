@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -89,6 +90,14 @@ class ObservedRun:
         self._sink.add_facts({f"{name}_sections": watch.facts() for name, watch in self._watches.items()})
         self._sink.__exit__(kind, error, trace)
         self._over = kind is None
+        for name, watch in self._watches.items():
+            if watch.felt_no_air:
+                warnings.warn(
+                    f"{name}: air passed its sections at up to {watch.fastest:.2g} m/s and made no force; is "
+                    "normal_B of their layout across the flow?",
+                    UserWarning,
+                    stacklevel=2,
+                )
 
     def watch(self, builder: DiagramBuilder, tail: Any, rate: float) -> None:
         """Counts how long the sections of a `TailForce` are outside their coefficients' range."""

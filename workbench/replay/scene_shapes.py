@@ -49,7 +49,7 @@ def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
     return f"{plant.GetModelInstanceName(body.model_instance())}_{body.name()}"
 
 
-def scene_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, Any]]:
+def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, Any]]:
     """Every visible shape of a plant that is registered with this scene graph: body, kind, size, pose, colour."""
     inspector = scene_graph.model_inspector()
     own = {geometry for index in range(plant.num_bodies()) for geometry in _shapes_of(plant, BodyIndex(index))}
@@ -108,11 +108,11 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
 
     Args:
         plant: registered with a scene graph.
-        scene: from `scene_of`, read from a log.
+        scene: from `shapes_of`, read from a log.
         name: of the log, for messages.
 
     Raises:
-        LogError: it is not what `scene_of` makes.
+        LogError: it is not what `shapes_of` makes.
     """
     bodies: dict[str, RigidBody] = {WORLD_BODY: plant.world_body()}
     try:

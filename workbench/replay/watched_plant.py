@@ -18,7 +18,7 @@ from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
 from aerodima.workbench.metrics.plant_metrics import TAILS
 from aerodima.workbench.replay.live_scene import LiveScene, reach_of
 from aerodima.workbench.replay.logged_plant import SCENE
-from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, scene_of
+from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, shapes_of
 from aerodima.workbench.stations.plant_truth import (
     BASE_COLUMNS,
     COM_COLUMNS,
@@ -44,7 +44,7 @@ class WatchedPlant:
         base: index of the body whose tilt, heading and speed count; None without one.
         tails: `TailForce` systems on bodies of the plant; those in a station are computed once more.
         wind: port of the air that they feel; None in still air.
-        scene: the plant's visible shapes, see `scene_of`.
+        scene: the plant's visible shapes, see `shapes_of`.
         scene_graph: that the plant is registered with, in this builder; None without or in a station.
         bodies: label and index of each body that has visible shapes.
     """
@@ -77,7 +77,7 @@ class WatchedPlant:
         systems = inside.GetSystems()
         tails = [system for system in systems if isinstance(system, TailForce) and system.plant is plant]
         shown = next((system for system in systems if isinstance(system, SceneGraph)), None)
-        scene = scene_of(plant, shown) if shown is not None and plant.geometry_source_is_registered() else []
+        scene = shapes_of(plant, shown) if shown is not None and plant.geometry_source_is_registered() else []
         labels = {entry["body"] for entry in scene} - {WORLD_BODY}
         indices = {body_label(plant, BodyIndex(index)): BodyIndex(index) for index in range(plant.num_bodies())}
         bodies = {label: index for label, index in indices.items() if label in labels}

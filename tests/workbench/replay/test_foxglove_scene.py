@@ -17,6 +17,7 @@ from aerodima.workbench.logs.schema import RunLog, signals_equal
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.foxglove_scene import BODIES, FORCES, POSES, foxglove_scene
 from aerodima.workbench.replay.logged_car import add_logged_car
+from tests.workbench.replay.cart_poles import observed_swing
 
 CLASSES = {"foxglove.FrameTransforms": FrameTransforms, "foxglove.SceneUpdate": SceneUpdate}
 
@@ -97,3 +98,13 @@ def rotation(*wxyz: float) -> np.ndarray:
 
 def test_signals_beside_a_scene_come_back_bit_for_bit(tailed: RunLog, exported: Path) -> None:
     assert signals_equal(import_log(exported).run_log, tailed)
+
+
+def test_scene_of_another_plant_has_its_bodies_and_the_air(tmp_path: Path) -> None:
+    log, *_ = observed_swing(0.002, air_scale=1.0)
+    (path,) = export_log(log, tmp_path / "cart.mcap", "mcap", scene=foxglove_scene(log))
+    ((_, bodies),) = messages(path, BODIES)
+    assert {entity.id for entity in bodies.entities} == {"cart", "pole", "floor"}
+    assert {transform.child_frame_id for transform in messages(path, POSES)[0][1].transforms} == {"cart", "pole"}
+    entities = {entity.id for _, message in messages(path, FORCES) for entity in message.entities}
+    assert entities == {"air_on_tail_force_pole"}

@@ -15,7 +15,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.replay.picture import posed_triangles, visible_surfaces
-from aerodima.workbench.replay.scene_shapes import MOST_POINTS, add_shapes, scene_of
+from aerodima.workbench.replay.scene_shapes import MOST_POINTS, add_shapes, shapes_of
 from aerodima.workbench.resources import models_dir
 
 X_BG = RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), np.array([0.1, 0.2, 0.3]))
@@ -27,7 +27,7 @@ def scene_with(shape: Shape) -> list[dict[str, Any]]:
     body = plant.AddRigidBody("thing", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.RegisterVisualGeometry(body, X_BG, shape, "shape", np.array([0.2, 0.4, 0.6, 1.0]))
     plant.Finalize()
-    return json.loads(json.dumps(scene_of(plant, scene_graph)))
+    return json.loads(json.dumps(shapes_of(plant, scene_graph)))
 
 
 def corners(scene: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
