@@ -16,6 +16,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.law_of_scenario import find_swing
 from aerodima.workbench.plants.car_model import gearbox_height
+from aerodima.workbench.plants.tail import tail_geometry
 from aerodima.workbench.resources import models_dir
 
 FIXED_SPEEDS = (5.5, 6.0, 6.5, 7.0, 7.5, 9.0)
@@ -78,7 +79,7 @@ LOW_CENTRE_HEIGHT = 0.20
 def low_ballast(scenario: Scenario) -> tuple[str, ...]:
     """The car without tail, its gearbox with both motors `LOW_PLACE` above the ground and the arm's mass with it."""
     car, tail = scenario.car, scenario.tail
-    arm = tail.mass + tail.hub_mass
+    arm = tail_geometry(tail).inertial.mass + tail.hub_mass if tail.has_own_geometry else tail.mass + tail.hub_mass
     total = car.mass + arm
     lowered = LOW_PLACE - gearbox_height(car, tail)
     x = (car.mass * car.com_x + arm * car.gearbox_x) / total

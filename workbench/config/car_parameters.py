@@ -76,6 +76,9 @@ class CarParameters(QuantityModel):
         return self.track / 2 + (self.tyre_width / 2 if self.tyre_shape == "cylinder" else 0.0)
 
 
+NO_GEOMETRY = "none"
+"""Word for a tail that the numbers of `TailParameters` describe: one straight rod with one sail at its tip."""
+
 SHELL_DEPTH = 0.5
 """Depth of a half cylinder over its width."""
 
@@ -108,6 +111,11 @@ class TailParameters(QuantityModel):
     sail_bearing_damping: float = quantity("N m s/rad", "damping of a free sail's bearing", ge=0, le=1)
     added_mass: float = quantity("kg", "added mass of the air on each of five parts of the tail", ge=-1, le=10)
     sections: int = quantity("1", "number of equal sections of the sail", ge=1, le=100)
+    geometry: str = quantity(
+        "1",
+        "none, or the path of a tail file, whose shape and mass stand in place of length, mass, sail_mass_fraction, "
+        "sail_length, sail_width and sections; its sail is locked",
+    )
     roll_limit: float = quantity("rad", "tail roll range to either side", gt=0, le=3.1416)
     pitch_limit: float = quantity("rad", "tail pitch range to either side", gt=0, le=3.1416)
 
@@ -129,6 +137,21 @@ class TailParameters(QuantityModel):
     @model_validator(mode="after")
     def _air_is_known(self) -> "TailParameters":
         require_coefficient_name(self.coefficients)
+        return self
+
+    @property
+    def has_own_geometry(self) -> bool:
+        """Whether a tail file gives shape and mass."""
+        return self.geometry != NO_GEOMETRY
+
+    @model_validator(mode="after")
+    def _geometry_is_locked(self) -> "TailParameters":
+        if not self.has_own_geometry:
+            return self
+        if not self.geometry.endswith((".yaml", ".yml")):
+            raise ValueError(f"geometry: {self.geometry!r}; allowed: {NO_GEOMETRY}, or a tail file (.yaml, .yml)")
+        if self.sail != "locked":
+            raise ValueError(f"sail: {self.sail!r}; allowed: locked, with tail.geometry {self.geometry}")
         return self
 
 

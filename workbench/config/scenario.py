@@ -162,6 +162,8 @@ class RigScenario(ScenarioFile):
             (is_static or done.wind_off == 0.0, "experiment.wind_off", still),
         )
         self._require(rules)
+        if self.robot_tail.has_own_geometry:
+            raise ValueError(f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig")
         return self
 
     @property

@@ -15,6 +15,7 @@ from aerodima.workbench.errors import ModelError
 
 DRAKE_NAMESPACE = "http://drake.mit.edu"
 ElementTree.register_namespace("drake", DRAKE_NAMESPACE)
+_CONTACT = ("point_contact_stiffness", "hunt_crossley_dissipation", "mu_static", "mu_dynamic")
 _MOMENTS, _PRODUCTS = ("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz")
 
 
@@ -97,14 +98,32 @@ class SdfModel:
                     raise ModelError(f"{self.path}: shape {shape!r} of link {link!r} has no <{tag}>")
                 matches[0].text = value
 
+    def add_shape(
+        self, link: str, name: str, pose: Sequence[float], shape: str, *, colour: str | None = None, **sizes: str
+    ) -> None:
+        """Adds a visual of a colour (`0.9 0.7 0.2 1`), or without one a collision shape for `set_contact`.
+
+        Args:
+            pose: position (m) and roll, pitch, yaw (rad) in the link frame.
+            shape: `box`, `cylinder`, `sphere` or `mesh`, with its sizes, such as `radius="0.01"`.
+        """
+        element = ElementTree.SubElement(
+            self._named("link", link), "collision" if colour is None else "visual", name=name
+        )
+        ElementTree.SubElement(element, "pose").text = " ".join(_text(value) for value in pose)
+        form = ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), shape)
+        for tag, size in sizes.items():
+            ElementTree.SubElement(form, tag).text = size
+        if colour is not None:
+            ElementTree.SubElement(ElementTree.SubElement(element, "material"), "diffuse").text = colour
+            return
+        properties = ElementTree.SubElement(element, _drake("proximity_properties"))
+        for tag in _CONTACT:
+            ElementTree.SubElement(properties, _drake(tag))
+
     def set_contact(self, link: str, shape: str, stiffness: float, dissipation: float, friction: float) -> None:
         """Sets point-contact stiffness (N/m), Hunt-Crossley dissipation (s/m) and friction of a collision shape."""
-        values = {
-            "point_contact_stiffness": stiffness,
-            "hunt_crossley_dissipation": dissipation,
-            "mu_static": friction,
-            "mu_dynamic": friction,
-        }
+        values = dict(zip(_CONTACT, (stiffness, dissipation, friction, friction), strict=True))
         for element in self._shapes(link, shape, "collision"):
             properties = self._child(element, _drake("proximity_properties"))
             for tag, value in values.items():
@@ -139,6 +158,12 @@ class SdfModel:
         """Takes away a collision shape of a link."""
         for element in self._shapes(link, shape, "collision"):
             self._named("link", link).remove(element)
+
+    def remove_shapes(self, link: str) -> None:
+        """Takes away all visuals and collision shapes of a link."""
+        element = self._named("link", link)
+        for shape in [*element.findall("visual"), *element.findall("collision")]:
+            element.remove(shape)
 
     def remove_link(self, link: str, joint: str) -> None:
         """Takes away a link with the joint that holds it."""

@@ -10,9 +10,12 @@ from dataclasses import dataclass
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
+from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
+from aerodima.workbench.plants.tail_file import read_tail
 from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry
 from aerodima.workbench.plants.tail_plate import Plate
+from aerodima.workbench.plants.tail_shapes import set_tail_shapes
 from aerodima.workbench.resources import model_path
 
 TAIL_SDF = "tail/tail.sdf"
@@ -44,16 +47,19 @@ class ArmInertia:
         roll: rod and sail about the roll axis.
         pitch_upright: hub, rod and sail about the pitch axis, arm straight up.
         pitch_sideways: the same with the arm along the pitch axis.
+        pitch_product: product of inertia yz of rod and sail about the joints; 0 for a tail that is even to both sides.
     """
 
     roll: float
     pitch_upright: float
     pitch_sideways: float
+    pitch_product: float = 0.0
 
     def about_joints(self, roll_angle: float) -> tuple[float, float]:
         """About the pitch and the roll axis at a roll angle (rad), the diagonal of the arm's mass matrix."""
         sideways = math.sin(roll_angle) ** 2
-        return self.pitch_upright + sideways * (self.pitch_sideways - self.pitch_upright), self.roll
+        pitch = self.pitch_upright + sideways * (self.pitch_sideways - self.pitch_upright)
+        return pitch - self.pitch_product * math.sin(2.0 * roll_angle), self.roll
 
 
 def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> ArmInertia:
@@ -64,14 +70,19 @@ def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParame
     """
     model = tail_sdf(tail, motor, car)
     hub = model.inertial("tail_hub")
-    about_root = [0.0, 0.0, 0.0]
+    about_root, product = [0.0, 0.0, 0.0], 0.0
     for link in ("tail_rod", "tail_sail"):
         part = model.inertial(link)
-        lever = part.mass * part.com[2] ** 2
-        for axis, moment in enumerate((part.moments[0] + lever, part.moments[1] + lever, part.moments[2])):
-            about_root[axis] += moment
-    air = tail.added_mass * sum(distance**2 for distance in added_mass_layout(tail).distances)
-    return ArmInertia(about_root[0] + air, hub.moments[1] + about_root[1] + air, hub.moments[1] + about_root[2])
+        x, y, z = part.com
+        levers = (y**2 + z**2, x**2 + z**2, x**2 + y**2)
+        for axis, (moment, lever) in enumerate(zip(part.moments, levers, strict=True)):
+            about_root[axis] += moment + part.mass * lever
+        product += part.products[2] - part.mass * y * z
+    air = 0.0
+    if tail.added_mass != 0.0:
+        air = tail.added_mass * sum(distance**2 for distance in added_mass_layout(tail).distances)
+    upright, sideways = hub.moments[1] + about_root[1] + air, hub.moments[1] + about_root[2]
+    return ArmInertia(about_root[0] + air, upright, sideways, product)
 
 
 def added_mass_layout(tail: TailParameters) -> SectionLayout:
@@ -83,8 +94,17 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
     """The tail of a scenario as an object, with the mass and inertia that its parameters give.
 
     The rod is a uniform thin rod from the roll axis to the tip, the sail ends at the tip, see `sail_inertial`. The
-    densities are those of these masses over length and area: `from_densities` is the same tail to rounding.
+    densities are those of these masses over length and area: `from_densities` is the same tail to rounding. With
+    `tail.geometry` it is that of the tail file.
+
+    Raises:
+        ModelError: the tail file is missing or wrong.
     """
+    if tail.has_own_geometry:
+        try:
+            return read_tail(tail.geometry)
+        except ModelError as error:
+            raise ModelError(f"tail.geometry: {error}") from None
     sail = sail_inertial(tail)
     rod_mass = tail.mass - sail.mass
     rod = rod_mass * tail.length**2 / 12
@@ -121,11 +141,11 @@ def tail_sdf(
     model.set_inertial("tail_hub", Inertial(tail.hub_mass, (0, 0, 0), (hub, hub, hub)))
     model.set_inertial("tail_rod", geometry.arm_mass)
     model.set_inertial("tail_sail", geometry.sail_mass)
-    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
-    _set_sail_shapes(model, tail)
-    for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):
-        corner = (side * (tail.sail_width / 2 - SAIL_TIP_MARGIN), 0, tail.length - SAIL_TIP_MARGIN)
-        model.set_shape("tail_sail", shape, corner)
+    if tail.has_own_geometry:
+        corners = set_tail_shapes(model, geometry, SAIL_TIP_MARGIN)
+    else:
+        corners = _set_sail_shapes(model, tail)
+    for shape in corners:
         model.set_contact("tail_sail", shape, TAIL_CONTACT_STIFFNESS, 1.0, ground_partner_friction(car))
     for joint, limit in (("tail_pitch", tail.pitch_limit), ("tail_roll", tail.roll_limit)):
         model.set_joint(joint, lower=-limit, upper=limit, effort=motor.torque_limit)
@@ -141,8 +161,9 @@ def sail_inertial(tail: TailParameters) -> Inertial:
     return Inertial(mass, (0, 0, tail.length - tail.sail_length / 2), (length + deep, length + width, width + deep))
 
 
-def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> None:
-    """The drawn shell opens to +y at its place before the bearing, with the board behind it."""
+def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
+    """The drawn shell opens to +y at its place before the bearing, with the board behind it; names of the corners."""
+    model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
     width, middle = tail.sail_width, tail.length - tail.sail_length / 2
     board = tail.sail_board_share * width
     scale = f"{width:.9g} {width:.9g} {tail.sail_length:.9g}"
@@ -150,6 +171,10 @@ def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> None:
     behind = tail.sail_front - SHELL_DEPTH * width - board / 2
     size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
     model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
+    for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):
+        corner = (side * (tail.sail_width / 2 - SAIL_TIP_MARGIN), 0, tail.length - SAIL_TIP_MARGIN)
+        model.set_shape("tail_sail", shape, corner)
+    return ["tail_tip_front", "tail_tip_rear"]
 
 
 def ground_partner_friction(car: CarParameters) -> float:

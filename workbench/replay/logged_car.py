@@ -24,6 +24,7 @@ from aerodima.workbench.errors import LogError, ScenarioError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
+from aerodima.workbench.plants.tail import tail_geometry
 from aerodima.workbench.replay.logged_run import AIR_SCALE, AirOnTail
 
 SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
@@ -216,7 +217,7 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
     instances = [car.car] if car.tail is None else [car.car, car.tail]
     com, tip = np.zeros((time.size, 3)), np.zeros((time.size, 3))
     positions = np.tile(plant.GetPositions(context), (time.size, 1))
-    corners = _corners(scenario)
+    corners, p_ToTip_T = _corners(scenario), tail_geometry(scenario.tail).arm.points[-1]
     for row in range(time.size):
         rotation = RollPitchYaw(roll[row], pitch[row], yaw[row]).ToRotationMatrix()
         position[row, 2] = max(0.0, -float(np.min(rotation.matrix()[2] @ corners)))
@@ -226,7 +227,7 @@ def _motion(scenario: Scenario, time: FloatArray, signals: dict[str, FloatArray]
         plant.SetPositions(context, positions[row])
         com[row] = plant.CalcCenterOfMassPositionInWorld(context, instances)
         if car.tail is not None:
-            tip[row] = _tail_tip(plant, context, scenario.tail.length)
+            tip[row] = _tail_tip(plant, context, p_ToTip_T)
     columns = {f"{PLANT_POSITION_PREFIX}{name}": positions[:, index] for index, name in enumerate(names)}
     columns |= _vector("position", position) | _vector("com", com)
     if car.tail is not None:
@@ -267,9 +268,9 @@ def _place(positions: FloatArray, names: list[str], rotation: RotationMatrix, po
         positions[names.index(f"car_chassis_{suffix}")] = value
 
 
-def _tail_tip(plant: MultibodyPlant, context: Any, length: float) -> FloatArray:
+def _tail_tip(plant: MultibodyPlant, context: Any, p_ToTip_T: FloatArray) -> FloatArray:
     X_WT = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("tail_rod"))
-    return np.asarray(X_WT.translation() + length * X_WT.rotation().matrix()[:, 2])
+    return np.asarray(X_WT.translation() + X_WT.rotation().matrix() @ p_ToTip_T)
 
 
 def _vector(stem: str, values: FloatArray) -> dict[str, FloatArray]:

@@ -4,6 +4,7 @@ The air acts on the sail only; the chassis feels none.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,7 +78,12 @@ def sail_layout(tail: TailParameters) -> SectionLayout:
     """Sections of a sail that is locked or faces the wind, in the frame of the body `tail_sail`: z along the tail.
 
     The sail is drawn hollow towards +y (models/tail/tail.sdf), and its normal leaves the round side.
+
+    Raises:
+        ModelError: a tail of its own geometry, which may have several lines of sections; reduced cars have one.
     """
+    if tail.has_own_geometry:
+        raise ModelError(f"tail.geometry: {tail.geometry}; allowed: none, for a car with one straight sail")
     (layout,) = tail_geometry(tail).section_layouts()
     return layout
 
@@ -103,6 +109,8 @@ def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
 def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
     """Lines of sections of the sail with the law of each, all in the frame of the body `tail_sail`."""
     law, _ = sail_law(tail)
+    if tail.has_own_geometry:
+        return [(layout, law) for layout in tail_geometry(tail).section_layouts()]
     if tail.sail != "free":
         return [(sail_layout(tail), law)]
     sail = free_sail(tail, law)
@@ -114,12 +122,15 @@ class SailForce:
     """The air on the car's sail, wired to the plant.
 
     Attributes:
-        system: of the sail's opening, with `sections` and `validity` as outputs.
         wrench: on the whole sail with its board, as `TailForce.wrench`.
+        sections, validity: of the sail's opening, or of all lines of a tail of its own geometry, as `TailForce`.
+        wind_direction: of the first line.
     """
 
-    system: System
     wrench: OutputPort
+    sections: OutputPort
+    validity: OutputPort
+    wind_direction: OutputPort
 
 
 def add_sail_force(
@@ -132,16 +143,35 @@ def add_sail_force(
     law, limit = sail_law(scenario.tail)
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
     port = None if wind is None else wind.GetOutputPort("wind_velocity")
-    if scenario.tail.sail != "free":
-        layout = sail_layout(scenario.tail)
-        system = add_tail_force(
-            builder, plant, "tail_sail", layout, law, air=air, wind=port, quasi_steady_limit=limit, applied=applied
+    if scenario.tail.sail == "free":
+        sail = free_sail(scenario.tail, law)
+        systems = sail.add_to_builder(
+            builder, plant, "tail_sail", air=air, wind=port, quasi_steady_limit=limit, applied=applied
         )
-        return SailForce(system, system.GetOutputPort("wrench"))
-    shell, board = free_sail(scenario.tail, law).add_to_builder(
-        builder, plant, "tail_sail", air=air, wind=port, quasi_steady_limit=limit, applied=applied
+        return _together(builder, systems, systems[:1])
+    lines = [
+        add_tail_force(
+            builder, plant, "tail_sail", layout, law, air=air, wind=port, quasi_steady_limit=limit, applied=applied,
+            name=f"tail_force_tail_sail_{number}" if number else None,
+        )
+        for number, (layout, law) in enumerate(sail_strips(scenario.tail))
+    ]  # fmt: skip
+    return _together(builder, lines, lines)
+
+
+def _together(builder: DiagramBuilder, systems: Sequence[System], shown: Sequence[System]) -> SailForce:
+    """Ports of several `TailForce`s of one body: all of them push, some of them are shown."""
+
+    def joined(name: str, parts: Sequence[System]) -> OutputPort:
+        ports = [part.GetOutputPort(name) for part in parts]
+        return ports[0] if len(ports) == 1 else stacked(builder, f"sail_{name}", ports)
+
+    wrench = systems[0].GetOutputPort("wrench")
+    if len(systems) > 1:
+        both = stacked(builder, "sail_wrenches", [part.GetOutputPort("wrench") for part in systems])
+        # Forces and moments add; the origin of the body, about which all moments are, does not.
+        rest = [np.diag([1.0] * 6 + [0.0] * 3)] * (len(systems) - 1)
+        wrench = transformed(builder, "sail_wrench", both, np.hstack([np.eye(9), *rest]))
+    return SailForce(
+        wrench, joined("sections", shown), joined("validity", shown), shown[0].GetOutputPort("wind_direction")
     )
-    both = stacked(builder, "sail_wrenches", [part.GetOutputPort("wrench") for part in (shell, board)])
-    # Forces and moments add; the origin of the body, about which both moments are, does not.
-    sum_of_both = np.hstack([np.eye(9), np.diag([1.0] * 6 + [0.0] * 3)])
-    return SailForce(shell, transformed(builder, "sail_wrench", both, sum_of_both))

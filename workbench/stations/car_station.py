@@ -178,7 +178,7 @@ def _drive_separately(
         for name in TAIL_COMMANDS:
             builder.ExportInput(motors.GetInputPort(name), name)
         driven.torque, driven.force = motors.GetOutputPort("torque"), add_sail_force(builder, car.plant, scenario, wind)
-        driven.wind_direction = driven.force.system.GetOutputPort("wind_direction")
+        driven.wind_direction = driven.force.wind_direction
         driven.truth["tail_actuation_truth"] = motors.GetOutputPort("actuation")
     return driven
 
@@ -290,7 +290,7 @@ def _add_truth(builder: DiagramBuilder, scenario: Scenario, car: CarPlant, drive
     if driven.force is not None and driven.torque is not None:
         builder.Connect(driven.torque, truth.GetInputPort("tail_torque"))
         builder.Connect(driven.force.wrench, truth.GetInputPort("tail_wrench"))
-        ports |= {f"tail_{name}_truth": driven.force.system.GetOutputPort(name) for name in ("sections", "validity")}
+        ports |= {"tail_sections_truth": driven.force.sections, "tail_validity_truth": driven.force.validity}
         names.append("tail_truth")
     return ports | {name: truth.GetOutputPort(name) for name in names}
 

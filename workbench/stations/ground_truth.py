@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, WHEELS, PortFields, names_of
 from aerodima.workbench.plants.car import CarPlant
+from aerodima.workbench.plants.tail import tail_geometry
 from aerodima.workbench.sensors.imu import motion_at_imu, motion_of
 from aerodima.workbench.systems.port_values import vector_of
 
@@ -62,7 +63,7 @@ class CarTruth(LeafSystem):
         self.DeclareVectorOutputPort("body_truth", BODY_TRUTH.size, self._calc_body)
         self.DeclareVectorOutputPort("contact_truth", CONTACT_TRUTH.size, self._calc_contact)
         if self._tail is not None:
-            self._length = scenario.tail.length
+            self._p_ToTip_T = tail_geometry(scenario.tail).arm.points[-1]
             self._rod = plant.GetBodyByName("tail_rod").index()
             self._tail_joints = [plant.GetJointByName(name).index() for name in ("tail_pitch", "tail_roll")]
             self._torque_port = self.DeclareVectorInputPort("tail_torque", 2)
@@ -121,7 +122,7 @@ class CarTruth(LeafSystem):
         output.SetFromVector(
             np.concatenate(
                 [
-                    X_WT.translation() + self._length * X_WT.rotation().matrix()[:, 2],
+                    X_WT.translation() + X_WT.rotation().matrix() @ self._p_ToTip_T,
                     plant.CalcCenterOfMassPositionInWorld(kinematics, self._instances[1:]),
                     momentum.translational(),
                     momentum.rotational(),
