@@ -127,6 +127,7 @@ COLUMNS = {
     "worst_car_over_published": "worst car over published",
     "median_exit_heading_change_rad": "heading [deg]",
     "median_average_linear_acceleration_m_per_s2": "mean a_y [m/s2]",
+    "median_exit_time_s": "exit [s]",
     "median_exit_speed_m_per_s": "exit speed [m/s]",
     "median_peak_roll_rad": "peak roll [deg]",
     "median_two_wheel_time_s": "on two wheels [s]",

@@ -129,36 +129,36 @@ class CornerRuns:
         chosen, rows = {}, []
         for speed in self._plan.speeds:
             floors = [floor for floor in self.floors(training) if floor.speed == speed]
-            laws = [family.published_law, *self._finalists(family, floors)]
-            courses = self._full(family, laws, floors)
-            worth = score(courses, courses[0], [floor.member.name for floor in floors])
+            cases = self.reduced_cases(floors)
+            laws = [family.published_law, *screened_finalists(family, self._plan.training, cases, self._engine)]
+            self._engine.stage = family.name
+            courses = self.courses([Contestant("", family.settings(law)) for law in laws], floors)
+            worth = score(courses, courses[0], cases.cars)
             chosen[speed] = laws[int(np.argmax(worth))]
             for place, law in enumerate(laws):
                 row = {"family": family.name, "speed_m_per_s": speed, "law": place or "published", **law}
                 rows.append(row | {"worth": worth[place], "median_course_rad": np.median(courses[place])})
         return family.contestant(chosen), pd.DataFrame(rows)
 
-    def _finalists(self, family: LawFamily, floors: Sequence[Floor]) -> list[dict[str, float]]:
-        plan, search = self._plan, self._plan.training
+    def reduced_cases(self, floors: Sequence[Floor]) -> Screening:
+        """The floors for reduced cars, with the published law."""
+        plan = self._plan
         pulse = f"manoeuvre.turn_hold={PULSE!r}"
         settings = [self._settings(THESIS, floor.member, floor.speed, plan.step) for floor in floors]
-        cases = Screening(
+        return Screening(
             plan.scenario,
             tuple((*own, f"{FRICTION}={floor.friction!r}", pulse) for own, floor in zip(settings, floors, strict=True)),
             tuple(floor.member.name for floor in floors),
-            replace(plan.search, runs=search.steering_runs),
+            replace(plan.search, runs=plan.training.steering_runs),
             MOST_ROLL,
             MOST_SIDESLIP,
         )
-        return screened_finalists(family, search, cases, self._engine)
 
-    def _full(self, family: LawFamily, laws: Sequence[Mapping[str, float]], floors: Sequence[Floor]) -> FloatArray:
-        """Course of laws on floors (laws, floors) with the best steering; a turn that does not count is none."""
-        self._engine.stage = family.name
-        drivers = [Contestant("", family.settings(law)) for law in laws]
+    def courses(self, drivers: Sequence[Contestant], floors: Sequence[Floor]) -> FloatArray:
+        """Course at 2 ms (drivers, floors), rad, with the best steering of one level; 0 where no turn counts."""
         turns = [(who, floor) for who in drivers for floor in floors]
         best = [one.worth if one else 0.0 for one in self._search(Aim(), turns, self._plan.shapes[:1])]
-        return np.array(best).reshape(len(laws), len(floors))
+        return np.array(best).reshape(len(drivers), len(floors))
 
     def _settings(self, who: Contestant, member: Member, speed: float, step: float) -> tuple[str, ...]:
         scenario = self._plan.scenario

@@ -156,8 +156,8 @@ class Screening:
     fixed: tuple[str, ...] = ()
 
 
-def screened_courses(task: Screening) -> FloatArray:
-    """Course with the best steering (laws, cases), rad; 0 where no turn counts, or the swing begins before the turn.
+def screened_courses(task: Screening) -> list[list[float]]:
+    """Course with the best steering (laws x cases), rad; 0 where no turn counts, or the swing begins before the turn.
 
     Raises:
         UserError: what the screening model does not know.
@@ -184,7 +184,7 @@ def screened_courses(task: Screening) -> FloatArray:
 
     found = search_steering(task.steering, len(which), run)
     best = [max((value for value in tried.values() if value is not None), default=0.0) for tried in found]
-    return np.array(best).reshape(len(task.laws), count)
+    return [best[k : k + count] for k in range(0, len(best), count)]
 
 
 @lru_cache(maxsize=4)
@@ -217,21 +217,18 @@ def score(courses: FloatArray, published: FloatArray, cars: Sequence[str]) -> Fl
 def screened_finalists(
     family: LawFamily, search: LawSearch, cases: Screening, engine: RememberingEngine
 ) -> list[dict[str, float]]:
-    """Laws of a family that do best on reduced cars; remembered, for they take minutes."""
+    """Laws of a family that do best on reduced cars; a search that was stopped goes on, since all its runs are kept."""
 
-    def courses(laws: Sequence[Mapping[str, float]]) -> FloatArray:
+    def courses(tasks: Sequence[Screening]) -> FloatArray:
+        keys = [content_key("screened courses", vars(task) | {"steering": vars(task.steering)}) for task in tasks]
+        return np.concatenate(engine.call_once(screened_courses, tasks, keys))
+
+    def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
         parts = [tuple(laws[k : k + CHUNK]) for k in range(0, len(laws), CHUNK)]
-        tasks = [replace(cases, laws=part, fixed=family.fixed) for part in parts]
-        return np.concatenate(engine.call(screened_courses, tasks))
+        return score(courses([replace(cases, laws=part, fixed=family.fixed) for part in parts]), published, cases.cars)
 
-    def found() -> list[dict[str, float]]:
-        published = engine.call(screened_courses, [cases])[0][0]
-        return search_laws(family, search, lambda laws: score(courses(laws), published, cases.cars), engine.say)
-
-    asked = (family.name, dict(family.ranges), family.fixed, vars(search))
-    key = content_key("finalists", asked, vars(cases.steering), cases.scenario, cases.cases)
-    finalists: list[dict[str, float]] = engine.kept(key, found)
-    return finalists
+    published = courses([cases])[0]
+    return search_laws(family, search, worth, engine.say)
 
 
 def search_laws(

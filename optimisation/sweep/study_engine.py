@@ -274,11 +274,13 @@ class RememberingEngine:
         """See `RunEngine`; not remembered."""
         return self._engine.call(function, items)
 
-    def kept(self, key: str, make: Callable[[], Any]) -> Any:
-        """What `make` gives, JSON-able: made only if the store does not hold it under this key."""
-        if key not in self.store.rows:
-            self.store.add(key, {"kept": make()})
-        return self.store.rows[key]["kept"]
+    def call_once(self, function: Callable[[Item], Any], items: Sequence[Item], keys: Sequence[str]) -> list[Any]:
+        """`call`, JSON-able, of items whose key the store does not hold yet; of the others what it holds."""
+        known = self.store.rows
+        missing = {key: item for key, item in zip(keys, items, strict=True) if key not in known}
+        for key, result in zip(missing, self._engine.call(function, list(missing.values())), strict=True):
+            self.store.add(key, {"result": result})
+        return [known[key]["result"] for key in keys]
 
     def say(self, line: str) -> None:
         """A line of progress."""

@@ -49,6 +49,7 @@ class MadeUp:
 
     def __init__(self, stop_after: int | None = None) -> None:
         self.tasks: list[RunTask] = []
+        self.laws = 0
         self._stop_after = stop_after
 
     def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
@@ -62,10 +63,11 @@ class MadeUp:
                 done(place, rows[-1])
         return rows
 
-    def call(self, function: Any, items: Sequence[Screening]) -> list[np.ndarray]:
+    def call(self, function: Any, items: Sequence[Screening]) -> list[list[list[float]]]:
         """Reduced cars turn as far as the full ones."""
+        self.laws += sum(len(item.laws) for item in items)
         limits = [[limit_of("swing", law.get("swing_speed", 8.0)) for law in item.laws] for item in items]
-        return [np.radians(8.0 * np.outer(rows, np.ones(len(PLAN.floors)))) for rows in limits]
+        return [np.radians(8.0 * np.outer(rows, np.ones(len(PLAN.floors)))).tolist() for rows in limits]
 
     def row(self, given: dict[str, str]) -> dict[str, Any]:
         friction, fine = float(given[FRICTION]), given["simulation.step"] == "0.0005"
@@ -134,9 +136,9 @@ def test_a_law_that_only_reduced_cars_like_is_not_taken(tmp_path: Path) -> None:
     class Misled(MadeUp):
         """Reduced cars like slow swings, which the full ones do not bear."""
 
-        def call(self, function: Any, items: Sequence[Screening]) -> list[np.ndarray]:
+        def call(self, function: Any, items: Sequence[Screening]) -> list[list[list[float]]]:
             rates = [[law.get("swing_speed", 8.0) for law in item.laws] for item in items]
-            return [20.0 - np.outer(rows, np.ones(len(PLAN.floors))) for rows in rates]
+            return [(20.0 - np.outer(rows, np.ones(len(PLAN.floors)))).tolist() for rows in rates]
 
     cases, _ = measured(tmp_path, Misled())
     assert rate_of(cases.index.get_level_values(0)[-1]) == 8.0
@@ -229,6 +231,7 @@ def test_stopped_it_goes_on(tmp_path: Path) -> None:
     second, whole = MadeUp(), MadeUp()
     assert measured(tmp_path, second)[0].equals(measured(tmp_path / "other", whole)[0])
     assert len(second.tasks) == len(whole.tasks) - 40
+    assert second.laws == 0 < whole.laws
 
 
 @pytest.mark.parametrize(

@@ -74,4 +74,4 @@ def test_a_law_is_screened_as_its_scenario_would_be() -> None:
     assert turns.trigger == pytest.approx(0.11)  # the command is seen a tick late
     assert course == pytest.approx(turns.course, abs=1e-9)
     early = replace(task, laws=({"trigger_yaw_rate": 1e-5},), fixed=())
-    assert screened_courses(early)[0] == 0.0
+    assert screened_courses(early) == [[0.0]]
