@@ -19,7 +19,7 @@ import pandas as pd
 from aerodima.optimisation.studies.other_tail_systems import SYSTEMS, Measured
 from aerodima.optimisation.studies.reproduction_evidence import CLOSE, WIDEST, Basis, ClaimRow, Verdict, missing_row
 from aerodima.optimisation.studies.tail_map import Tail, known_tails, map_section
-from aerodima.workbench.atomic_write import refuse_existing
+from aerodima.workbench.atomic_write import make_folder, refuse_existing
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
@@ -166,10 +166,11 @@ def write_other_tails(out: Path, progress: ProgressLine = silent, *, force: bool
         force: replace files that exist.
 
     Raises:
-        UserError: a file exists and may not be replaced, or the published table is wrong.
+        UserError: the folder cannot be made, a file exists and may not be replaced, or the published table is wrong.
     """
     for name in (TABLE, PAGE):
         refuse_existing(out / name, force, UserError)
+    make_folder(out, UserError)
     figures = tail_figures(measure_all(progress))
     progress("map over size and speed ...")
     page = other_tails_page(figures, known_tails())

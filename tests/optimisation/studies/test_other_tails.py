@@ -137,6 +137,8 @@ def test_page_and_table_are_written_and_not_overwritten(tmp_path: Path, monkeypa
     assert (tmp_path / "other_tails_map.png").stat().st_size > 10_000
     with pytest.raises(UserError, match=r"other_tails\.csv: exists"):
         write_other_tails(tmp_path)
+    with pytest.raises(UserError, match=r"cannot be made"):
+        write_other_tails(tmp_path / "index.html" / "below")
 
 
 def test_systems_have_names_of_the_table() -> None:
