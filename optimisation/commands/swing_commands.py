@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from aerodima.optimisation.commands.corner_command import corner
 from aerodima.workbench.cli.options import (
     SWINGS,
     Ensemble,
@@ -24,6 +25,7 @@ def register(app: typer.Typer) -> None:
     group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
     group.callback()(_group)
     group.command()(swing)
+    group.command()(corner)
     app.add_typer(group, name="optimise", rich_help_panel=SWINGS)
     for command in (feedback, verify):
         app.command(rich_help_panel=SWINGS)(command)
@@ -101,7 +103,7 @@ def swing(
             raise SwingError(f"{flag}: {value!r}; allowed: {', '.join(map(str, allowed))}")
     refuse_existing(out, force, SwingError)
     make_folder(out.parent, SwingError)
-    _refuse_unwritable(out.parent)
+    refuse_unwritable(out.parent)
     options = SearchOptions(
         dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
         torque=torque, rounds=rounds, bound=bound, solver=solver_name, warm_start=warm_start or "",
@@ -133,7 +135,7 @@ def swing(
         typer.echo(f"collocation error {facts['collocation_error_rad']:.4f} rad on {facts['knots']} knots")
 
 
-def _refuse_unwritable(folder: Path) -> None:
+def refuse_unwritable(folder: Path) -> None:
     """A search takes minutes: that its result cannot be written is said before it."""
     import tempfile
 

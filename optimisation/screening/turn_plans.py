@@ -93,8 +93,12 @@ class TurnPlans:
         level = np.where(time + TICK_TOLERANCE < self.first_hold, self.first_angle, self.steer_angle)
         return np.where((time + TICK_TOLERANCE >= 0.0) & (time + TICK_TOLERANCE < self.hold), level, 0.0)
 
-    def steering(self, time: float) -> FloatArray:
-        """Angle (n) to which the servos have turned the wheels at a time since the start of the turn, rad."""
+    def steering(self, time: Any) -> FloatArray:
+        """Angle (n) to which the servos have turned the wheels at a time since the start of the turn, rad.
+
+        Args:
+            time: s; several in (times, 1) give angles (times, n).
+        """
         rate = self.steer_rate
         first = np.minimum(np.maximum(rate * np.minimum(time, self.first_hold), 0.0), self.first_angle)
         moved = rate * np.maximum(0.0, np.minimum(time, self.hold) - self.first_hold)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aerodima.optimisation.screening.turn_plans import TurnPlans as TurnPlans
+from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turn_record import TurnRecord
 from aerodima.optimisation.screening.vehicle_motion import RATES, STATES, TAIL_RATE, Commands, equations, step, up
 from aerodima.optimisation.screening.vehicles import Vehicles
@@ -17,6 +17,9 @@ from aerodima.workbench.metrics.turn_metrics import END_TILT
 
 RECORDED = ("peak_roll", "lowest_tail", "lowest_board", "course", "exit_time", "sideslip")
 """Of `TurnRecord`, in `Turns`."""
+WITHIN = (np.arange(8.0)[:, None] + 0.5) / 8.0
+"""Instants of a step, in its length: the wheels' angle in a step is the mean over them, so that it changes smoothly
+with the times of the steering."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ def drive_turns(
         if index == begin:
             record = TurnRecord(cars, state, plans.straight)
         speed = cars.speed * np.minimum(1.0, (time + plans.start) / plans.ramp)
-        commands = Commands(np.stack([plans.steering(time)] * 2), speed / cars.rolling_radius, law.commands())
+        steered = np.mean(plans.steering(time + length * WITHIN), axis=0)
+        commands = Commands(np.stack([steered, steered]), speed / cars.rolling_radius, law.commands())
         found, asked = equations(state, commands, cars), asked_torque(state, commands)
         state, loads = np.where(gone, state, step(state, found, length)), found.loads
         gone |= up(state[4], state[5])[2] < np.cos(FLIP_TILT)
@@ -150,7 +154,7 @@ class BatchLaw:
         self.trigger = np.where(begins, time, self.trigger)
         travelled = angle - self._start
         over = (travelled >= p.travel) | (elapsed >= p.stall_factor * p.travel / p.swing_speed)
-        over &= p.played.plays == 0.0
+        over = np.where(p.played.plays > 0.0, elapsed >= p.played.time[-1].real, over)
         self._enter((before == SwingState.SWING) & over, SwingState.SETTLE, time, angle)
         self._commands = self._commanded(time)
 
@@ -169,9 +173,10 @@ class BatchLaw:
         swing = np.stack([zero, p.swing_speed, p.swing_kp, p.swing_kd])
         settle = np.stack([p.hold_angle, zero, p.settle_kp, p.settle_kd])
         pitch = np.stack([p.pitch_angle, zero, p.hold_kp, p.hold_kd])
-        if (playing := (self._state == SwingState.SWING) & (p.played.plays > 0.0)).any():
-            roll, rate = p.played.at(time - self._since + 0.5 / p.rate)
-            swing = np.where(playing, np.stack([roll, rate, p.played.kp, p.played.kd]), swing)
+        begun = (self._state == SwingState.SWING) | (self._state == SwingState.SETTLE)
+        if (playing := begun & (p.played.plays > 0.0)).any():
+            followed = np.stack([*p.played.at(time - self.trigger + 0.5 / p.rate), p.played.kp, p.played.kd])
+            swing, settle = np.where(playing, followed, swing), np.where(playing, followed, settle)
             gains = np.stack([p.pitch_angle, zero, p.played.pitch_kp, p.played.pitch_kd])
             pitch = np.where(playing, gains, pitch)
         roll = np.where(

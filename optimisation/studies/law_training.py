@@ -16,7 +16,8 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from aerodima.optimisation.screening.turns import TurnPlans, drive_turns
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.studies.contestants import SWINGING, THESIS, Contestant
 from aerodima.optimisation.studies.steering_search import SteeringSearch, search_steering

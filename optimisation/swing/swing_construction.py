@@ -31,6 +31,8 @@ FOLLOW = {"kp": 60.0, "kd": 3.0}
 RAMP = 0.06
 """Time within which a constant-rate swing reaches its rate, s: to 8 rad/s the tail of the parameter files (0.051 kg m2,
 rotor 0.004) asks for 7.4 N m, less than a third of what its motor gives."""
+RELEASE_STEERING = 0.01
+"""Steering command that releases a swing which goes by the steering, rad: less than any turn's."""
 KNOT_ROUNDING = 1e-2
 """How far the curve between two knots on a stop may bulge beyond it, rad: the tail then rests on the stop."""
 
@@ -103,6 +105,24 @@ def constant_rate_swing(
     return _file(name, scenario, motion, None, limits, provenance)
 
 
+def steered_swing(
+    name: str, scenario: Scenario, time: FloatArray, roll: FloatArray, rate: FloatArray, *, provenance: dict[str, Any]
+) -> SwingFile:
+    """A swing that the steering releases; pitch stays at the angle of the wait, no torques.
+
+    Args:
+        name: of the swing.
+        scenario: car, turn and controller.
+        time, roll, rate: of the tail at the knots in a turn to the left, s since the steering command, rad and rad/s.
+        provenance: fields of `Provenance`.
+    """
+    still = np.zeros(len(time))
+    motion = (time, roll, rate, still + scenario.controller.pitch_angle, still)
+    limits = SwingLimits.of(ReducedCar.of(scenario), 1)
+    release = {"kind": "steering", "threshold_rad": RELEASE_STEERING}
+    return _file(name, scenario, motion, None, limits, provenance, release)
+
+
 def _file(
     name: str,
     scenario: Scenario,
@@ -110,8 +130,12 @@ def _file(
     torques: tuple[np.ndarray, np.ndarray] | None,
     limits: SwingLimits,
     provenance: dict[str, Any],
+    trigger: dict[str, Any] | None = None,
 ) -> SwingFile:
-    """Of a motion (time, roll, its rate, pitch, its rate) for a left turn and the motor torques of roll and pitch."""
+    """Of a motion (time, roll, its rate, pitch, its rate) for a left turn and the motor torques of roll and pitch.
+
+    Without a trigger it is released by the yaw rate of the scenario's controller.
+    """
     side = 1.0 if scenario.manoeuvre.direction == "left" else -1.0
     time, roll, roll_rate, pitch, pitch_rate = motion
     resolved = scenario.resolved()
@@ -134,7 +158,7 @@ def _file(
             "schema": SCHEMA,
             "name": name,
             "direction": scenario.manoeuvre.direction,
-            "trigger": {"kind": "yaw_rate", "threshold_rad_per_s": scenario.controller.trigger_yaw_rate},
+            "trigger": trigger or {"kind": "yaw_rate", "threshold_rad_per_s": scenario.controller.trigger_yaw_rate},
             "knots": knots,
             "gains": {"hold": HOLD, "phases": [{"start_s": 0.0, "roll": FOLLOW, "pitch": FOLLOW}]},
             "limits": {

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from aerodima.optimisation.screening.turns import TurnPlans, drive_turns
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.studies.law_training import (
     APART,
