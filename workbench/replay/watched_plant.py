@@ -88,9 +88,12 @@ class WatchedPlant:
         return cls(plant, station, state, _base_of(plant, base), tails, wind, scene, scene_graph, bodies)
 
     def add_truth(self, builder: DiagramBuilder) -> PlantTruth:
-        """Adds the system that computes what is recorded and drawn."""
+        """Adds the system that computes what is recorded and drawn; ModelError when this plant is watched already."""
+        name = f"{self.plant.get_name()}_truth"
+        if builder.HasSubsystemNamed(name):
+            raise ModelError(f"observe: plant '{self.plant.get_name()}' is observed already; once is enough")
         truth = PlantTruth(self.plant, self.base, list(self.bodies.values()), self.tails)
-        builder.AddNamedSystem(f"{self.plant.get_name()}_truth", truth)
+        builder.AddNamedSystem(name, truth)
         builder.Connect(self.state, truth.GetInputPort("plant_state"))
         for tail in self.tails:
             builder.Connect(tail.GetOutputPort("wrench"), truth.GetInputPort(tail.get_name()))

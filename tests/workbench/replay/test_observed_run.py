@@ -292,6 +292,12 @@ def test_wrong_plants_and_signals_are_refused_in_one_line() -> None:
     builder, plant = cart_pole()
     with pytest.raises(UserError, match="metadata cannot be written as JSON"):
         observe(builder, plant, settings={"width_m": np.zeros(2)})
+    builder, plant = cart_pole()
+    observe(builder, plant)
+    with pytest.raises(UserError, match="is observed already"):
+        observe(builder, plant)
+    with pytest.raises(UserError, match="tail: 5 is not allowed; it takes keys with values"):
+        observe(*cart_pole(), settings={"tail": 5})
     bare = DiagramBuilder()
     unfinished = bare.AddSystem(MultibodyPlant(0.01))
     with pytest.raises(UserError, match="is not finalised"):
