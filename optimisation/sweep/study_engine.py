@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from aerodima.workbench import batch
 from aerodima.workbench.batch.engine import ProgressLine, on_stderr, silent
@@ -25,11 +26,17 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.metrics.run_summary import RunSummary
 
+if TYPE_CHECKING:
+    from aerodima.workbench.simulate.rolling_start import RollingStart
+
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
 
 DRIVING = 0.9
 """Share of the commanded speed that a car must have reached when its turn begins."""
+
+ROLLED_EVERY = 0.2
+"""Of tyre friction: the grid on which searches drive the straight."""
 
 CAUSES = ("aerodynamic", "weight", "inertial")
 
@@ -43,12 +50,15 @@ class RunTask:
         scenario: name or path, as for `load_scenario`.
         settings: overrides, such as `car.tyre_friction=0.7`.
         signals: `all` also gives the impulses of the tail, at twice the price.
+        rolling: begin just before the turn if the straight can be shared with runs at other frictions
+            (`nearest_start`). For searches, not for claims.
     """
 
     name: str
     scenario: str
     settings: tuple[str, ...] = ()
     signals: Literal["all", "outcome"] = "outcome"
+    rolling: bool = False
 
 
 def evaluate(task: RunTask) -> dict[str, Any]:
@@ -87,10 +97,12 @@ def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> d
 def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
     from aerodima.workbench.metrics.run_summary import summarise
     from aerodima.workbench.metrics.turn_course import turn_course
+    from aerodima.workbench.simulate.car_run import ROLLED
     from aerodima.workbench.simulate.simulation import simulate
     from aerodima.workbench.stations.outcome_record import STOPPED
 
-    run = simulate(scenario, record=task.signals, stop_when_certain=True)
+    start = nearest_start(scenario) if task.rolling else None
+    run = simulate(scenario, record=task.signals, start=start, stop_when_certain=True)
     summary = summarise(run, scenario.name)
     row = {
         "run": task.name,
@@ -105,7 +117,35 @@ def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
 
             yaw = tail_yaw_impulses(run)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
+    if start is not None:
+        row[ROLLED] = start.friction
     return row | {"error": "", **_provenance(task, scenario)}
+
+
+def nearest_start(scenario: Scenario) -> RollingStart | None:
+    """Where a run of a search begins: just before its turn, with the straight of the nearest friction `ROLLED_EVERY`.
+
+    None, that is from rest, unless the car comes to its turn calm and alike at the frictions on both sides: a car that
+    tips over backwards while it gathers speed does so where it has most grip, one whose wheels spin where it has least,
+    so that in between it does neither if it does not at the ends.
+    """
+    friction = scenario.car.tyre_friction
+    below = math.floor(friction / ROLLED_EVERY + 1e-9)
+    try:
+        ends = [scenario.varied(car={"tyre_friction": round(k * ROLLED_EVERY, 9)}) for k in (below, below + 1)]
+    except UserError:  # a friction that this car cannot have
+        return None
+    one, other = (_straight(end, _swing(end.controller.swing_file)) for end in ends)
+    if one is None or other is None or not one.resembles(other):
+        return None
+    return min(one, other, key=lambda start: abs(start.friction - friction))
+
+
+@lru_cache(maxsize=8)
+def _straight(scenario: Scenario, _swing_file: str) -> RollingStart | None:
+    from aerodima.workbench.simulate.car_run import rolling_start
+
+    return rolling_start(scenario)
 
 
 def _numbers(summary: RunSummary) -> dict[str, Any]:
@@ -294,7 +334,8 @@ def run_key(task: RunTask) -> str:
         content = [scenario.resolved(), _swing(scenario.controller.swing_file)]
     except UserError as error:
         content = [str(error)]
-    return content_key(task.scenario, task.settings, task.signals, _versions(), content)
+    rolling = ["rolling"] if task.rolling else []
+    return content_key(task.scenario, task.settings, task.signals, _versions(), content, *rolling)
 
 
 @cache

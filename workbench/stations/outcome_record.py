@@ -136,10 +136,32 @@ class OutcomeRecord:
         state, time = self._state.FindLog(context).data(), self._times(context)
         if self._over(state, time, turn_end).any():
             return True
-        first = int(np.searchsorted(time, max(turn_end, time[-1] - self._look_back)))
-        if not self._may_settle or first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
+        return self._may_settle and self.is_calm(context, turn_end)
+
+    def is_calm(self, context: Context, since: float) -> bool:
+        """Whether the car has been calm in the last instants, and not before `since`, s."""
+        state, time = self._state.FindLog(context).data(), self._times(context)
+        first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
+        if first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
             return False
         return settled_row(self._table(context, state, slice(first, None)), time[first]) is not None
+
+    def history(self, context: Context) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Times (n) and values (size, n) of every logger."""
+        logs = (sink.FindLog(context) for sink in self._loggers())
+        return tuple((log.sample_times().copy(), log.data().copy()) for log in logs)
+
+    def restore(self, context: Context, history: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        """Begins all loggers with a `history`."""
+        for sink, (times, data) in zip(self._loggers(), history, strict=True):
+            log = sink.FindMutableLog(context)
+            log.Clear()
+            for time, sample in zip(times.tolist(), data.T, strict=True):
+                log.AddData(time, sample)
+
+    def _loggers(self) -> list[VectorLogSink]:
+        torques = [] if self._torques is None else [self._torques]
+        return [sink for sink, _ in self._sinks] + [self._state, *torques]
 
     def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, dict[str, float]]:
         """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every row would stop.
