@@ -30,6 +30,7 @@ def replay(
     strip: Annotated[Path | None, typer.Option(help="Write five pictures of the run as one PNG file.")] = None,
     video: Annotated[Path | None, typer.Option(help="Write a .mp4, .gif or .webp; several runs side by side.")] = None,
     port: Annotated[int | None, typer.Option(help="Show it in Meshcat on this port of 127.0.0.1.")] = None,
+    start: Annotated[float, typer.Option("--from", help="Begin the video so late in the run, s.")] = 0.0,
     rate: Annotated[float, typer.Option(help="Seconds of the run per second; 0.25 is slow motion.")] = 1.0,
     force: Force = False,
 ) -> None:
@@ -47,19 +48,21 @@ def replay(
         if path is not None:
             refuse_existing(path, force, UserError)
     if video is not None:
-        _write_video(runs, video, rate, force)
+        _write_video(runs, video, start, rate, force)
     if others or video is None:
         _replay_one(runs[0], html, strip, port, rate, force)
 
 
-def _write_video(runs: list[Path], video: Path, rate: float, force: bool) -> None:
+def _write_video(runs: list[Path], video: Path, start: float, rate: float, force: bool) -> None:
     from aerodima.workbench.cli.turn_commands import show_progress
     from aerodima.workbench.logs.schema import read_run_log
     from aerodima.workbench.replay.video import Filmed, check_video, write_video
 
     check_video(video, force)
-    filmed = [Filmed(name, read_run_log(path)) for name, path in zip(run_names(runs), runs, strict=True)]
-    typer.echo(f"video: {write_video(filmed, video, force=force, rate=rate, progress=show_progress('frame', ''))}")
+    names = [name.replace("_", " ") for name in run_names(runs)]
+    filmed = [Filmed(name, read_run_log(path)) for name, path in zip(names, runs, strict=True)]
+    told = show_progress("frame", "")
+    typer.echo(f"video: {write_video(filmed, video, force=force, rate=rate, progress=told, start=start)}")
 
 
 def _replay_one(

@@ -72,7 +72,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
     force: Anew = False,
 ) -> None:
-    """Run the published turn at 7 speeds with no tail, tail held and tail swung, and write a report.
+    """One short turn of four cars in step, then the published turn at 7 speeds, and a report on both.
 
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo --out out/demo
     """

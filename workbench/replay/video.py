@@ -64,6 +64,7 @@ def write_video(
     force: bool = False,
     rate: float = 1.0,
     progress: Progress | None = None,
+    start: float = 0.0,
 ) -> Path:
     """Writes runs as one video, side by side.
 
@@ -72,6 +73,7 @@ def write_video(
         path: ending .gif, .webp or .mp4; refused when it exists, unless `force`.
         rate: seconds of the runs per second of the video; 0.25 is slow motion.
         progress: see `Progress`.
+        start: how long after the beginning of the logs the video begins, s.
 
     Raises:
         UserError: number of runs, ending or rate; encoder or renderer missing; the file exists or cannot be written.
@@ -86,7 +88,7 @@ def write_video(
     for run in runs:
         _check_truth(run)
     check_renderer()
-    film = Film(runs, rate)
+    film = Film(runs, rate, start)
     return write_atomically(path, partial(write, film=film, progress=progress), force, UserError)
 
 
@@ -109,14 +111,17 @@ def _check_truth(run: Filmed) -> None:
 class Film:
     """The frames of a video."""
 
-    def __init__(self, runs: Sequence[Filmed], rate: float) -> None:
+    def __init__(self, runs: Sequence[Filmed], rate: float, start: float = 0.0) -> None:
         """See `write_video`; a video of more than `MOST_SECONDS` is refused."""
         self._runs = runs
-        longest = max(float(run.run_log.time[-1] - run.run_log.time[0]) for run in runs) / rate
+        whole = max(float(run.run_log.time[-1] - run.run_log.time[0]) for run in runs)
+        if not 0.0 <= start < whole:
+            raise UserError(f"--from {start:g}: allowed: 0 to below {whole:g} s, the length of the longest run")
+        longest = (whole - start) / rate
         if longest > MOST_SECONDS:
             raise UserError(f"--video: {longest:.0f} s at --rate {rate:g}; allowed: up to {MOST_SECONDS:.0f} s")
         self.number = math.ceil(longest * FRAMES_PER_SECOND - 1e-9) + 1
-        since = np.arange(self.number) * rate / FRAMES_PER_SECOND
+        since = start + np.arange(self.number) * rate / FRAMES_PER_SECOND
         self._rows = [nearest_rows(run.run_log.time, run.run_log.time[0] + since) for run in runs]
         self._pictures = [OffscreenRun(run.run_log) for run in runs]
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER

@@ -1,6 +1,6 @@
 """The demo: the published turn over speed and tail mode, its logs, table, replays and report in one folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.journal import journal_path
-from aerodima.workbench.logs.schema import read_run_log, software_versions
+from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise, write_summary
-from aerodima.workbench.report.report_page import write_files
+from aerodima.workbench.report.report_page import Page, write_files
+from aerodima.workbench.report.short_turn import load_short_turn
 
 DEMO_SCHEMA = "aerodima/demo/2"
 REPORT, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
@@ -32,6 +33,7 @@ class DemoPlan:
         shown: (tail mode, speed) of the runs with replay, strip and plots over time; the first gives the provenance.
         seed: of every run.
         settings: overrides of every scenario, such as `manoeuvre.duration=3.0`.
+        opening: whether the page begins with the short turn of the shipped table, four runs more.
     """
 
     speeds: tuple[float, ...] = tuple(whole / KM_PER_H for whole in range(12, 19))
@@ -42,6 +44,7 @@ class DemoPlan:
     )
     seed: int = 1
     settings: tuple[str, ...] = ()
+    opening: bool = True
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class DemoRun:
         log: Parquet file.
         replay: HTML file; None for a run that is not shown in full.
         strip: PNG file; None likewise.
+        opening: whether it is of the short turn, not of the published one.
     """
 
     name: str
@@ -61,6 +65,7 @@ class DemoRun:
     log: Path
     replay: Path | None
     strip: Path | None
+    opening: bool = False
 
     @property
     def files(self) -> list[Path]:
@@ -83,7 +88,7 @@ def make_demo(
 
     Args:
         out: folder; made when it is not there.
-        plan: what to run; the 28 runs at the thesis' speeds by default.
+        plan: what to run; the short turn and the 28 runs at the thesis' speeds by default.
         workers: processes.
         force: make a finished demo again, or write among other files.
         progress: told lines of progress.
@@ -127,7 +132,19 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
                     strip=out / f"strip_{name}.png" if shown else None,
                 )
             )
-    return sorted(runs, key=lambda run: run.replay is None)  # the longest pieces of work first
+    runs.sort(key=lambda run: run.replay is None)  # the longest pieces of work first
+    return [*_short_turn_runs(out, plan.seed), *runs] if plan.opening else runs
+
+
+def _short_turn_runs(out: Path, seed: int) -> list[DemoRun]:
+    """All contestants of the short turn in the case that is shown, steered alike."""
+    table = load_short_turn()
+    runs = []
+    for one in table.entries.contestants:
+        scenario = table.scenario(one.name, table.steering_deg).resolved() | {"seed": seed}
+        log = out / "logs" / f"{one.name}.parquet"
+        runs.append(DemoRun(f"short turn, {one.name}", scenario, log, None, None, opening=True))
+    return runs
 
 
 def do_run(run: DemoRun) -> RunSummary:
@@ -176,7 +193,13 @@ def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSum
     from aerodima.workbench.report.turn_report import ReportFiles, turn_report
 
     modes = list(MODE_STYLES)
-    ordered = sorted(summaries, key=lambda s: (modes.index(s.tail_mode), s.commanded_speed))
+    first = {run.log.stem: read_run_log(run.log) for run in runs if run.opening}
+    opening_names = {run.name for run in runs if run.opening}
+    runs = [run for run in runs if not run.opening]
+    ordered = sorted(
+        (s for s in summaries if s.name not in opening_names),
+        key=lambda s: (modes.index(s.tail_mode), s.commanded_speed),
+    )
     write_summary(ordered, out / SUMMARY, force=True)
     standard = [run.name for run in runs if run.replay is not None] or [runs[0].name]
     drawn = [run for run in runs if run.name in standard or run.scenario["tail"]["mode"] == "swing"]
@@ -190,5 +213,13 @@ def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSum
         replays={run.name: beside(run.replay) for run in runs if run.replay is not None},
         strips={run.name: beside(run.strip) for run in runs if run.strip is not None},
     )
-    page = turn_report(ordered, {run.name: read_run_log(run.log) for run in drawn}, standard, files)
+    opening = _opening(first) if first else None
+    page = turn_report(ordered, {run.name: read_run_log(run.log) for run in drawn}, standard, files, opening)
     write_files(out, {REPORT: page})
+
+
+def _opening(run_logs: Mapping[str, RunLog]) -> Page:
+    from aerodima.workbench.report.short_turn_chapter import lead_of, short_turn_chapter
+
+    table = load_short_turn()
+    return Page("One turn, four cars", lead_of(table, run_logs), short_turn_chapter(table, run_logs))

@@ -196,7 +196,7 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
     said = "" if plants else " The turn is positive."
     sections = (
         Section("What was set differently", _settings(differences, names, plants)),
-        Section("Replays and signals in step", [_in_step(run_logs, names)]),
+        Section("Replays and signals in step", [replays_in_step(run_logs, names)]),
         Section(
             "Metrics",
             [
@@ -212,7 +212,7 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
 _LIBRARY_MARK = "<!-- Meshcat -->"
 
 
-def _in_step(run_logs: Sequence[RunLog], names: Sequence[str]) -> Templated:
+def replays_in_step(run_logs: Sequence[RunLog], names: Sequence[str]) -> Templated:
     """The replays with one clock, and their signals over one another; Drake's library stands once on the page."""
     pages = [replay_page(replayable(run_log), signals=False) for run_log in run_logs]
     library = _library(pages[0])

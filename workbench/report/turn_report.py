@@ -51,7 +51,11 @@ class ReportFiles:
 
 
 def turn_report(
-    summaries: Sequence[RunSummary], run_logs: Mapping[str, RunLog], standard: Sequence[str], files: ReportFiles
+    summaries: Sequence[RunSummary],
+    run_logs: Mapping[str, RunLog],
+    standard: Sequence[str],
+    files: ReportFiles,
+    opening: Page | None = None,
 ) -> Page:
     """The report; equal runs give equal text.
 
@@ -60,6 +64,7 @@ def turn_report(
         run_logs: name -> log of the runs that are drawn over time: the standard ones and those with a swinging tail.
         standard: names of the runs whose signals are shown in full, in order; the first gives scenario and versions.
         files: what lies beside the report.
+        opening: chapters that come first, with title and lead of the whole; the turns are then the second chapter.
     """
     first = run_logs[standard[0]]
     sections = (
@@ -78,7 +83,10 @@ def turn_report(
         "as it was built held on the inside of the turn and swung over the top to the outside, and with a larger one, "
         "openly designed, that swings alike."
     )
-    return Page("The car turns, with and without its tail", lead, sections)
+    if opening is None:
+        return Page("The car turns, with and without its tail", lead, sections)
+    second = Section("The thesis' own turn, at full steering lock", [lead])
+    return Page(opening.title, opening.lead, (*opening.sections, second, *sections))
 
 
 def _what_was_simulated(

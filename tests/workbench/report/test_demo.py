@@ -26,6 +26,7 @@ PLAN = DemoPlan(
     speeds=(12 / 3.6, 16 / 3.6),
     tail_modes=("none", "swing"),
     shown=(("swing", 16 / 3.6),),
+    opening=False,
 )
 NAMES = ("none_3.33", "none_4.44", "swing_3.33", "swing_4.44")
 
@@ -214,7 +215,7 @@ def test_force_makes_again_and_leaves_foreign_files(tmp_path: Path) -> None:
         if line.startswith("1 runs"):  # before the first run: the old log is gone, the note is not
             raise KeyboardInterrupt
 
-    plan = DemoPlan(speeds=(12 / 3.6,), tail_modes=("none",), shown=())
+    plan = DemoPlan(speeds=(12 / 3.6,), tail_modes=("none",), shown=(), opening=False)
     with pytest.raises(KeyboardInterrupt):
         make_demo(out, plan, workers=1, force=True, progress=interrupt)
     assert not old.exists()
@@ -253,7 +254,11 @@ def test_wrong_input_is_one_line_and_changes_nothing(
 
 def test_the_plan_of_the_command_is_the_published_range() -> None:
     # Whole km/h from 12 to 18 (ERRATA E37), four tail modes.
-    runs = demo_runs(Path("out"), DemoPlan())
+    everything = demo_runs(Path("out"), DemoPlan())
+    first = [run for run in everything if run.opening]
+    assert [run.log.stem for run in first] == ["no_tail", "held", "published_swing", "best_swing"]
+    assert len({run.scenario["manoeuvre"]["steer_angle"] for run in first}) == 1
+    runs = [run for run in everything if not run.opening]
     speeds = sorted({round(3.6 * run.scenario["manoeuvre"]["speed"], 9) for run in runs})
     assert speeds == [12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0]
     assert len(runs) == 28
