@@ -26,7 +26,7 @@ from aerodima.optimisation.swing.reduced_model import COMPLEX_STEP
 from aerodima.optimisation.swing.swing_construction import FOLLOW, HOLD, RELEASE_STEERING
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.metrics.turn_course import EXIT_YAW_RATE
+from aerodima.workbench.metrics.settling import EXIT_YAW_RATE
 
 HORIZON, WINDOW = 1.3, 0.1
 """s: how long turns are driven, and in which parts of it peaks are limited one by one."""
