@@ -1,0 +1,69 @@
+"""Whether reduced cars put cars and laws in the order of the full car by how far they turn; not run by pytest.
+
+The measure of the corner study: course after a pulse of 0.5 s with the best steering of each. Over cars for three
+contestants, and over a number of drawn laws on one car. The full car's runs are kept in the folder of a corner study,
+or in one of their own, and a second call goes on with what is missing.
+
+    python -m tests.optimisation.course_gate out/corner_designed 30
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import qmc, spearmanr
+
+from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, THESIS, Contestant
+from aerodima.optimisation.studies.corner_plan import CornerPlan
+from aerodima.optimisation.studies.corner_study import CornerRuns
+from aerodima.optimisation.studies.law_training import TRAINED, screened_courses
+from aerodima.optimisation.studies.leaderboard import open_runs
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, open_run_engine
+from aerodima.workbench import load_ensemble
+from aerodima.workbench.batch.engine import on_stderr
+from aerodima.workbench.config.array_types import FloatArray
+
+CARS, BEST = 4, 0.1
+"""Cars of each part of the split; share of the drawn laws that would go to the full car."""
+
+
+def words(full: FloatArray, reduced: FloatArray) -> str:
+    """Rank correlation, median and largest difference of courses (n), rad, where both count; how often they agree."""
+    both = (full > 0.0) & (reduced > 0.0)
+    off = np.degrees(np.abs(full - reduced)[both])
+    rank = float(spearmanr(full[both], reduced[both])[0])
+    span = np.degrees([full[both].min(), full[both].max()])
+    alike = 100.0 * np.mean((full > 0.0) == (reduced > 0.0))
+    return (
+        f"Spearman {rank:6.3f}  off by {np.median(off):5.2f} (most {off.max():5.2f}) of {span[0]:.1f} to {span[1]:.1f}"
+        f" deg  n {both.sum()}  alike {alike:.0f} %"
+    )
+
+
+def main() -> None:
+    """Prints the table of the gate."""
+    split = load_ensemble().split(1)
+    number = int(sys.argv[2])
+    with open_runs(Path(sys.argv[1])) as store, open_run_engine(1) as workers:
+        runs = CornerRuns(CornerPlan("turn_designed"), RememberingEngine(workers, store, on_stderr))
+        test, training = (runs.floors(part[:CARS]) for part in (split.test, split.training))
+        for who, floors in ((NO_TAIL, test), (HELD, test), (THESIS, [*test, *training])):
+            (full,) = runs.courses([who], floors)
+            reduced = np.array(screened_courses(replace(runs.reduced_cases(floors), fixed=who.settings))[0])
+            print(f"{who.name:16s}: {words(full, reduced)}", flush=True)
+        if number:
+            laws = TRAINED.laws(qmc.LatinHypercube(len(TRAINED.ranges), rng=5).random(number))
+            floor = training[:1]
+            full = runs.courses([Contestant("", TRAINED.settings(law)) for law in laws], floor)[:, 0]
+            cases = replace(runs.reduced_cases(floor), laws=tuple(laws), fixed=TRAINED.fixed)
+            reduced = np.array(screened_courses(cases))[:, 0]
+            print(f"{number} drawn laws on {floor[0].member.name}: {words(full, reduced)}")
+            place = 1 + int((reduced > reduced[np.argmax(full)]).sum())
+            print(f"the best is number {place} on the reduced car; {round(BEST * number)} would go to the full one")
+
+
+if __name__ == "__main__":
+    main()
