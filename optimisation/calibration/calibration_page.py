@@ -24,6 +24,7 @@ from aerodima.workbench.report.report_page import (
     Table,
     metric_name,
     metric_unit,
+    zoomable,
 )
 
 DETERMINED = 0.2
@@ -100,7 +101,7 @@ def _validation(validated: Sequence[Validated]) -> Section:
     )
     parts: list[Part] = [
         Finding([held_out]),
-        Plot(plot_validation(validated), "Band of 90 % of the weight over the published figure.", "Validation"),
+        zoomable(plot_validation(validated), "Band of 90 % of the weight over the published figure.", "Validation"),
         Table(header, rows),
         "Fitted figures, and Kohut figures that follow from a fitted yaw rate, are no evidence. Tables 7.1 and "
         f"7.2 are compared with {SIGNALS['simulated']}; 7.3 and 7.4 with {SIGNALS['physical']}. Only runs that "
@@ -142,7 +143,7 @@ def _parameters(result: Calibration, parameters: pd.DataFrame, shipped: Shipped)
             "Weight of the members over the prior range; dotted: a flat prior; red: the best member.",
             "Histograms of all parameters",
         ),
-        Plot(
+        zoomable(
             plot_ratio(members, half_track),
             "What decides the flip: each dot a member, its size its weight.",
             "Friction",
@@ -172,7 +173,7 @@ def _directions(combinations: Sequence[Direction]) -> Section:
     parts: list[Part] = [
         f"{len(good)} of {len(combinations)} combinations are determined (variance below {DETERMINED:.0%} of the "
         f"prior's); the other {len(loose)} are not identifiable from these targets.",
-        Plot(plot_directions(combinations), "Eigenvalues of the covariance against the prior's.", "Eigenvalues"),
+        zoomable(plot_directions(combinations), "Eigenvalues of the covariance against the prior's.", "Eigenvalues"),
         "Determined:",
         Bullets([f"{d.words} (variance × {d.ratio:.3f})" for d in good] or ["none"]),
         "Not identifiable, least first:",

@@ -28,6 +28,7 @@ from aerodima.workbench.report.report_page import (
     Section,
     Table,
     write_files,
+    zoomable,
 )
 
 SCHEMA = "aerodima/fit-report/1"
@@ -75,7 +76,8 @@ def write_report(
     failed, tables = dict(failed or {}), dict(tables or {})
     budget = budget_table(results)
     plots = {
-        name: Plot(figure, "", _heading(name)) for name, figure in {**figures_of(results), **(figures or {})}.items()
+        name: zoomable(figure, "", _heading(name))
+        for name, figure in {**figures_of(results), **(figures or {})}.items()
     }
     contents: dict[str, Content] = {
         "fits.csv": pd.DataFrame([result.row() for result in results]),

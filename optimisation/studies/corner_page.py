@@ -30,7 +30,7 @@ from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import saying_how_to_go_on
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.figures.figure_style import BLUE, GREY, new_figure, styled
-from aerodima.workbench.report.report_page import Finding, Folded, Page, Plot, Section, Table, write_files
+from aerodima.workbench.report.report_page import Finding, Folded, Page, Section, Table, write_files, zoomable
 
 PAGE, TABLE = "corner.html", "corner.md"
 
@@ -162,7 +162,9 @@ def markdown_table(summary: pd.DataFrame) -> list[str]:
 def corner_page(corner: Corner, summary: pd.DataFrame, how: str) -> Page:
     """What was measured, as a page."""
     parts = [name for name in dict.fromkeys(summary["cases"]) if name != "all"]
-    plot = Plot(plot_gains(corner), "Dots: cases; bar: median.", "Gain in course over the car without tail", "gains")
+    plot = zoomable(
+        plot_gains(corner), "Dots: cases; bar: median.", "Gain in course over the car without tail", "gains"
+    )
     by_part = [Section(f"Cases of {part}", [Table(*summary_cells(summary, part))]) for part in parts]
     sections = [
         Section("All cases", [Finding([Table(*summary_cells(summary))]), how, plot]),

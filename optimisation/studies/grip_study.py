@@ -23,7 +23,7 @@ from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.figures.figure_style import BLACK, BLUE, GREY, VERMILION, new_figure, shade_turn, styled
 from aerodima.workbench.metrics.published_values import flip_bracket
 from aerodima.workbench.metrics.run_summary import KM_PER_H
-from aerodima.workbench.report.report_page import Plot
+from aerodima.workbench.report.report_page import Plot, zoomable
 
 CASE_SPEED = 16 / KM_PER_H
 """m/s; the published tailed car survived it (section 7.1.2)."""
@@ -108,7 +108,7 @@ def read_friction(
         "turns less far survives more easily.",
         *sentences,
     )
-    picture = Plot(
+    picture = zoomable(
         friction_figure(frame, setups, rows),
         "Critical friction of each case. Bar: from the last friction survived to the first flip, over an ensemble 5 to "
         "95 %. Small crosses: frictions beyond the first flip that are survived again (islands).",
@@ -222,7 +222,7 @@ def read_trigger(frame: pd.DataFrame) -> Findings:
         f"Tailless turn at {speed:.2f} m/s: yaw rate and lateral acceleration, and the share of the load that "
         "the inner wheels carry. Dotted: the yaw rate of the published trigger, and inner wheels without load."
     )
-    picture = Plot(_signals_figure(log), caption, "Yaw rate and wheel load over time in a turn", "signals")
+    picture = zoomable(_signals_figure(log), caption, "Yaw rate and wheel load over time in a turn", "signals")
     return read_friction(frame, TRIGGERS, sentences, (picture,))
 
 

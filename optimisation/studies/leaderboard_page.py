@@ -33,7 +33,7 @@ from aerodima.workbench.figures.figure_style import (
     styled,
 )
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
-from aerodima.workbench.report.report_page import Bullets, Link, Page, Plot, Section, Table, write_files
+from aerodima.workbench.report.report_page import Bullets, Link, Page, Plot, Section, Table, write_files, zoomable
 
 ROUNDING = 1e-9
 """Of a gain."""
@@ -133,11 +133,11 @@ def leaderboard_page(board: Leaderboard, replays: Mapping[str, str], how: str) -
     sections = [
         Section(
             "The car that the swings were made for, at the fine step",
-            [how, _claims(board.claims), Plot(plot_frictions(board.claims), CLAIMED, ALTERNATIVE)],
+            [how, _claims(board.claims), zoomable(plot_frictions(board.claims), CLAIMED, ALTERNATIVE)],
         ),
         Section(
             "Cars of the ensemble",
-            [_summary(summarise_board(board)), COUNTS, Plot(members, MEMBERS, ALTERNATIVE)],
+            [_summary(summarise_board(board)), COUNTS, zoomable(members, MEMBERS, ALTERNATIVE)],
         ),
         Section(
             "Survival over speed and friction",

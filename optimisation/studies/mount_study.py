@@ -18,7 +18,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, new_figure, styled
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
-from aerodima.workbench.report.report_page import Plot
+from aerodima.workbench.report.report_page import Plot, zoomable
 
 MOUNTS = (-0.06, -0.03, 0.03, 0.09, 0.15)
 """Tail joints ahead of the rear axle, m; the range that keeps the gearbox on the car."""
@@ -100,7 +100,7 @@ def read_mount(frame: pd.DataFrame) -> Findings:
             }
         )
     pictures = (
-        Plot(
+        zoomable(
             _heading_figure(rows, published),
             "Heading change over the duration of the steering, where the car survived; dashed: the tailless car with "
             "the published 0.5 s.",

@@ -28,7 +28,7 @@ from aerodima.workbench.figures.figure_style import FLIPPED_MARKER, GREY, MODE_S
 from aerodima.workbench.metrics.published_values import published_values
 from aerodima.workbench.metrics.run_summary import KM_PER_H
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
-from aerodima.workbench.report.report_page import Plot
+from aerodima.workbench.report.report_page import Plot, zoomable
 
 TAIL_SPEED = "controller.swing_speed"
 
@@ -99,7 +99,7 @@ def read_turn(frame: pd.DataFrame) -> Findings:
             "Outcome over speed for each tail mode and tail speed",
             "survival",
         ),
-        Plot(
+        zoomable(
             _metrics_figure(frame),
             "Metrics over the speed at the start of the turn, raw signals. Line: tail speed of 8 rad/s where the tail "
             "swings; the other tail speeds are the small marks. Crosses: runs that flipped. Stars: published "

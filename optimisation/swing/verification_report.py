@@ -31,7 +31,16 @@ from aerodima.workbench.figures.figure_style import (
 from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 from aerodima.workbench.metrics.turn_signals import turn_window
-from aerodima.workbench.report.report_page import Bullets, Page, Plot, Preformatted, Section, Table, write_files
+from aerodima.workbench.report.report_page import (
+    Bullets,
+    Page,
+    Plot,
+    Preformatted,
+    Section,
+    Table,
+    write_files,
+    zoomable,
+)
 
 SCHEMA = "aerodima/verification/1"
 RUNS, VERDICT, PAGE = "verification.csv", "verification.yaml", "report.html"
@@ -88,7 +97,7 @@ def _page(swing: SwingFile, found: Verification, verdict: str) -> Page:
         f"(needed: {LEAST_HEADING:.0%})",
         f"share of the ensemble that survives clean: {share}",
     ]
-    motion = Plot(
+    motion = zoomable(
         plot_verification(swing, found),
         "The turn on the car that the swing was made for, with the swing and with that of the thesis "
         "(8 rad/s). Shaded: the turn; dotted: the knots, and the limit of the torque.",

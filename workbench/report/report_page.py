@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.figures.chart_panels import NoChartError, chart_panels
 from aerodima.workbench.figures.figure_style import png
+from aerodima.workbench.report.page_templates import render
 
 if TYPE_CHECKING:
-    import jinja2
-    import markupsafe
     import pandas as pd
 
 
@@ -133,6 +133,20 @@ class Plot:
 
 
 @dataclass(frozen=True)
+class InteractivePlot(Plot):
+    """A figure in which a reader can zoom and read values off; printed, or without scripts, it is the figure's image.
+
+    Its figure may hold no images and no words in the coordinates of the data (`NoChartError`).
+    """
+
+    @cached_property
+    def panels(self) -> dict[str, Any]:
+        """What the page draws."""
+        assert isinstance(self.drawing, Figure)
+        return chart_panels(self.drawing)
+
+
+@dataclass(frozen=True)
 class Folded:
     """Content that opens on a click."""
 
@@ -153,6 +167,16 @@ class Templated:
 
     template: str
     values: Mapping[str, Any]
+
+
+def zoomable(drawing: Figure, caption: Text, alternative: str, name: str = "") -> Plot:
+    """An interactive plot, or a plain one of a figure that has an image or words inside a panel."""
+    plot = InteractivePlot(drawing, caption, alternative, name)
+    try:
+        _ = plot.panels
+    except NoChartError:
+        return Plot(drawing, caption, alternative, name)
+    return plot
 
 
 Part: TypeAlias = Text | Heading | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
@@ -183,39 +207,24 @@ class Page:
         """The document; equal pages give equal text."""
         return render("page.html", page=self)
 
+    @property
+    def interactive(self) -> bool:
+        """Whether the plot library must be on the page for its plots."""
+        return any(_has_interactive(section.parts) for section in self.sections)
+
     def plots(self) -> Iterator[Plot]:
         """The figures that lie beside the page."""
         return (part for section in self.sections for part in section.parts if isinstance(part, Plot) and part.name)
 
 
+def _has_interactive(parts: Sequence[Part]) -> bool:
+    return any(
+        isinstance(part, InteractivePlot) or (isinstance(part, Finding | Folded) and _has_interactive(part.parts))
+        for part in parts
+    )
+
+
 Content: TypeAlias = "Page | pd.DataFrame | str | bytes"
-
-
-def render(template: str, **values: Any) -> str:
-    """A template of `templates/` with values; every text in them is escaped."""
-    return _templates().get_template(template).render(values)
-
-
-@cache
-def _templates() -> "jinja2.Environment":
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    loader = FileSystemLoader(Path(__file__).parent / "templates")
-    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    made.tests["a"] = lambda part, name: type(part).__name__ == name
-    made.globals["shipped"] = _shipped
-    return made
-
-
-PLOT_LIBRARY = "uPlot-1.6.32"
-"""Folder of the library that draws interactive plots, as its authors publish it, with its licence (MIT)."""
-
-
-def _shipped(name: str) -> "markupsafe.Markup":
-    """A file of the plot library, for a page; its template syntax, if it had any, is not read."""
-    from markupsafe import Markup
-
-    return Markup((Path(__file__).parent / "templates" / PLOT_LIBRARY / name).read_text(encoding="utf-8"))
 
 
 def write_files(

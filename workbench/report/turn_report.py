@@ -30,6 +30,7 @@ from aerodima.workbench.report.report_page import (
     Table,
     Text,
     degrees,
+    zoomable,
 )
 
 
@@ -162,7 +163,7 @@ def _signals(run_logs: Mapping[str, RunLog], standard: Sequence[str], files: Rep
         caption += [
             Link(at[name], words) for at, words in ((files.logs, "log"), (files.replays, "replay")) if name in at
         ]
-        parts += [Heading(title), Plot(plot_turn(log), tuple(caption), f"Signals over time: {title}")]
+        parts += [Heading(title), zoomable(plot_turn(log), tuple(caption), f"Signals over time: {title}")]
     return Section("Runs over time", parts)
 
 

@@ -2,7 +2,8 @@
 //
 // A panel: { title, x_label, y_label, series, shapes, x_range, y_range, x_log, y_log, x_ticks, y_ticks, note }. A series has
 // { label, x, y (null: a gap), colour, dash, width, mark, size, fill, joined }, its x increasing; a shape { x, y, stroke, fill,
-// dash, width, mark, size } is drawn below, its x in any order (null: a gap; "low", "high": at the edge of the chart).
+// dash, width, mark, size } is drawn below, its x in any order (null: a gap; "low", "high": at the edge of the chart), its size
+// one number or one per point. What is `right` has a scale of its own there, { label, range }.
 // Without a range an axis holds what its series have.
 const AXIS = { stroke: "#1c2430", font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
                grid: { stroke: "#e2e2e2" }, ticks: { stroke: "#9a9a9a" }, labelSize: 18 };
@@ -38,9 +39,9 @@ function drawShapes(chart, shapes) {
     context.setLineDash((shape.dash || []).map((length) => length * ratio));
     if (shape.mark) {
       context.setLineDash([]);
-      for (const [x, y] of points) {
+      for (const [index, [x, y]] of points.entries()) {
         if (Number.isNaN(x + y)) { continue; }
-        marker(context, shape.mark, x, y, shape.size * ratio);
+        marker(context, shape.mark, x, y, (shape.size[index] || shape.size) * ratio);
         context.fill();
         context.stroke();
       }
@@ -62,9 +63,12 @@ function drawShapes(chart, shapes) {
 function axisOf(label, ticks, log, size) {
   const axis = { ...AXIS, scale: size.scale, label, size: size.across, space: size.space };
   if (!label) { delete axis.label; axis.labelSize = 0; }
+  if (size.side !== undefined) { axis.side = size.side; axis.grid = { show: false }; }
+  if (log) { axis.space = 40; }
   if (ticks) {
-    axis.splits = () => ticks.map(([place]) => place);
-    axis.values = () => ticks.map(([, words]) => words);
+    const names = new Map(ticks);
+    axis.splits = (chart, index, low, high) => [...names.keys()].filter((place) => place >= low && place <= high);
+    axis.values = (chart, splits) => splits.map((place) => names.get(place));
     axis.filter = (chart, splits) => splits;
     axis.space = 1;
   }
@@ -74,21 +78,31 @@ function axisOf(label, ticks, log, size) {
 // The options of uPlot that all charts have; `own` adds cursor, legend and hooks.
 function optionsOf(panel, own) {
   const drawn = panel.series.map((series) => ({
-    label: series.label, stroke: series.colour, dash: series.dash, width: series.width || 1.5, show: series.shown !== false,
+    label: series.label, stroke: series.colour, dash: series.dash, width: series.width || 1.5,
+    scale: series.right ? "right" : "y",
     points: series.mark ? { show: true, size: series.size, fill: series.fill || series.colour, stroke: series.colour } : { show: false },
     ...(series.mark && !series.joined ? { paths: () => null } : {}),
     value: (chart, value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString()),
   }));
+  const longest = (ticks) => Math.max(0, ...(ticks || []).flatMap(([, words]) => words.split("\n").map((line) => line.length)));
+  const slanted = panel.x_ticks && longest(panel.x_ticks) * panel.x_ticks.length > 60;
+  const below = axisOf(panel.x_label, panel.x_ticks, panel.x_log,
+    { scale: "x", across: slanted ? 24 + 4 * longest(panel.x_ticks) : panel.x_ticks ? 40 : 28, space: 46 });
+  if (slanted) { below.rotate = -30; }
+  const right = panel.right ? [axisOf(panel.right.label, null, false, { scale: "right", across: 50, space: 20, side: 1 })] : [];
   const range = (limits) => (limits ? { range: () => limits.slice().sort((a, b) => a - b) } : {});
   return {
     ...own,
     scales: {
-      x: { time: false, distr: panel.x_log ? 3 : 1, ...range(panel.x_range), dir: backwards(panel.x_range) },
+      x: { time: false, distr: panel.x_log ? 3 : 1, range: (chart, low, high) => [low, high], dir: backwards(panel.x_range) },
       y: { distr: panel.y_log ? 3 : 1, ...range(panel.y_range), dir: backwards(panel.y_range) },
+      ...(panel.right ? { right: range(panel.right.range) } : {}),
     },
     axes: [
-      axisOf(panel.x_label, panel.x_ticks, panel.x_log, { scale: "x", across: panel.x_ticks ? 34 : 28, space: 46 }),
-      axisOf(panel.y_label, panel.y_ticks, panel.y_log, { scale: "y", across: panel.y_ticks ? 110 : 58, space: 20 }),
+      below,
+      axisOf(panel.y_label, panel.y_ticks, panel.y_log,
+        { scale: "y", across: panel.y_ticks ? 22 + 7 * longest(panel.y_ticks) : 58, space: 20 }),
+      ...right,
     ],
     series: [{ label: panel.x_name || panel.x_label || "x", value: (chart, value) => (value === null ? "–" : Number(value.toPrecision(6)).toString()) },
              ...drawn],
@@ -123,13 +137,21 @@ function chartGroup(height) {
       if (width() !== chart.width) { chart.setSize({ width: width(), height: height(place) }); }
     });
     watch.observe(place);
-    charts.push({ chart, linked, watch });
+    charts.push({ chart, panel, linked, watch });
     return chart;
+  }
+  // The ranges that a chart had at first, and along x those that are linked with it.
+  function restore(chart) {
+    const limits = (range) => ({ min: Math.min(...range), max: Math.max(...range) });
+    const own = charts.find((one) => one.chart === chart);
+    chart.setScale("x", limits(own.panel.x_range));
+    chart.setScale("y", limits(own.panel.y_range));
+    if (own.panel.right) { chart.setScale("right", limits(own.panel.right.range)); }
   }
   function clear() {
     charts.forEach(({ chart, watch }) => { watch.disconnect(); chart.destroy(); });
     charts = [];
   }
-  return { add, clear, zoom(min, max) { charts.forEach(({ chart }) => chart.setScale("x", { min, max })); },
+  return { add, clear, restore, zoom(min, max) { charts.forEach(({ chart }) => chart.setScale("x", { min, max })); },
            get charts() { return charts.map(({ chart }) => chart); } };
 }
