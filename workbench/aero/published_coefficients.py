@@ -171,8 +171,19 @@ def cheetah_sets() -> dict[str, dict[str, Any]]:
 
 
 def shape_sets() -> dict[str, dict[str, Any]]:
-    """The half cylinder of Table 2.1: its printed rows carry no shape names, so the two are matched by value."""
+    """Flat plate and half cylinder of Table 2.1: its rows carry no shape names, so they are matched by value."""
     return {
+        "flat_plate": {
+            "schema": SCHEMA,
+            "law": "normal_force",
+            "quasi_steady_limit_m_per_s": ROBOT_LIMIT,
+            "name": "flat plate",
+            "source": "thesis Table 2.1, 2D row 7: 1.98 is the value that the drag literature gives for a plate across"
+            " the flow; the table's shape names are images (assumed match)",
+            "kind": "constant",
+            "range": {"speed_m_per_s": [0.0, ROBOT_LIMIT]},
+            "cn": 1.98,
+        },
         "half_cylinder": {
             "schema": SCHEMA,
             "law": "two_sided",
@@ -185,7 +196,7 @@ def shape_sets() -> dict[str, dict[str, Any]]:
             "range": {"speed_m_per_s": [0.0, ROBOT_LIMIT]},
             "cn_round_side": 1.20,
             "cn_hollow_side": 2.30,
-        }
+        },
     }
 
 

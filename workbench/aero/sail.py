@@ -62,6 +62,7 @@ class FreeSail:
         law: of the opening; the normal of a `TwoSidedLaw` leaves its round side, -y.
         side_coefficient: C_N of shell and board across the wind.
         number: of sections.
+        shell_share: depth of the shell over its width; 0 for a flat sail.
     """
 
     length: float
@@ -75,6 +76,7 @@ class FreeSail:
     law: SectionLaw = NormalForceLaw(2.0)  # noqa: RUF009 (frozen)
     side_coefficient: float = 2.0
     number: int = 5
+    shell_share: float = SHELL_DEPTH
 
     def __post_init__(self) -> None:
         for name in ("length", "width", "board_width", "mass", "inertia"):
@@ -94,7 +96,7 @@ class FreeSail:
     @property
     def shell_law(self) -> CrossedPlatesLaw:
         """The opening along its normal, and the outline across it."""
-        return CrossedPlatesLaw(self.law, NormalForceLaw(SHELL_DEPTH * self.side_coefficient))
+        return CrossedPlatesLaw(self.law, NormalForceLaw(self.shell_share * self.side_coefficient))
 
     @property
     def shell_layout(self) -> SectionLayout:
@@ -109,7 +111,7 @@ class FreeSail:
     @property
     def board_place(self) -> float:
         """Distance of the middle of the board behind the bearing, m: it begins where the shell ends."""
-        return self.centre_of_pressure + SHELL_DEPTH * self.width / 2 + self.board_width / 2
+        return self.centre_of_pressure + self.shell_share * self.width / 2 + self.board_width / 2
 
     def _strip(self, width: float, behind: float, normal: tuple[float, float, float]) -> SectionLayout:
         return SectionLayout.strip(
@@ -123,7 +125,7 @@ class FreeSail:
 
     def side_moment(self, power: int = 1) -> float:
         """Sum of side area x (distance behind the bearing)^power, m^(2 + power); S and S2 above for 1 and 2."""
-        plates = ((SHELL_DEPTH * self.width, self.centre_of_pressure), (self.board_width, self.board_place))
+        plates = ((self.shell_share * self.width, self.centre_of_pressure), (self.board_width, self.board_place))
         return self.length * sum(width * behind**power for width, behind in plates)
 
     def vane_frequency(self, wind_speed: float, air: Air | None = None) -> float:

@@ -5,11 +5,11 @@ and allowed range only. Frames and signs: design section 4.
 """
 
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from aerodima.workbench.config.checked_files import require_coefficient_name
+from aerodima.workbench.config.checked_files import CONSTANT, require_coefficient_name
 from aerodima.workbench.config.quantity import QuantityModel, quantity
 
 
@@ -83,6 +83,37 @@ SHELL_DEPTH = 0.5
 """Depth of a half cylinder over its width."""
 
 
+class SailShape(NamedTuple):
+    """One of the shapes of thesis 5.2, as far as the text has it.
+
+    Attributes:
+        depth: of the shell over its width.
+        board: whether a backing board stands behind it.
+        coefficients: embedded set of Table 2.1 for it; None where the thesis has its coefficient in a picture only.
+    """
+
+    depth: float
+    board: bool
+    coefficients: str | None
+
+
+SAIL_SHAPES = {
+    "built": SailShape(SHELL_DEPTH, True, None),
+    "flat": SailShape(0.0, False, "flat_plate"),
+    "flat_board": SailShape(0.0, True, "flat_plate"),
+    "half_cylinder": SailShape(SHELL_DEPTH, False, "half_cylinder"),
+    "half_cylinder_board": SailShape(SHELL_DEPTH, True, "half_cylinder"),
+    "half_cylinder_caps": SailShape(SHELL_DEPTH, False, "half_cylinder"),
+    "half_cylinder_caps_board": SailShape(SHELL_DEPTH, True, "half_cylinder"),
+    "disc_gap_band": SailShape(SHELL_DEPTH, True, None),
+    "disc_gap_band_taper": SailShape(SHELL_DEPTH, True, None),
+}
+"""The built sail (a half cylinder with caps and board, with the coefficient of the published model) and eight shapes
+of the flow simulation: FT, HC and HCEC each without and with backing board, and two after parachutes."""
+
+BUILT = "built"
+
+
 class TailParameters(QuantityModel):
     """The tail arm: pitch joint, roll joint, rod and sail (thesis chapters 5 and 6.3)."""
 
@@ -99,10 +130,23 @@ class TailParameters(QuantityModel):
     mount_x: float = quantity("m", "tail joints ahead of the rear axle", ge=-0.5, le=0.5)
     mount_height: float = quantity("m", "tail joints above the ground", gt=0, le=1)
     coefficients: str = quantity("1", "of the sail: constant, an embedded set, or the path of a coefficient file")
-    normal_force_coefficient: float = quantity("1", "C_N of the sail with coefficients constant", ge=0, le=10)
+    normal_force_coefficient: float = quantity(
+        "1", "C_N of the sail with shape built and coefficients constant", ge=0, le=10
+    )
     sail: Literal["facing", "free", "locked"] = quantity(
         "1", "sail on its bearing: facing the wind at every instant, free to turn, or locked with its normal along y"
     )
+    sail_shape: Literal[
+        "built",
+        "flat",
+        "flat_board",
+        "half_cylinder",
+        "half_cylinder_board",
+        "half_cylinder_caps",
+        "half_cylinder_caps_board",
+        "disc_gap_band",
+        "disc_gap_band_taper",
+    ] = quantity("1", "shape of the sail: depth, board, and with coefficients constant its C_N by Table 2.1")
     sail_shell_offset: float = quantity(
         "1", "centre of pressure of a free sail's shell behind its bearing over sail_width; negative ahead", ge=-1, le=1
     )
@@ -120,14 +164,24 @@ class TailParameters(QuantityModel):
     pitch_limit: float = quantity("rad", "tail pitch range to either side", gt=0, le=3.1416)
 
     @property
+    def shell_share(self) -> float:
+        """Depth of the sail's shell over its width."""
+        return SAIL_SHAPES[self.sail_shape].depth
+
+    @property
+    def board_share(self) -> float:
+        """Backing board along the wind over the sail's width; 0 for a shape without."""
+        return self.sail_board_share if SAIL_SHAPES[self.sail_shape].board else 0.0
+
+    @property
     def sail_front(self) -> float:
         """Plane of the sail's opening ahead of the bearing, m; the board ends `sail_depth` behind that plane."""
-        return (SHELL_DEPTH / 2 - self.sail_shell_offset) * self.sail_width
+        return (self.shell_share / 2 - self.sail_shell_offset) * self.sail_width
 
     @property
     def sail_depth(self) -> float:
         """Shell and board together along the wind, m."""
-        return (SHELL_DEPTH + self.sail_board_share) * self.sail_width
+        return (self.shell_share + self.board_share) * self.sail_width
 
     @property
     def sail_reach(self) -> float:
@@ -137,6 +191,16 @@ class TailParameters(QuantityModel):
     @model_validator(mode="after")
     def _air_is_known(self) -> "TailParameters":
         require_coefficient_name(self.coefficients)
+        shape = SAIL_SHAPES[self.sail_shape]
+        if self.sail_shape != BUILT and shape.coefficients is None and self.coefficients == CONSTANT:
+            raise ValueError(
+                f"sail_shape: {self.sail_shape!r} has its coefficient in a picture of the thesis only (Fig. 5.7); "
+                "allowed: with tail.coefficients a set or a file"
+            )
+        if self.sail == "free" and not shape.board:
+            raise ValueError(
+                f"sail: 'free'; allowed: facing, locked with the shape {self.sail_shape!r}: it has no board"
+            )
         return self
 
     @property

@@ -164,6 +164,8 @@ class RigScenario(ScenarioFile):
         self._require(rules)
         if self.robot_tail.has_own_geometry:
             raise ValueError(f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig")
+        if self.robot_tail.sail_shape != "built":
+            raise ValueError(f"robot_tail.sail_shape: {self.robot_tail.sail_shape!r}; allowed: built, on a rig")
         return self
 
     @property

@@ -154,6 +154,11 @@ class SdfModel:
         element.set("type", "fixed")
         element.remove(self._child(element, "axis"))
 
+    def remove_shape(self, link: str, shape: str) -> None:
+        """Takes away the visuals and collision shapes of a name of a link."""
+        for element in self._shapes(link, shape):
+            self._named("link", link).remove(element)
+
     def remove_collision(self, link: str, shape: str) -> None:
         """Takes away a collision shape of a link."""
         for element in self._shapes(link, shape, "collision"):

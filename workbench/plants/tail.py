@@ -165,12 +165,16 @@ def _set_sail_shapes(model: SdfModel, tail: TailParameters) -> list[str]:
     """The drawn shell opens to +y at its place before the bearing, with the board behind it; names of the corners."""
     model.set_shape("tail_rod", "rod", (0, 0, tail.length / 2), length=f"{tail.length:.9g}")
     width, middle = tail.sail_width, tail.length - tail.sail_length / 2
-    board = tail.sail_board_share * width
-    scale = f"{width:.9g} {width:.9g} {tail.sail_length:.9g}"
+    deep = max(tail.shell_share / SHELL_DEPTH * width, BOARD_THICKNESS)
+    scale = f"{width:.9g} {deep:.9g} {tail.sail_length:.9g}"
     model.set_shape("tail_sail", "sail", (0, tail.sail_front, middle), scale=scale)
-    behind = tail.sail_front - SHELL_DEPTH * width - board / 2
-    size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
-    model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
+    board = tail.board_share * width
+    if board:
+        behind = tail.sail_front - tail.shell_share * width - board / 2
+        size = f"{BOARD_THICKNESS:.9g} {board:.9g} {tail.sail_length:.9g}"
+        model.set_shape("tail_sail", "backing_board", (0, behind, middle), size=size)
+    else:
+        model.remove_shape("tail_sail", "backing_board")
     for shape, side in (("tail_tip_front", 1), ("tail_tip_rear", -1)):
         corner = (side * (tail.sail_width / 2 - SAIL_TIP_MARGIN), 0, tail.length - SAIL_TIP_MARGIN)
         model.set_shape("tail_sail", shape, corner)

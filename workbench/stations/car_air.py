@@ -18,7 +18,7 @@ from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
-from aerodima.workbench.config.car_parameters import TailParameters
+from aerodima.workbench.config.car_parameters import SAIL_SHAPES, TailParameters
 from aerodima.workbench.config.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
@@ -56,11 +56,13 @@ def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
             that the air would not turn the sail.
     """
     law: SectionLaw
-    if tail.coefficients == CONSTANT:
+    shape = SAIL_SHAPES[tail.sail_shape].coefficients
+    name = shape if shape is not None and tail.coefficients == CONSTANT else tail.coefficients
+    if name == CONSTANT:
         law, limit = NormalForceLaw(tail.normal_force_coefficient), ROBOT_LIMIT
     else:
         try:
-            chosen = load_coefficients(tail.coefficients)
+            chosen = load_coefficients(name)
         except ModelError as error:
             raise ModelError(f"tail.coefficients: {error}") from None
         law, limit = chosen.law(), chosen.quasi_steady_limit
@@ -95,7 +97,7 @@ def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
         length=tail.sail_length,
         width=tail.sail_width,
         centre_of_pressure=tail.sail_shell_offset * tail.sail_width,
-        board_width=tail.sail_board_share * tail.sail_width,
+        board_width=tail.board_share * tail.sail_width,
         mass=inertial.mass,
         inertia=inertial.moments[2],
         start=tail.length - tail.sail_length,
@@ -103,6 +105,7 @@ def free_sail(tail: TailParameters, law: SectionLaw) -> FreeSail:
         law=law,
         side_coefficient=tail.sail_side_coefficient,
         number=tail.sections,
+        shell_share=tail.shell_share,
     )
 
 

@@ -27,7 +27,12 @@ def tail(**keys):
     ("section", "key", "value", "named"),
     [
         ("tail", "coefficients", "robot_tail_lne", ("'robot_tail_lne'", "did you mean 'robot_tail_line'?", ".csv")),
-        ("tail", "coefficients", "cheetah_tail_1_major", ("robot's tail", "constant, half_cylinder, robot_tail_")),
+        (
+            "tail",
+            "coefficients",
+            "cheetah_tail_1_major",
+            ("robot's tail", "constant, flat_plate, half_cylinder, robot_tail_"),
+        ),
         ("tail", "coefficients", 2.0, ("2.0", "string")),
         ("tail", "sail", "loose", ("'loose'", "'facing', 'free' or 'locked'")),
         ("tail", "sail_board_share", 0.0, ("greater than 0",)),
@@ -58,6 +63,7 @@ def test_wrong_air_is_refused_with_key_and_what_is_allowed(section, key, value, 
 
 def test_sets_for_the_robot_tail_are_those_that_know_the_normal_of_a_sail():
     assert robot_tail_sets() == (
+        "flat_plate",
         "half_cylinder",
         "robot_tail_constant",
         "robot_tail_line",

@@ -1,0 +1,80 @@
+"""The eight shapes of thesis 5.2: depth, board and coefficient of each, and what the text does not have."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
+from aerodima.workbench.config.car_parameters import SAIL_SHAPES, TailParameters
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import ScenarioError
+from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.plants.tail import sail_inertial, tail_sdf
+from aerodima.workbench.resources import published_table
+from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.stations.car_air import free_sail, sail_law
+
+
+def tail(shape: str, *settings: str) -> TailParameters:
+    return load_scenario("turn_swing", [f"tail.sail_shape={shape}", *settings]).tail
+
+
+def broadside(law: NormalForceLaw | TwoSidedLaw, sign: float) -> float:
+    """Coefficient broadside in air that moves along the normal."""
+    force = law.section_force((0.0, sign, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 1.0, 2.0)
+    return abs(float(force[1]))
+
+
+def test_parameter_takes_every_shape_of_the_table() -> None:
+    assert set(get_args(TailParameters.model_fields["sail_shape"].annotation)) == set(SAIL_SHAPES)
+
+
+def test_coefficients_are_those_of_table_2_1() -> None:
+    rows = published_table("shape_drag")
+    planar = rows[rows["dimensionality"] == "2D"].set_index("row_in_table")["cd"]
+    flat = sail_law(tail("flat", "tail.sail=locked"))[0]
+    assert broadside(flat, 1.0) == broadside(flat, -1.0) == pytest.approx(planar[7])
+    shell = sail_law(tail("half_cylinder_caps", "tail.sail=locked"))[0]
+    assert sorted((broadside(shell, 1.0), broadside(shell, -1.0))) == pytest.approx([planar[2], planar[9]])
+    assert broadside(sail_law(tail("built", "tail.sail=locked"))[0], 1.0) == 2.0
+    # A set that is named stands above the shape.
+    named = sail_law(tail("flat", "tail.sail=locked", "tail.coefficients=robot_tail_constant"))[0]
+    assert broadside(named, 1.0) == 2.0
+
+
+def test_depth_and_board_follow_the_shape() -> None:
+    built = load_scenario("turn_swing").tail
+    assert tail("half_cylinder_caps_board").sail_depth == built.sail_depth
+    assert tail("half_cylinder").sail_depth == pytest.approx(0.5 * built.sail_width)
+    assert tail("flat").sail_depth == 0.0
+    mass, width = built.mass * built.sail_mass_fraction, built.sail_width
+    assert sail_inertial(tail("flat")).moments[2] == pytest.approx(mass * width**2 / 12)
+    vane = free_sail(tail("flat_board", "tail.sail=free"), NormalForceLaw(2.0))
+    # Only the board turns a flat sail: half a width deep, its middle a quarter of a width behind the shell's place.
+    offset = built.sail_shell_offset * width
+    assert vane.side_moment() == pytest.approx(built.sail_length * 0.5 * width * (offset + 0.25 * width))
+
+
+def test_drawing_has_a_board_where_the_shape_has_one() -> None:
+    for shape, drawn in (("flat", False), ("flat_board", True), ("half_cylinder", False)):
+        car = load_scenario("turn_swing", [f"tail.sail_shape={shape}"])
+        assert ("backing_board" in tail_sdf(car.tail, car.tail_motor, car.car).text()) is drawn
+
+
+def test_flat_sail_turns_a_car() -> None:
+    run = simulate(load_scenario("turn_designed", ["tail.sail_shape=flat", "manoeuvre.duration=3"]))
+    assert np.isfinite(metrics_of(run).peak_roll_rad)
+
+
+def test_what_the_text_does_not_have_is_refused_in_one_line() -> None:
+    for shape, settings, words in (
+        ("disc_gap_band", [], r"in a picture of the thesis only \(Fig. 5.7\); allowed: with tail.coefficients"),
+        ("flat", ["tail.sail=free"], "sail: 'free'; allowed: facing, locked .*: it has no board"),
+        ("round", [], "sail_shape: 'round' is not allowed"),
+    ):
+        with pytest.raises(ScenarioError, match=words):
+            tail(shape, *settings)
+    assert tail("disc_gap_band", "tail.coefficients=half_cylinder").sail_depth > 0.0
