@@ -83,7 +83,10 @@ class ShortTurn:
 
     def row(self, name: str) -> pd.Series:
         """What the table says of a contestant in the case that is shown."""
-        return self.cases.set_index(["contestant", *_KEY]).loc[(name, *self.shown)]
+        own = self.cases
+        for column, value in zip(["contestant", *_KEY], (name, *self.shown), strict=True):
+            own = own[own[column] == value]
+        return own.iloc[0]
 
     @property
     def steering_deg(self) -> float:
