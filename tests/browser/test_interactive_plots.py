@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,13 @@ import pytest
 
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.fit.fit_report import write_report
+from aerodima.workbench.report.page_templates import _templates
 from tests.browser.contrast import too_faint
 
 pytestmark = pytest.mark.realtime
 
+REPLAYS = str(_templates().get_template("signals.html").module.signals("signals", {"runs": []}))
+"""What stands below the replays of a comparison."""
 TIME = np.linspace(0.0, 10.0, 400)
 
 
@@ -100,3 +104,11 @@ def test_without_scripts_the_picture_is_shown(browser: Any, report_file: Path) -
     page.goto(report_file.as_uri())
     assert page.locator(".interactive img").is_visible()
     context.close()
+
+
+def test_page_with_replays_and_plots_draws_both(page: Any, tmp_path: Path, report_file: Path) -> None:
+    scripts = "".join(f"<script>{text}</script>" for text in re.findall(r"<script>(.*?)</script>", REPLAYS, re.DOTALL))
+    path = tmp_path / "both.html"
+    path.write_text(report_file.read_text(encoding="utf-8").replace("<main>", f"<main>{scripts}"), encoding="utf-8")
+    page.goto(path.as_uri())
+    assert page.locator(".interactive.drawn").count() == 1

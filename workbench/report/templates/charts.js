@@ -5,8 +5,9 @@
 // dash, width, mark, size } is drawn below, its x in any order (null: a gap; "low", "high": at the edge of the chart), its size
 // one number or one per point. What is `right` has a scale of its own there, { label, range }.
 // Without a range an axis holds what its series have.
-const AXIS = { stroke: "#1c2430", font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
-               grid: { stroke: "#e2e2e2" }, ticks: { stroke: "#9a9a9a" }, labelSize: 18 };
+// A page with replays and with plots has this file twice: nothing here is declared by `const` or `let`.
+var AXIS = { stroke: "#1c2430", font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
+             grid: { stroke: "#e2e2e2" }, ticks: { stroke: "#9a9a9a" }, labelSize: 18 };
 
 function marker(context, mark, x, y, size) {
   const r = size / 2;
