@@ -260,10 +260,12 @@ def find_thresholds(
         if _survival(row) is not _survival(found[place].rows[value]):
             again.add(place)
         found[place].rows[value] = row
+
+    def from_rest(place: int, wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
+        return run([(place, value) for _, value in wanted])
+
     for place in sorted(again):
-        (found[place],) = search_rows(
-            search, ["scan"], lambda wanted, k=place: run([(k, value) for _, value in wanted]), _survival
-        )
+        (found[place],) = search_rows(search, ["scan"], partial(from_rest, place), _survival)
     return found
 
 
