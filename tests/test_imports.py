@@ -18,8 +18,11 @@ PACKAGES = ("workbench", "optimisation", "hardware")
 TOP_LEVEL = {*PACKAGES, "tests", "notebooks", "models"}
 ALLOWED = {("optimisation", "workbench"), ("hardware", "workbench")}
 DISTRIBUTION_OF_MODULE = {
+    "PIL": "pillow",
     "can": "python-can",
     "distributed": "dask",
+    "markupsafe": "jinja2",
+    "mcap_protobuf": "mcap-protobuf-support",
     "pydrake": "drake",
     "serial": "pyserial",
     "yaml": "pyyaml",
