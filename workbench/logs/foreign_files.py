@@ -163,7 +163,6 @@ def _read_csv(path: Path, form: CsvFormat) -> ForeignLog:
                 skipinitialspace=True,
                 index_col=False,
                 low_memory=False,
-                float_precision="round_trip" if sidecar(path).is_file() else None,  # our own, bit for bit
             )
     except pd.errors.ParserWarning as cause:
         raise LogError(

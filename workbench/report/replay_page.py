@@ -204,7 +204,7 @@ def comparison_page(run_logs: Sequence[RunLog], names: Sequence[str]) -> Page:
                 Table(["metric", *names], metrics),
             ],
         ),
-        Section("Signals for print", [Folded("Six signals after the car's zero-phase filter", [printed])]),
+        Section("Signals for print", [Folded("One figure", [printed])]),
     )
     return Page("Comparison of runs: " + ", ".join(names), "", sections)
 

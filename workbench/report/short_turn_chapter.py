@@ -45,7 +45,7 @@ def lead_of(table: ShortTurn, run_logs: Mapping[str, RunLog]) -> str:
     who = table.entries.contestants
     over = [one.words.lower() for one in who if outcome_of(run_logs[one.name]).result == "flipped"]
     return (
-        f"Same car, floor, speed and steering. {_listed(over).capitalize() or 'Nobody'}: rolls over. The best swing "
+        f"Same car, floor, speed and steering. Rolls over: {_listed(over) or 'nobody'}. The best swing "
         f"known turns the car by {_course(table, who[-1]):.0f}°; without a tail no steering gets it beyond "
         f"{_course(table, who[0]):.0f}°. The tail is a larger one than was built."
     )
@@ -104,8 +104,8 @@ def _how_far(table: ShortTurn) -> list[str]:
         f"Over the car without a tail: {'; '.join(said)}. {len(cars)} cars on {len(floors)} floors, {len(course)} "
         "cases; none of these cars was used to choose a swing. A run counts that stays clean, rolls by 20° at most "
         "and leaves the turn without sliding.",
-        "With the tail as it was built a swing gains about half as much, and the tail's own mass low in the car, "
-        "without a tail, gains the same: docs/short_turn.md. The numbers are in models/short_turn/cases.csv; "
+        "With the tail as it was built the best swing that was tried gains what the tail's own mass, low in the car, "
+        "gains without a tail: docs/short_turn.md. The numbers are in models/short_turn/cases.csv; "
         "python -m tests.short_turn_table makes them again.",
     ]
 

@@ -85,10 +85,10 @@ def test_sentences_say_who_rolls_over_and_how_far_the_others_turn(
 ) -> None:
     logs = dict(zip((one.name for one in table.entries.contestants), standard_runs.values(), strict=True))
     upright = lead_of(table, logs)
-    assert "Nobody: rolls over" in upright
+    assert "Rolls over: nobody." in upright
     tilted = logs["held"].table.assign(tilt_truth_rad=2.0)
     over = lead_of(table, logs | {"held": replace(logs["held"], table=tilted)})
-    assert "Tail held on the inside: rolls over" in over
+    assert "Rolls over: tail held on the inside." in over
 
 
 @pytest.mark.slow
