@@ -36,7 +36,7 @@ def write_calibration(
     ensemble = load_ensemble(path)
     progress("validation: Tables 7.1 to 7.4 ...")
     validated, outcomes = validate(ensemble.members, result.plan, store, engine)
-    sensitivity = sensitivity_table(result)
+    sensitivity = sensitivities(result.draw, result.plan.seed)
     parameters = parameter_table(result, shipped)
     combinations = directions(result.draw, result.plan.seed)
     tables = {
@@ -95,14 +95,6 @@ def provenance(result: Calibration) -> dict[str, Any]:
         "left_at_their_value": assumed_elsewhere(result.plan),
         "versions": software_versions(),
     }
-
-
-def sensitivity_table(result: Calibration) -> pd.DataFrame:
-    """Change of each fitted quantity for a tenth of the prior range of each parameter, one row per parameter."""
-    frame = pd.DataFrame({"parameter": result.draw.prior.keys})
-    for name, values in sensitivities(result.draw).items():
-        frame[name] = values
-    return frame
 
 
 def parameter_table(result: Calibration, shipped: Shipped) -> pd.DataFrame:

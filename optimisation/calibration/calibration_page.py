@@ -158,13 +158,21 @@ def _parameters(result: Calibration, parameters: pd.DataFrame, shipped: Shipped)
 
 
 def _sensitivity(sensitivity: pd.DataFrame) -> Section:
+    widest = float((sensitivity["total_high"] - sensitivity["total_low"]).max())
     drawn = Plot(
         plot_sensitivities(sensitivity),
-        "Change of the target, in its unit, for a step of the parameter by a tenth of its prior range, the "
-        "others held; mean over the members. Colour: over the largest change of that target.",
-        "Sensitivities as a heat map",
+        "Share of the variance of the target over the prior in which the parameter takes part (total Sobol index), "
+        f"below it the share that it explains alone, %. Widest 95 % interval of a total index: {widest:.0%}.",
+        "Sobol indices as a heat map",
     )
-    return Section("Sensitivity of each target to each parameter", [drawn])
+    return Section(
+        "Which parameter decides each target",
+        [
+            drawn,
+            "From the surrogates over the whole cube of the prior, implausible cars included; intervals are those of "
+            "the sampling, without the errors of the surrogates. The height of the centre of mass varies as mu/SSF.",
+        ],
+    )
 
 
 def _directions(combinations: Sequence[Direction]) -> Section:
@@ -232,18 +240,21 @@ def plot_ratio(members: pd.DataFrame, half_track: NDArray[np.float64]) -> Figure
 
 
 def plot_sensitivities(table: pd.DataFrame) -> Figure:
-    """Heat map: change of each target over its own largest change, numbers in the unit of the target."""
-    names = [name for name in table.columns if name != "parameter"]
-    values = table[names].to_numpy(float)
-    scaled = values / np.maximum(np.abs(values).max(axis=0), 1e-12)
+    """Heat map of total Sobol indices, a column per target; in each cell total over first-order index, %."""
+    names, parameters = table["target"].unique(), table["parameter"].unique()
+    total, first = (
+        100.0 * table.pivot(index="parameter", columns="target", values=name).loc[parameters, names].to_numpy(float)
+        for name in ("total", "first")
+    )
     with styled():
-        figure, axes = new_figure(1.6 + 1.35 * len(names), 0.34 * len(table) + 1.4)
+        figure, axes = new_figure(1.6 + 1.35 * len(names), 0.42 * len(parameters) + 1.4)
         axis = axes[0, 0]
-        axis.imshow(scaled, cmap="RdBu_r", vmin=-1.2, vmax=1.2, aspect="auto")
-        for (row, column), value in np.ndenumerate(values):
-            axis.text(column, row, f"{value:+.3f}", ha="center", va="center", fontsize=7.5)
+        axis.imshow(total, cmap="Blues", vmin=0.0, vmax=130.0, aspect="auto")
+        for (row, column), value in np.ndenumerate(total):
+            text = f"{value:.0f}\n{first[row, column]:.0f}" if round(value) else "0"
+            axis.text(column, row, text, ha="center", va="center", fontsize=7)
         axis.set_xticks(range(len(names)), [_wrapped(_target_name(name)) for name in names], fontsize=8)
-        axis.set_yticks(range(len(table)), table["parameter"], fontsize=8)
+        axis.set_yticks(range(len(parameters)), parameters, fontsize=8)
         axis.xaxis.tick_top()
         axis.grid(False)
     return figure

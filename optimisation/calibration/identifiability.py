@@ -9,14 +9,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.linalg import eigh
+from scipy.stats import sobol_indices, uniform
 
-from aerodima.optimisation.calibration.car_prior import Prior, normalised
+from aerodima.optimisation.calibration.car_prior import HEIGHT, Prior, normalised
 from aerodima.optimisation.calibration.member_draw import Draw
 from aerodima.workbench.config.array_types import FloatArray
 
-STEP = 0.1
-"""Step of a sensitivity, share of the prior range."""
+SAMPLES, RESAMPLES = 2**11, 200
+"""Of the Sobol indices: base samples, and resamples for their intervals."""
+MU_OVER_SSF = "mu/SSF"
+"""What varies in the place of the height of the centre of mass."""
 CANDIDATES = 2**17
 """Of the prior, for the covariances: with some hundred of them effective after the calibration, the least determined
 variances scatter by about a tenth of the prior's; with a quarter of it a third combination seemed determined."""
@@ -40,35 +44,46 @@ class Direction:
     words: str
 
 
-def sensitivities(draw: Draw) -> dict[str, FloatArray]:
-    """Change of each fitted quantity for a step of each parameter by a tenth of its prior range, the others held.
+def sensitivities(draw: Draw, seed: int, samples: int = SAMPLES) -> pd.DataFrame:
+    """Sobol indices of each fitted quantity over the prior's coordinates, from the surrogates.
 
-    Mean over the members by their weight, from the surrogates; the step goes to both sides and is clipped to the range.
+    The first-order index of a parameter is the share of the variance that it explains alone, the total index that in
+    which it takes part at all (Saltelli et al. 2010, doi 10.1016/j.cpc.2009.09.018, by `scipy.stats.sobol_indices`).
+    Coordinates are independent and uniform; that of the height of the centre of mass is mu/SSF (`Prior`). Cars that
+    the prior rules out are among them, since independence ends there.
+
+    Args:
+        draw: with the surrogates.
+        seed: of the samples.
+        samples: a power of two; each takes a run of the surrogates per parameter and two more.
 
     Returns:
-        Source and metric, with unit at its end -> (n), in the order of the keys.
+        One row per target and parameter: `target` (source and metric, with unit at its end), `parameter`, `first` and
+        `total`, and `_low` and `_high` of both, 95 % intervals by bootstrap: of the sampling, not of the surrogates.
     """
     prior, cars = draw.prior, len(draw.cars.keys)
-    kept = draw.weights > 0.0
-    values, weights = prior.values(draw.coordinates[kept]), draw.weights[kept]
     targets: dict[str, Callable[[FloatArray], FloatArray]] = {
         FLIP_SPEED: lambda points: draw.surrogates.flip.flip_speed(points[:, :cars])
     }
     for datum, surrogate in draw.surrogates.car.items():
         targets[datum.name] = lambda points, surrogate=surrogate: surrogate.predict(points[:, :cars])  # type: ignore[misc]
     targets |= {datum.name: surrogate.predict for datum, surrogate in draw.surrogates.tailed.items()}
-    found = {name: np.zeros(len(prior.keys)) for name in targets}
-    for column, (low, high) in enumerate(prior.ranges):
-        ends = []
-        for side in (-0.5, 0.5):
-            moved = values.copy()
-            moved[:, column] = np.clip(moved[:, column] + side * STEP * (high - low), low, high)
-            ends.append(moved)
-        taken = (ends[1][:, column] - ends[0][:, column]) / (STEP * (high - low))
-        for name, predict in targets.items():
-            change = predict(prior.coordinates(ends[1])) - predict(prior.coordinates(ends[0]))
-            found[name][column] = float(weights @ (change / taken))
-    return found
+
+    def predicted(coordinates: FloatArray) -> FloatArray:
+        return np.array([predict(coordinates.T) for predict in targets.values()])
+
+    generator = np.random.default_rng(seed)
+    found = sobol_indices(func=predicted, n=samples, dists=[uniform()] * len(prior.keys), rng=generator)
+    spread = found.bootstrap(n_resamples=RESAMPLES)
+    names = [MU_OVER_SSF if key == HEIGHT else key for key in prior.keys]
+    table = pd.DataFrame({"target": np.repeat(list(targets), len(names)), "parameter": names * len(targets)})
+    for name, values, interval in (
+        ("first", found.first_order, spread.first_order.confidence_interval),
+        ("total", found.total_order, spread.total_order.confidence_interval),
+    ):
+        ends = {"": values, "_low": interval.low, "_high": interval.high}
+        table = table.assign(**{name + end: np.reshape(numbers, -1) for end, numbers in ends.items()})
+    return table
 
 
 def shrinkage(prior: Prior, values: FloatArray, weights: FloatArray, reference: FloatArray) -> FloatArray:

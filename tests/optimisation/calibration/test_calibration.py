@@ -3,6 +3,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -19,7 +20,8 @@ from aerodima.optimisation.calibration.calibration_runs import (
     log_likelihood,
     plan_data,
 )
-from aerodima.optimisation.calibration.car_prior import normalised
+from aerodima.optimisation.calibration.car_prior import HEIGHT, normalised
+from aerodima.optimisation.calibration.identifiability import MU_OVER_SSF, sensitivities
 from aerodima.optimisation.calibration.member_draw import Draw
 from aerodima.optimisation.calibration.surrogates import Edge
 from aerodima.optimisation.calibration.validation import shipped_car, validate
@@ -342,7 +344,27 @@ def test_everything_is_written_and_the_ensemble_reads_back(result: Calibration, 
     names = {"validation.csv", "outcomes.csv", "sensitivities.csv", "parameters.csv", "directions.csv"}
     assert names | {"members.parquet"} <= {path.name for path in tmp_path.iterdir()}
     assert len((tmp_path / "validation.csv").read_text().splitlines()) == 1 + 4 * 8 + 2
+    assert set(pd.read_csv(tmp_path / "sensitivities.csv")["parameter"]) >= {MU_OVER_SSF, "car.tyre_friction"}
     assert len((tmp_path / "outcomes.csv").read_text().splitlines()) == 6
+
+
+def test_sobol_indices_are_those_of_the_coefficients(result: Calibration) -> None:
+    """The basis is orthonormal over the cube: squares of the coefficients are the parts of the variance."""
+    draw = result.draw
+    keys, table = list(draw.prior.keys), sensitivities(draw, seed=1)
+    datum, surrogate = next(iter(draw.surrogates.tailed.items()))
+    own = table[table["target"] == datum.name].set_index("parameter")
+    assert list(own.index) == [MU_OVER_SSF if key == HEIGHT else key for key in keys]
+    n, parts = len(keys), surrogate.coefficients[1:] ** 2
+    alone = parts[:n] + parts[n : 2 * n]
+    first, second = np.triu_indices(n, 1)
+    together = np.zeros(n)
+    np.add.at(together, first, parts[2 * n :])
+    np.add.at(together, second, parts[2 * n :])
+    assert own["first"].to_numpy() == pytest.approx(alone / parts.sum(), abs=0.04)
+    assert own["total"].to_numpy() == pytest.approx((alone + together) / parts.sum(), abs=0.04)
+    assert (own["total_low"] <= own["total"]).all()
+    assert (own["total"] <= own["total_high"]).all()
 
 
 def test_the_shipped_ensemble_holds_what_the_shipped_plan_fits() -> None:
