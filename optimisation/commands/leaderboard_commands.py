@@ -25,10 +25,14 @@ def corner(
     contestant: Annotated[
         list[str] | None,
         typer.Option(
-            help="none, low-ballast, low-centre, held, published, constant, trained; may be repeated; by default all."
+            help="none, low-ballast, low-centre, held, published, constant, trained, trained-by-yaw; may be repeated; "
+            "by default all but the last."
         ),
     ] = None,
-    law: Annotated[list[str] | None, typer.Option(help="Swing file or name to take part; may be repeated.")] = None,
+    law: Annotated[
+        list[str] | None,
+        typer.Option(help="Swing file, list of laws, or name of one that ships (best_swing); may be repeated."),
+    ] = None,
     ensemble: Ensemble = "car",
     seed: Annotated[int, typer.Option(help="Of the split into training and test cars.", min=0)] = 1,
     cars: Annotated[int, typer.Option(help="Test cars.", min=1)] = 4,
@@ -41,6 +45,15 @@ def corner(
         list[float] | None,
         typer.Option(help="Friction over the critical one; may be repeated; by default 1.1 and 1.3.", min=0.5, max=3.0),
     ] = None,
+    pulse: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Length of the steering, s; may be repeated; by default 0.5. Laws are trained for the first."
+        ),
+    ] = None,
+    reduced: Annotated[
+        bool, typer.Option("--reduced", help="Judge on reduced cars: many pulses in seconds, nothing proved.")
+    ] = False,
     course: Annotated[
         list[int] | None, typer.Option(help="Also the time to this course: 45, 60 or 90 degrees; may be repeated.")
     ] = None,
@@ -56,31 +69,33 @@ def corner(
     generations: Annotated[int, typer.Option(help="Of these beside the first one, on reduced cars.", min=0)] = 15,
     finalists: Annotated[int, typer.Option(help="Of the laws, driven by the full training cars.", min=1)] = 5,
 ) -> None:
-    """Who turns the car further on the same floor, each with its own best steering: course turned in 0.5 s.
+    """Who turns the car further on the same floor, each with its own best steering: course turned by 0.5 s of it.
 
-    Asked for again after Ctrl-C, or with more cars, speeds or floors, it keeps the runs that are there.
+    Asked for again after Ctrl-C, or with more cars, speeds, floors or pulses, it keeps the runs that are there.
     Example: aerodima corner --cars 4 --speed 4.5 --out out/corner
     """
     from math import radians
 
-    from aerodima.optimisation.studies.contestants import swing_player
-    from aerodima.optimisation.studies.corner_page import make_corner, summary_cells
+    from aerodima.optimisation.studies.corner_page import corner_pulses, make_corner, summary_cells
     from aerodima.optimisation.studies.corner_plan import (
-        CONTESTANTS,
         ONE_LEVEL,
+        PULSE,
+        STANDARD,
         TWO_LEVELS,
         CornerPlan,
         chosen_cars,
         contestants_of,
     )
+    from aerodima.optimisation.studies.law_files import read_laws
     from aerodima.optimisation.studies.law_training import LawSearch
+    from aerodima.optimisation.studies.pulse_lengths import pulse_rows
     from aerodima.optimisation.studies.steering_search import SteeringSearch
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.errors import SweepError
     from aerodima.workbench.text_table import text_table
 
-    chosen = contestants_of(contestant or list(CONTESTANTS))
-    players = [swing_player(name) for name in law or ()]
+    chosen = contestants_of(contestant or STANDARD)
+    players = [player for name in law or () for player in read_laws(name, scenario)]
     split = load_ensemble(ensemble).split(seed)
     for option, asked, part in (("--cars", cars, split.test), ("--training", training, split.training)):
         if asked > len(part):
@@ -92,16 +107,20 @@ def corner(
         tuple(speed or (4.5,)),
         tuple(floor or (1.1, 1.3)),
         tuple(course or ()),
+        tuple(pulse or (PULSE,)),
+        reduced,
         (ONE_LEVEL, *(TWO_LEVELS if levels == 2 else ())),
         fixed,
         SteeringSearch(low, high, runs=runs),
         training=LawSearch(laws, generations, finalists, seed),
     )
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
-        _, summary, files = make_corner(
+        measured, summary, files = make_corner(
             out, plan, chosen, players, test, split.training[:training], engine, force=work.force, progress=progress
         )
-    typer.echo("\n".join(text_table(*summary_cells(summary))))
+    several = len(plan.pulses) > 1
+    cells = pulse_rows(corner_pulses(measured.cases)) if several else summary_cells(summary)
+    typer.echo("\n".join(text_table(*cells)))
     typer.echo(f"page: {files[-1]}")
 
 

@@ -15,7 +15,6 @@ from aerodima.optimisation.studies.corner_plan import (
     MOST_BACK,
     MOST_ROLL,
     MOST_SIDESLIP,
-    PULSE,
     SHOWN,
     STEP_BACK,
     CornerPlan,
@@ -23,6 +22,7 @@ from aerodima.optimisation.studies.corner_plan import (
 from aerodima.optimisation.studies.corner_study import Corner, CornerRuns
 from aerodima.optimisation.studies.law_training import LawFamily
 from aerodima.optimisation.studies.leaderboard import open_runs
+from aerodima.optimisation.studies.pulse_lengths import WORDS, gains_by_pulse, plot_pulses, pulse_rows
 from aerodima.optimisation.studies.study_report import table_cells
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
@@ -66,7 +66,11 @@ def make_corner(
     )
     left_out = "".join(f" Left out: {words}." for words in corner.without_floor)
     words = _how(plan, test, training) + left_out
-    markdown = "\n".join([words, "", *markdown_table(summary), ""])
+    markdown = "\n".join([words, "", *markdown_table(summary_cells(summary)), ""])
+    if len(plan.pulses) > 1:
+        table = corner_pulses(corner.cases)
+        tables |= {"pulses.csv": table}
+        markdown += "\n".join(["", WORDS, "", *markdown_table(pulse_rows(table)), ""])
     return corner, summary, write_files(out, {**tables, TABLE: markdown, PAGE: corner_page(corner, summary, words)})
 
 
@@ -75,7 +79,7 @@ def gains(cases: pd.DataFrame, over: str, value: str = "course_change_rad") -> p
 
     A contestant without a run that counts has turned nothing: its gain is -1; without one of the other there is none.
     """
-    key = ["car", "speed_m_per_s", "floor"]
+    key = ["car", "speed_m_per_s", "floor", "pulse_s"]
     other = cases[cases["contestant"] == over].set_index(key)[value].rename("other")
     joined = cases.join(other, on=key)
     ratio = joined[value].fillna(0.0) / joined["other"]
@@ -83,7 +87,7 @@ def gains(cases: pd.DataFrame, over: str, value: str = "course_change_rad") -> p
 
 
 def summarise_corner(cases: pd.DataFrame, contestants: Sequence[Contestant]) -> pd.DataFrame:
-    """A row per contestant over all cases, then over those of each speed and of each floor, with medians.
+    """A row per contestant over all cases, then over those of each speed, floor and pulse, with medians.
 
     The worst car is that of the lowest median over its own cases.
     """
@@ -91,6 +95,7 @@ def summarise_corner(cases: pd.DataFrame, contestants: Sequence[Contestant]) -> 
     parts = {"all": cases["floor"] > 0.0}
     parts |= {f"{speed:g} m/s": cases["speed_m_per_s"] == speed for speed in speeds}
     parts |= {f"floor x {floor:g}": cases["floor"] == floor for floor in floors}
+    parts |= {f"pulse of {pulse:g} s": cases["pulse_s"] == pulse for pulse in sorted(cases["pulse_s"].unique())}
     references = {"no_tail": NO_TAIL.name, "published": THESIS.name}
     gained = {label: gains(cases, name) for label, name in references.items()}
     rows = []
@@ -153,22 +158,31 @@ def summary_cells(summary: pd.DataFrame, cases: str = "all") -> tuple[list[str],
     return list(shown.values()), [[_cell(name, row[name]) for name in shown] for row in own.to_dict("records")]
 
 
-def markdown_table(summary: pd.DataFrame) -> list[str]:
-    """Lines of the summary over all cases."""
-    header, rows = summary_cells(summary)
+def markdown_table(cells: tuple[list[str], list[list[str]]]) -> list[str]:
+    """Lines of a header and rows."""
+    header, rows = cells
     return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]
 
 
 def corner_page(corner: Corner, summary: pd.DataFrame, how: str) -> Page:
     """What was measured, as a page."""
-    parts = [name for name in dict.fromkeys(summary["cases"]) if name != "all"]
+    own = {kind: [name for name in dict.fromkeys(summary["cases"]) if kind in name] for kind in ("m/s", "x", "pulse")}
+    parts = [name for names in own.values() if len(names) > 1 for name in names]
     plot = zoomable(
         plot_gains(corner), "Dots: cases; bar: median.", "Gain in course over the car without tail", "gains"
     )
     by_part = [Section(f"Cases of {part}", [Table(*summary_cells(summary, part))]) for part in parts]
+    longer = []
+    if len(own["pulse"]) > 1:
+        table = corner_pulses(corner.cases)
+        lines = zoomable(
+            plot_pulses(table), "Line: median; band: to the worst car.", "Gain over the length of the pulse", "pulses"
+        )
+        longer = [Section("How long a turn", [Finding([Table(*pulse_rows(table))]), WORDS, lines])]
     sections = [
+        *longer,
         Section("All cases", [Finding([Table(*summary_cells(summary))]), how, plot]),
-        *(by_part if len(parts) > 2 else []),
+        *by_part,
         Section("Each case", [Folded("Table", [_whole(corner.cases)])]),
     ]
     if len(corner.laws):
@@ -176,6 +190,12 @@ def corner_page(corner: Corner, summary: pd.DataFrame, how: str) -> Page:
     return Page(
         "Who turns the car further", "Course turned by a short pulse of steering, each with its own best.", sections
     )
+
+
+def corner_pulses(cases: pd.DataFrame) -> pd.DataFrame:
+    """`gains_by_pulse` over the car without tail, which is left out."""
+    table = gains(cases, NO_TAIL.name)
+    return gains_by_pulse(table[table["contestant"] != NO_TAIL.name])
 
 
 def plot_gains(corner: Corner) -> Figure:
@@ -211,13 +231,14 @@ def _cell(name: str, value: Any) -> str:
 
 
 def _how(plan: CornerPlan, test: Sequence[Member], training: Sequence[Member]) -> str:
-    search = plan.search
+    search, words = plan.search, "Reduced cars; nothing is proved on the full one. " if plan.reduced else ""
     low, high = (f"{np.degrees(angle):g}" for angle in (search.low, search.high))
     back = 1.0 - search.angle(0) / search.angle(STEP_BACK)
-    return (
+    return words + (
         f"Scenario {plan.scenario}; test cars {', '.join(car.name for car in test)}; training cars for laws "
         f"{', '.join(car.name for car in training) or 'none'}; speeds {_listed(plan.speeds)} m/s; floors "
-        f"{_listed(plan.floors)} times the critical friction of the published swing at full lock; pulse {PULSE:g} s. "
+        f"{_listed(plan.floors)} times the critical friction of the published swing at full lock; pulse "
+        f"{_listed(plan.pulses)} s. "
         f"A run counts that is clean, with a peak roll of at most {MOST_ROLL:g} rad and a sideslip of at most "
         f"{MOST_SIDESLIP:g} rad at the exit. Steering from {low} to {high} degrees: {search.runs} runs of each shape "
         f"({_shapes(plan)}) at {1000 * plan.step:g} ms for each contestant and case; the best is proved at "

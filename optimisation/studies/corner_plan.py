@@ -15,7 +15,7 @@ from aerodima.optimisation.studies.contestants import (
     THESIS,
     Contestant,
 )
-from aerodima.optimisation.studies.law_training import CONSTANT_RATE, TRAINED, LawFamily, LawSearch
+from aerodima.optimisation.studies.law_training import CONSTANT_RATE, TRAINED, TRAINED_BY_YAW, LawFamily, LawSearch
 from aerodima.optimisation.studies.steering_search import SteeringSearch
 from aerodima.optimisation.sweep.rollover_threshold import Search, is_clean
 from aerodima.optimisation.swing.full_car import FINE_STEP
@@ -32,10 +32,15 @@ CONTESTANTS: dict[str, Contestant | LawFamily] = {
     "published": THESIS,
     "constant": CONSTANT_RATE,
     "trained": TRAINED,
+    "trained-by-yaw": TRAINED_BY_YAW,
 }
 """By the name that asks for one; of a family of laws the best one on the training cars is found first."""
+STANDARD = tuple(name for name, who in CONTESTANTS.items() if who is not TRAINED_BY_YAW)
+"""Who takes part unless somebody else is asked for."""
 PULSE = 0.5
-"""s."""
+"""s, unless another is asked for."""
+PULSES = (0.1, 2.0)
+"""Shortest and longest one that may be asked for, s."""
 LONGEST = 3.0
 """Longest steering towards a course, s."""
 AFTER, SOON_AFTER = 1.5, 0.2
@@ -64,6 +69,9 @@ class CornerPlan:
         speeds: m/s.
         floors: friction over the critical friction of the published swing at full lock.
         courses: degrees; the time to each is measured too.
+        pulses: lengths of the steering, s; laws are trained for the first one.
+        reduced: courses on reduced cars alone, with nothing else of a turn and nothing proved; in place of the full
+            ones, which set the floors all the same.
         shapes: of the steering: first level over the second and its time, s; (1, 0) is one level. Every contestant
             searches each of them, and has the best; laws are trained with the first one alone.
         fixed: also measure the course with steering of one level that is not found on the test car: the least of the
@@ -74,13 +82,16 @@ class CornerPlan:
         step, fine_step: of the plant, s: of searches and of claims.
 
     Raises:
-        UserError: a course that is not measured, a scenario without a turn, more steering than the servo has.
+        UserError: a course that is not measured, a pulse out of range, a scenario without a turn, more steering than
+            the servo has, more than courses of reduced cars.
     """
 
     scenario: str = "turn_fast"
     speeds: tuple[float, ...] = (4.5,)
     floors: tuple[float, ...] = (1.1, 1.3)
     courses: tuple[int, ...] = ()
+    pulses: tuple[float, ...] = (PULSE,)
+    reduced: bool = False
     shapes: tuple[tuple[float, float], ...] = (ONE_LEVEL,)
     fixed: bool = False
     search: SteeringSearch = field(default_factory=SteeringSearch)
@@ -93,6 +104,11 @@ class CornerPlan:
         for degrees in self.courses:
             if degrees not in COURSES:
                 raise SweepError(f"course {degrees}: allowed: {', '.join(map(str, COURSES))} degrees")
+        for pulse in self.pulses:
+            if not PULSES[0] <= pulse <= PULSES[1]:
+                raise SweepError(f"pulse {pulse:g} s: allowed: {PULSES[0]:g} to {PULSES[1]:g} s")
+        if self.reduced and (self.courses or self.fixed or len(self.shapes) > 1):
+            raise SweepError("reduced cars: allowed: courses after pulses of one level, steering found on each car")
         turn = load_scenario(self.scenario, [f"manoeuvre.steer_angle={self.search.high!r}"]).manoeuvre
         if turn.kind != "turn":
             raise SweepError(f"{self.scenario}: manoeuvre.kind {turn.kind}; allowed: turn")
@@ -123,11 +139,17 @@ class Aim:
     """What the steering is made best for: the course after a pulse, or with `degrees` the time to that course."""
 
     degrees: int | None = None
+    pulse: float = PULSE
+
+    @property
+    def words(self) -> str:
+        """For a line of progress."""
+        return f"{self.pulse:g} s pulse" if self.degrees is None else f"time to {self.degrees} degrees"
 
     @property
     def searching(self) -> tuple[float, float]:
         """How long a run of the search is steered, and goes on after that, s."""
-        return (PULSE, AFTER) if self.degrees is None else (LONGEST, SOON_AFTER)
+        return (self.pulse, AFTER) if self.degrees is None else (LONGEST, SOON_AFTER)
 
     def worth(self, row: Mapping[str, Any]) -> float | None:
         """Of a run of the search; None where it does not count."""
@@ -140,7 +162,7 @@ class Aim:
 
     def proving(self, row: Mapping[str, Any]) -> tuple[float, float]:
         """The same for the run that proves a run of the search."""
-        return PULSE if self.degrees is None else float(f"{row[f'time_to_{self.degrees}_deg_s']:.6g}"), AFTER
+        return self.pulse if self.degrees is None else float(f"{row[f'time_to_{self.degrees}_deg_s']:.6g}"), AFTER
 
     def proved(self, row: Mapping[str, Any]) -> bool:
         """Whether a run at the fine step counts, and comes to the course."""

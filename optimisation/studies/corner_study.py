@@ -1,8 +1,9 @@
 """Who turns the car further: floor and speed are given, every contestant has the steering that is best for it.
 
 A case is a car, a speed and a floor: a multiple of the critical friction of the published swing at full lock there.
-Each contestant steers a pulse of `PULSE` with the amplitude that turns the course furthest among the runs that count
-(`counts`): found at the ordinary step, proved at the fine one, and lowered by a stated share until it counts there too.
+Each contestant steers a pulse, or pulses of several lengths, with the amplitude that turns the course furthest among
+the runs that count (`counts`): found at the ordinary step, proved at the fine one, and lowered by a stated share until
+it counts there too.
 The time to a course is measured likewise, in runs of their own that are steered until they reach it. The steering is
 found on the car that is judged, as a driver would; laws are trained (`law_training`) on training cars alone.
 """
@@ -18,12 +19,12 @@ import numpy as np
 import pandas as pd
 
 from aerodima.optimisation.studies.contestants import THESIS, Contestant
+from aerodima.optimisation.studies.corner_floors import find_floors, turn_settings
 from aerodima.optimisation.studies.corner_plan import (
     MOST_BACK,
     MOST_ROLL,
     MOST_SIDESLIP,
     ONE_LEVEL,
-    PULSE,
     SHOWN,
     STEP_BACK,
     Aim,
@@ -36,19 +37,21 @@ from aerodima.optimisation.studies.corner_plan import (
     counts,
 )
 from aerodima.optimisation.studies.law_training import (
+    CHUNK,
+    SOON_OVER,
     LawFamily,
     Screening,
+    run_screenings,
     score,
     screened_finalists,
 )
 from aerodima.optimisation.studies.steering_search import best_place, search_steering
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, find_thresholds
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import SweepError
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Corner:
     """What was measured.
 
     Attributes:
-        cases: a row per floor and contestant.
+        cases: a row per pulse, floor and contestant.
         laws: what the finalists of each family, and the published law, came to on the training cars; empty without.
         contestants: in order.
         without_floor: cars and speeds that have no floor, since the published swing at full lock is clean on none.
@@ -92,41 +95,60 @@ class CornerRuns:
         contestants = [trained[who.name][0] if isinstance(who, LawFamily) else who for who in chosen.values()]
         contestants += laws
         floors = self.floors(test)
-        turns = [(who, floor) for floor in floors for who in contestants]
-        measured = {aim: self._steered(aim, turns, self._plan.shapes) for aim in (Aim(), *map(Aim, self._plan.courses))}
+        cases = self.cases(contestants, floors, self.floors(training) if self._plan.fixed else ())
+        table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+        return Corner(cases, table, tuple(contestants), tuple(self._without_floor))
+
+    def cases(
+        self, contestants: Sequence[Contestant], floors: Sequence[Floor], training: Sequence[Floor] = ()
+    ) -> pd.DataFrame:
+        """A row per pulse, floor and contestant; steering is fixed, if it is, by the floors for `training`."""
+        turns, learning = ([(who, floor) for floor in part for who in contestants] for part in (floors, training))
+        courses = {aim: self._steered(aim, turns, self._plan.shapes) for aim in map(Aim, self._plan.courses)}
+        rows = []
+        for pulse in self._plan.pulses:
+            rows += self._reduced(pulse, turns) if self._plan.reduced else self._pulsed(pulse, turns, courses, learning)
+        return make_frame(rows)
+
+    def _pulsed(
+        self, pulse: float, turns: Sequence[Turn], courses: Mapping[Aim, Sequence[Steered]], learning: Sequence[Turn]
+    ) -> list[dict[str, Any]]:
+        """Rows of the turns by a pulse; `courses` are the times to courses, `learning` the turns for fixed steering."""
+        aim = Aim(pulse=pulse)
+        measured = {aim: self._steered(aim, turns, self._plan.shapes), **courses}
         rows = [
             self._row(who, floor, {aim: steered[place] for aim, steered in measured.items()})
             for place, (who, floor) in enumerate(turns)
         ]
         if self._plan.fixed:
-            places = self._fixed_places([(who, floor) for floor in self.floors(training) for who in contestants])
-            for row, fixed in zip(rows, self._fixed(turns, places), strict=True):
+            for row, fixed in zip(rows, self._fixed(aim, turns, self._fixed_places(aim, learning)), strict=True):
                 row |= fixed
-        table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-        return Corner(make_frame(rows), table, tuple(contestants), tuple(self._without_floor))
+        return rows
+
+    def _reduced(self, pulse: float, turns: Sequence[Turn]) -> list[dict[str, Any]]:
+        """The same of reduced cars: the course alone."""
+        self._engine.stage = f"{pulse:g} s pulse, reduced cars"
+        parts = [turns[k : k + CHUNK] for k in range(0, len(turns), CHUNK)]
+        courses = [
+            course
+            for rows in run_screenings(self._engine, [self._screening(pulse, p) for p in parts])
+            for course in rows[0]
+        ]
+        aim = Aim(pulse=pulse)
+        rows = [self._row(who, floor, {aim: Steered(None)}) for who, floor in turns]
+        return [row | {"course_change_rad": course or math.nan} for row, course in zip(rows, courses, strict=True)]
 
     def floors(self, members: Sequence[Member]) -> list[Floor]:
         """Of cars, speeds and shares; SweepError when none has a floor."""
         self._engine.stage = "critical friction"
-        plan = self._plan
-        keys = [(member, speed) for member in members for speed in plan.speeds]
-        cases = [Case(THESIS.name, plan.scenario, self._settings(THESIS, m, v, plan.step)) for m, v in keys]
-        starts = [load_scenario(plan.scenario, m.settings_on(plan.scenario)).car.tyre_friction for m, _ in keys]
-        floors = []
-        for (member, speed), one in zip(
-            keys, find_thresholds(cases, plan.friction, self._engine, starts=starts), strict=True
-        ):
-            if one.survived is None:
-                self._without_floor[f"{member.name} at {speed:g} m/s"] = None
-            else:
-                floors += [Floor(member, speed, share, one.survived) for share in plan.floors]
-        if not floors:
-            raise SweepError(f"{', '.join(self._without_floor)}: the published swing at full lock is clean on no floor")
+        floors, without = find_floors(self._plan, members, self._engine)
+        self._without_floor |= dict.fromkeys(without)
         return floors
 
     def trained(self, family: LawFamily, training: Sequence[Member]) -> tuple[Contestant, pd.DataFrame]:
         """The law of a family for each speed that is best on the training cars, and a table of the finalists."""
         chosen, rows = {}, []
+        family = family.for_pulse(self._plan.pulses[0])
         for speed in self._plan.speeds:
             floors = [floor for floor in self.floors(training) if floor.speed == speed]
             cases = self.reduced_cases(floors)
@@ -143,29 +165,32 @@ class CornerRuns:
     def reduced_cases(self, floors: Sequence[Floor]) -> Screening:
         """The floors for reduced cars, with the published law."""
         plan = self._plan
-        pulse = f"manoeuvre.turn_hold={PULSE!r}"
-        settings = [self._settings(THESIS, floor.member, floor.speed, plan.step) for floor in floors]
+        cases = self._screening(plan.pulses[0], [(THESIS, floor) for floor in floors])
+        return replace(cases, steering=replace(plan.search, runs=plan.training.steering_runs))
+
+    def _screening(self, pulse: float, turns: Sequence[Turn]) -> Screening:
+        """Turns as cases for reduced cars."""
+        plan, hold = self._plan, f"manoeuvre.turn_hold={pulse!r}"
+        settings = [
+            (*turn_settings(plan.scenario, who, f.member, f.speed, plan.step), f"{FRICTION}={f.friction!r}")
+            for who, f in turns
+        ]
         return Screening(
             plan.scenario,
-            tuple((*own, f"{FRICTION}={floor.friction!r}", pulse) for own, floor in zip(settings, floors, strict=True)),
-            tuple(floor.member.name for floor in floors),
-            replace(plan.search, runs=plan.training.steering_runs),
+            tuple((*own, hold) for own in settings),
+            tuple(floor.member.name for _, floor in turns),
+            plan.search,
             MOST_ROLL,
             MOST_SIDESLIP,
+            duration=pulse + SOON_OVER,
         )
 
     def courses(self, drivers: Sequence[Contestant], floors: Sequence[Floor]) -> FloatArray:
         """Course at 2 ms (drivers, floors), rad, with the best steering of one level; 0 where no turn counts."""
         turns = [(who, floor) for who in drivers for floor in floors]
-        best = [one.worth if one else 0.0 for one in self._search(Aim(), turns, self._plan.shapes[:1])]
+        aim = Aim(pulse=self._plan.pulses[0])
+        best = [one.worth if one else 0.0 for one in self._search(aim, turns, self._plan.shapes[:1])]
         return np.array(best).reshape(len(drivers), len(floors))
-
-    def _settings(self, who: Contestant, member: Member, speed: float, step: float) -> tuple[str, ...]:
-        scenario = self._plan.scenario
-        own = member.settings_on(scenario)
-        ballast = () if who.ballast is None else who.ballast(load_scenario(scenario, own))
-        numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
-        return (*own, *numerics, *who.at(speed), *ballast, f"{SPEED}={speed!r}")
 
     def _task(self, run: Run, step: float, times: tuple[float, float]) -> RunTask:
         who, floor, place, (ratio, first) = run
@@ -176,7 +201,11 @@ class CornerRuns:
         if first:
             level = min(ratio * angle, self._plan.search.high)
             steered += [f"manoeuvre.first_angle={level!r}", f"manoeuvre.first_hold={min(first, hold)!r}"]
-        settings = (*self._settings(who, floor.member, floor.speed, step), f"{FRICTION}={floor.friction!r}", *steered)
+        settings = (
+            *turn_settings(self._plan.scenario, who, floor.member, floor.speed, step),
+            f"{FRICTION}={floor.friction!r}",
+            *steered,
+        )
         return RunTask(f"{who.name} {floor.member.name} {floor.speed:g}", self._plan.scenario, settings)
 
     def _runs(self, aim: Aim, wanted: Sequence[Run]) -> list[dict[str, Any]]:
@@ -199,9 +228,9 @@ class CornerRuns:
 
     def _steered(self, aim: Aim, turns: Sequence[Turn], shapes: Sequence[tuple[float, float]]) -> list[Steered]:
         """The best steering of each turn, proved at the fine step."""
-        what = self._engine.stage = "0.5 s pulse" if aim.degrees is None else f"time to {aim.degrees} degrees"
+        self._engine.stage = aim.words
         results = [Steered(found) for found in self._search(aim, turns, shapes)]
-        self._engine.stage = f"{what}, fine step"
+        self._engine.stage = f"{aim.words}, fine step"
         trying = {which: (*turns[which], *one.found[:2]) for which, one in enumerate(results) if one.found is not None}
         for _ in range(MOST_BACK + 1):
             coarse = dict(zip(trying, self._runs(aim, list(trying.values())), strict=True))
@@ -216,21 +245,23 @@ class CornerRuns:
             trying = {k: (*run[:2], run[2] - STEP_BACK, run[3]) for k, run in trying.items() if run[2] >= STEP_BACK}
         return results
 
-    def _fixed_places(self, turns: Sequence[Turn]) -> dict[tuple[str, float, float], int]:
+    def _fixed_places(self, aim: Aim, turns: Sequence[Turn]) -> dict[tuple[str, float, float], int]:
         """Least of the best amplitudes by contestant, speed and share, as places on the grid."""
         least: dict[tuple[str, float, float], int] = {}
-        for (who, floor), one in zip(turns, self._steered(Aim(), turns, [ONE_LEVEL]), strict=True):
+        for (who, floor), one in zip(turns, self._steered(aim, turns, [ONE_LEVEL]), strict=True):
             key = (who.name, floor.speed, floor.share)
             if one.proved is not None:
                 least[key] = min(one.proved, least.get(key, one.proved))
         return least
 
-    def _fixed(self, turns: Sequence[Turn], trained: Mapping[tuple[str, float, float], int]) -> list[dict[str, float]]:
+    def _fixed(
+        self, aim: Aim, turns: Sequence[Turn], trained: Mapping[tuple[str, float, float], int]
+    ) -> list[dict[str, float]]:
         """Columns of the runs with that steering at the fine step."""
         self._engine.stage = "fixed steering, fine step"
         places = [trained.get((who.name, floor.speed, floor.share)) for who, floor in turns]
         known = [(*turn, place, ONE_LEVEL) for turn, place in zip(turns, places, strict=True) if place is not None]
-        rows = iter(self._engine.rows([self._task(run, self._plan.fine_step, Aim().searching) for run in known]))
+        rows = iter(self._engine.rows([self._task(run, self._plan.fine_step, aim.searching) for run in known]))
         columns = []
         for place in places:
             row = {} if place is None else next(rows)
@@ -244,6 +275,7 @@ class CornerRuns:
 
     def _row(self, who: Contestant, floor: Floor, measured: Mapping[Aim, Steered]) -> dict[str, Any]:
         row: dict[str, Any] = {"contestant": who.name, "car": floor.member.name, "speed_m_per_s": floor.speed}
+        row |= {"pulse_s": next(aim.pulse for aim in measured if aim.degrees is None)}
         row |= {"floor": floor.share, "critical_friction": floor.critical, "friction": floor.friction}
         for aim, steered in measured.items():
             suffix = "" if aim.degrees is None else f"_to_{aim.degrees}_deg"

@@ -30,8 +30,8 @@ from aerodima.workbench.errors import SweepError
 
 CHUNK = 24
 """Laws that one worker drives at once; what is found does not depend on the number of workers."""
-SOON_OVER = 1.0
-"""How long a reduced car is driven from its steering on, s."""
+SOON_OVER = 0.5
+"""How long a reduced car is driven after its steering, s."""
 APART = 0.05
 """Least share of a range by which finalists differ in one number at least."""
 
@@ -61,6 +61,13 @@ class LawFamily:
             found.append(law)
         return found
 
+    def for_pulse(self, pulse: float) -> LawFamily:
+        """For steering of that length, s: where it is longer, the swing may wait and last as much longer."""
+        longer = max(1.0, pulse / DELAYS[1])
+        stretched = {"delay": (1.0, longer), "swing_speed": (1.0 / longer, 1.0)}
+        factors = {name: stretched.get(name, (1.0, 1.0)) for name in self.ranges}
+        return replace(self, ranges={k: (v[0] * factors[k][0], v[1] * factors[k][1]) for k, v in self.ranges.items()})
+
     def shares(self, law: Mapping[str, float]) -> FloatArray:
         """Where a law lies in the ranges (ranges,), its ends where it lies beyond."""
         return np.array([np.clip((law[k] - low) / (high - low), 0.0, 1.0) for k, (low, high) in self.ranges.items()])
@@ -86,23 +93,28 @@ class LawFamily:
 
 
 CONSTANT_RATE = LawFamily("best constant rate", {"swing_speed": (1.0, 14.0), "trigger_yaw_rate": (0.2, 2.0)})
+DELAYS = (0.0, 0.5)
+"""From the release to the swing, s; to the length of the steering where that is longer."""
+_MOTION = {
+    "delay": DELAYS,
+    "swing_speed": (2.0, 14.0),
+    "swing_kd": (0.5, 5.0),
+    "travel": (0.6, 3.14),
+    "settle_kp": (0.5, 20.0),
+    "settle_kd": (0.2, 5.0),
+    "hold_angle": (0.9, 1.57),
+    "pitch_angle": (-0.6, 0.6),
+}
 TRAINED = LawFamily(
     "trained",
-    {
-        "delay": (0.0, 0.5),
-        "swing_speed": (2.0, 14.0),
-        "swing_kd": (0.5, 5.0),
-        "travel": (0.6, 3.14),
-        "settle_kp": (0.5, 20.0),
-        "settle_kd": (0.2, 5.0),
-        "hold_angle": (0.9, 1.57),
-        "pitch_angle": (-0.6, 0.6),
-    },
+    _MOTION,
     ("controller.trigger=steering", "controller.trigger_steering_angle=0.03"),
 )
 """Release after the steering command, rate, how hard it is reached (`swing_kd` times the rate is the torque at the
 release), travel, braking, and where the tail waits. A yaw rate that says as early that the car turns is reached on the
 straight already, by the drag of the held tail."""
+TRAINED_BY_YAW = LawFamily("trained, released by yaw rate", {"trigger_yaw_rate": (0.2, 2.0), **_MOTION})
+"""Likewise from a yaw rate on. Where the held tail comes to it on the straight already, the law turns nothing."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +157,7 @@ class Screening:
         most_roll, most_sideslip: of a turn that counts, rad.
         laws: numbers by name; none: the published one.
         fixed: settings of all of them.
+        duration: how long the cars are driven from their steering on, s.
     """
 
     scenario: str
@@ -155,6 +168,7 @@ class Screening:
     most_sideslip: float
     laws: tuple[Mapping[str, float], ...] = ({},)
     fixed: tuple[str, ...] = ()
+    duration: float = DELAYS[1] + SOON_OVER
 
 
 def screened_courses(task: Screening) -> list[list[float]]:
@@ -177,7 +191,7 @@ def screened_courses(task: Screening) -> list[list[float]]:
         turns = drive_turns(
             cars.take(places),
             replace(plans.take(places), steer_angle=angles),
-            duration=SOON_OVER,
+            duration=task.duration,
             begun=straight.last[:, places],
         )
         counted = turns.clean & (turns.peak_roll <= task.most_roll) & (np.abs(turns.sideslip) <= task.most_sideslip)
@@ -215,14 +229,19 @@ def score(courses: FloatArray, published: FloatArray, cars: Sequence[str]) -> Fl
     return worth
 
 
+def run_screenings(engine: RememberingEngine, tasks: Sequence[Screening]) -> list[list[list[float]]]:
+    """`screened_courses` of each; what the engine remembers is not driven again."""
+    keys = [content_key("screened courses", vars(task) | {"steering": vars(task.steering)}) for task in tasks]
+    return engine.call_once(screened_courses, tasks, keys)
+
+
 def screened_finalists(
     family: LawFamily, search: LawSearch, cases: Screening, engine: RememberingEngine
 ) -> list[dict[str, float]]:
     """Laws of a family that do best on reduced cars; a search that was stopped goes on, since all its runs are kept."""
 
     def courses(tasks: Sequence[Screening]) -> FloatArray:
-        keys = [content_key("screened courses", vars(task) | {"steering": vars(task.steering)}) for task in tasks]
-        return np.concatenate(engine.call_once(screened_courses, tasks, keys))
+        return np.concatenate(run_screenings(engine, tasks))
 
     def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
         parts = [tuple(laws[k : k + CHUNK]) for k in range(0, len(laws), CHUNK)]

@@ -14,9 +14,11 @@ import pandas as pd
 import pytest
 
 from aerodima.optimisation.studies.contestants import HELD, LOW_PLACE, NO_TAIL, THESIS, low_ballast
-from aerodima.optimisation.studies.corner_page import make_corner
+from aerodima.optimisation.studies.corner_page import corner_pulses, make_corner
 from aerodima.optimisation.studies.corner_plan import CornerPlan, chosen_cars, contestants_of, counts
-from aerodima.optimisation.studies.law_training import LawSearch, Screening
+from aerodima.optimisation.studies.law_files import read_laws
+from aerodima.optimisation.studies.law_training import TRAINED, TRAINED_BY_YAW, LawSearch, Screening
+from aerodima.optimisation.studies.pulse_lengths import end_of_gain, pulse_rows
 from aerodima.optimisation.studies.steering_search import SteeringSearch, best_place, search_steering
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.study_engine import RunTask
@@ -25,6 +27,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.turn_course import COURSES
 from aerodima.workbench.plants.car_model import chassis_centre, gearbox_height
+from aerodima.workbench.resources import model_path
 
 CARS = (Member("light", 0.5, {"car.mass": 5.0}), Member("heavy", 0.5, {"car.mass": 6.0}))
 LIMIT = {"none": 5.0, "held": 6.0, "swing": 7.0}
@@ -154,6 +157,104 @@ def test_the_time_to_a_course_is_proved_by_a_run_that_is_steered_so_long(tmp_pat
     assert any(
         f"manoeuvre.turn_hold={float(f'{row.time_to_45_deg_s:.6g}')!r}" in task.settings for task in engine.tasks
     )
+
+
+class Drawn(MadeUp):
+    """A held tail gains 20 % at 0.5 s, and 40 % of a second's course less for each second beyond."""
+
+    def row(self, given: dict[str, str]) -> dict[str, Any]:
+        row, hold = super().row(given), float(given.get("manoeuvre.turn_hold", 0.5))
+        less = 1.0 - 0.4 * (hold - 0.5) if given["tail.mode"] == "held" else 1.0
+        return row if "course_change_rad" not in row else row | {"course_change_rad": less * row["course_change_rad"]}
+
+    def call(self, function: Any, items: Sequence[Screening]) -> list[list[list[float]]]:
+        """Each case turns as far as the full car with its best steering."""
+        found = []
+        for item in items:
+            rows = [dict(setting.partition("=")[::2] for setting in case) for case in item.cases]
+            hold = [float(row["manoeuvre.turn_hold"]) for row in rows]
+            assert item.duration >= max(hold) + 0.5
+            less = [1.0 - 0.4 * (h - 0.5) if r["tail.mode"] == "held" else 1.0 for h, r in zip(hold, rows, strict=True)]
+            limit = [LIMIT[row["tail.mode"]] for row in rows]
+            found.append([[math.radians(16.0 * h * c * k) for h, c, k in zip(hold, limit, less, strict=True)]])
+        return found
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_the_gain_ends_where_longer_pulses_turn_no_further(tmp_path: Path, *, reduced: bool) -> None:
+    plan, chosen = replace(PLAN, pulses=(0.5, 0.8, 1.2), reduced=reduced), contestants_of(["held"])
+    engine = Drawn()
+    corner, summary, _ = make_corner(tmp_path, plan, chosen, [], CARS[:1], (), engine)
+    assert set(corner.cases["pulse_s"]) == {0.5, 0.8, 1.2}
+    table = corner_pulses(corner.cases)
+    assert list(table["median_gain"]) == pytest.approx([0.2, 0.2 - 1.2 * 0.12, 0.2 - 1.2 * 0.28], abs=0.03)
+    # From 20 % at 0.5 s on 48 % less a second: nothing is left at 0.92 s.
+    ((name, *_, end),) = pulse_rows(table)[1]
+    assert (name, float(end.split()[0])) == ("held", pytest.approx(0.92, abs=0.06))
+    assert "pulse of 1.2 s" in set(summary["cases"])
+    assert "How long a turn" in (tmp_path / "corner.html").read_text()
+    assert ("nothing is proved" in (tmp_path / "corner.md").read_text()) is reduced
+    assert any("manoeuvre.steer_angle" in setting for task in engine.tasks for setting in task.settings) is not reduced
+
+
+@pytest.mark.parametrize(
+    ("gains", "end"), [([0.2, 0.1, -0.1], 0.75), ([-0.1, 0.1, 0.1], math.inf), ([-0.1, 0.0, -0.1], 0.0)]
+)
+def test_where_a_gain_ends(gains: list[float], end: float) -> None:
+    assert end_of_gain([0.2, 0.5, 1.0], gains) == pytest.approx(end)
+
+
+def test_longer_pulses_may_be_waited_for_and_swung_through() -> None:
+    for family in (TRAINED, TRAINED_BY_YAW):
+        assert family.for_pulse(0.3) == family == family.for_pulse(0.5)
+        longer = family.for_pulse(1.0).ranges
+        assert longer["delay"] == (0.0, 1.0)
+        assert longer["swing_speed"] == (1.0, 14.0)
+        assert longer["travel"] == family.ranges["travel"]
+
+
+LAWS = """
+schema: aerodima/laws/1
+contestants:
+  - name: slow
+    settings: [tail.mode=swing, controller.swing_file=none, controller.swing_speed=3.0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ("controller.swing_speed=3.0", "car.com_height=0.1"),
+            "'car.com_height=0.1' is no setting of a law; allowed: tail",
+        ),
+        (("controller.swing_speed=3.0", "controller.swing_sped=3.0"), "law 'slow': .*swing_sped"),
+        (("laws/1", "laws/2"), "allowed is 'aerodima/laws/1'"),
+        (
+            ("settings: [tail.mode=swing, controller.swing_file=none, controller.swing_speed=3.0]", ""),
+            "settings: missing",
+        ),
+        (("  - name: slow", "  - {name: slow, settings: [tail.mode=none]}\n  - name: slow"), "'slow' takes part twice"),
+    ],
+)
+def test_a_list_of_laws_brings_laws_alone(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(LAWS)
+    (law,) = read_laws(str(path), "turn_designed")
+    assert (law.name, law.settings[-1]) == ("slow", "controller.swing_speed=3.0")
+    path.write_text(LAWS.replace(*change))
+    with pytest.raises(UserError, match=words):
+        read_laws(str(path), "turn_designed")
+
+
+def test_laws_that_ship_take_part_by_name() -> None:
+    (best,) = read_laws("best_swing", "turn_designed")
+    assert "controller.pitch_angle=0.593" in best.settings
+    (thesis,) = read_laws("thesis_8_rad_per_s", "turn_fast")
+    assert any(setting.startswith("controller.swing_file=") for setting in thesis.settings)
+    assert len(read_laws(str(model_path("short_turn/contestants.yaml")), "turn_designed")) == 4
+    with pytest.raises(UserError, match=r"law 'best_swin': no such file, and none ships by this name; .*best_swing"):
+        read_laws("best_swin", "turn_designed")
 
 
 def test_a_contestant_whose_turns_do_not_count_has_turned_nothing(tmp_path: Path) -> None:
@@ -307,6 +408,8 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
         (lambda: LawSearch(laws=2), "2 laws for each number: allowed: at least 3"),
         (lambda: LawSearch(finalists=0), "0 finalists: allowed: at least 1"),
         (lambda: CornerPlan(courses=(50,)), "course 50: allowed: 45, 60, 90 degrees"),
+        (lambda: CornerPlan(pulses=(0.5, 2.5)), r"pulse 2\.5 s: allowed: 0\.1 to 2 s"),
+        (lambda: CornerPlan(reduced=True, fixed=True), "reduced cars: allowed: courses after pulses of one level"),
         (lambda: CornerPlan(scenario="slalom"), "slalom: manoeuvre.kind slalom; allowed: turn"),
         (lambda: CornerPlan(search=SteeringSearch(high=0.7)), "manoeuvre.steer_angle"),
     ],

@@ -13,7 +13,6 @@ from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.studies.law_training import (
     APART,
-    SOON_OVER,
     TRAINED,
     LawSearch,
     Screening,
@@ -70,7 +69,7 @@ def test_a_law_is_screened_as_its_scenario_would_be() -> None:
     (course,) = screened_courses(task)
     steered = f"manoeuvre.steer_angle={math.radians(4.0)!r}"
     scenario = load_scenario("turn_designed", (*case, *TRAINED.settings(law), steered))
-    turns = drive_turns(Vehicles.of([scenario]), TurnPlans.of([scenario]), duration=SOON_OVER)
+    turns = drive_turns(Vehicles.of([scenario]), TurnPlans.of([scenario]), duration=task.duration)
     assert turns.clean[0]
     assert turns.trigger == pytest.approx(0.11)  # the command is seen a tick late
     assert course == pytest.approx(turns.course, abs=1e-9)

@@ -1,0 +1,41 @@
+"""Floors of the corner study: multiples of the critical friction of the published swing at full lock, car by car."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from aerodima.optimisation.studies.contestants import THESIS, Contestant
+from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
+from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case, find_thresholds
+from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.workbench.config.ensemble import Member
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import SweepError
+
+
+def find_floors(plan: CornerPlan, members: Sequence[Member], engine: RunEngine) -> tuple[list[Floor], list[str]]:
+    """Floors of cars, speeds and shares, and the cars and speeds that have none.
+
+    Raises:
+        UserError: none has a floor.
+    """
+    keys = [(member, speed) for member in members for speed in plan.speeds]
+    cases = [Case(THESIS.name, plan.scenario, turn_settings(plan.scenario, THESIS, m, v, plan.step)) for m, v in keys]
+    starts = [load_scenario(plan.scenario, m.settings_on(plan.scenario)).car.tyre_friction for m, _ in keys]
+    floors, without = [], []
+    for (member, speed), one in zip(keys, find_thresholds(cases, plan.friction, engine, starts=starts), strict=True):
+        if one.survived is None:
+            without.append(f"{member.name} at {speed:g} m/s")
+        else:
+            floors += [Floor(member, speed, share, one.survived) for share in plan.floors]
+    if members and not floors:
+        raise SweepError(f"{', '.join(without)}: the published swing at full lock is clean on no floor")
+    return floors, without
+
+
+def turn_settings(scenario: str, who: Contestant, member: Member, speed: float, step: float) -> tuple[str, ...]:
+    """Settings of a contestant's turns with a car at a speed (m/s) and a step of the plant (s), but for the floor."""
+    own = member.settings_on(scenario)
+    ballast = () if who.ballast is None else who.ballast(load_scenario(scenario, own))
+    numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+    return (*own, *numerics, *who.at(speed), *ballast, f"{SPEED}={speed!r}")
