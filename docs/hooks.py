@@ -1,14 +1,12 @@
-"""Pages that are made when the documentation is built: the reference, the model card, and texts that stand elsewhere.
+"""Pages that are made when the documentation is built: the model card, and texts that stand elsewhere.
 
-The reference is read from the source by mkdocstrings, without importing it. The model card is made of
-`models/parameters` and `models/coefficients`, and the page on the built car of `models/published/statements.yaml`, so
-that no number is typed twice; the pages on the aerodynamic law and on
-the errata of the thesis are the texts beside the code and the tables.
+The model card is made of `models/parameters` and `models/coefficients`, and the page on the built car of
+`models/published/statements.yaml`, so that no number is typed twice; the pages on the aerodynamic law and on the errata
+of the thesis are the texts beside the code and the tables. The reference has a module of its own, `reference_pages.py`.
 """
 
 from __future__ import annotations
 
-import ast
 import io
 import re
 from pathlib import Path
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("workbench", "optimisation", "hardware")
 TEXTS = {"aerodynamics.md": "workbench/aero/README.md", "errata.md": "models/published/ERRATA.md"}
 """Page -> text of the repository; what it names of the repository stays a name."""
 _ERRATUM = re.compile(r"\bERRATA ((?:E\d+)(?:(?:, | and )E\d+)*)")
@@ -38,14 +35,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
     texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)
-    pages = {**_reference(), **_model_card(), "built.md": statements_page(), **texts}
+    pages = {**_model_card(), "built.md": statements_page(), **texts}
     for name, text in pages.items():
         files.append(File.generated(config, name, content=text))
     for name, picture in _pictures().items():
         files.append(File.generated(config, name, content=picture))
-    for entry in config.nav or []:
-        if entry.get("Reference") == "reference/":
-            entry["Reference"] = _reference_navigation(pages)
     return files
 
 
@@ -75,53 +69,6 @@ def _png(figure: Figure) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=100)
     return stream.getvalue()
-
-
-def _reference() -> dict[str, str]:
-    pages = {}
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            if "_models" in parts or (parts[-1].startswith("_") and parts[-1] != "__init__"):
-                continue
-            module = ".".join(("aerodima", *(parts[:-1] if parts[-1] == "__init__" else parts)))
-            pages[f"reference/{module}.md"] = (
-                f"# {module}\n\n::: {module}\n    options:\n      show_root_heading: false\n"
-            )
-        pages[f"reference/aerodima.{package}.md"] += _face(package)
-    return pages
-
-
-def _face(package: str) -> str:
-    """Table of what a package exports: name, with a link to where it stands, and the first line of its docstring."""
-    lines = ["", "## What it exports", "", f"`from aerodima.{package} import ...`", "", "| name | what |", "|---|---|"]
-    stub = ast.parse((ROOT / package / "__init__.pyi").read_text(encoding="utf-8"))
-    for node in sorted((n for n in stub.body if isinstance(n, ast.ImportFrom)), key=lambda n: n.names[0].name.lower()):
-        name, module = node.names[0].name, f"aerodima.{package}.{node.module}"
-        path = ROOT / package / f"{str(node.module).replace('.', '/')}.py"
-        text = _first_line(ast.parse(path.read_text(encoding="utf-8")), name)
-        lines.append(f"| [`{name}`]({module}.md#{module}.{name}) | {text} |")
-    return "\n".join(lines) + "\n"
-
-
-def _first_line(module: ast.Module, name: str) -> str:
-    """Of the docstring of a class or function, or of the string below a constant; empty without one."""
-    for node, after in zip(module.body, [*module.body[1:], None], strict=True):
-        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name:
-            return (ast.get_docstring(node) or "").split("\n")[0]
-        names = [target.id for target in getattr(node, "targets", ()) if isinstance(target, ast.Name)]
-        if name in names and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            return str(after.value.value).split("\n")[0]
-    return ""
-
-
-def _reference_navigation(pages: dict[str, str]) -> list[dict[str, Any]]:
-    """One entry per package, its modules below."""
-    navigation: list[dict[str, Any]] = []
-    for package in PACKAGES:
-        own = sorted(name for name in pages if name.startswith(f"reference/aerodima.{package}."))
-        navigation.append({package: [{Path(name).stem: name} for name in own]})
-    return navigation
 
 
 def _model_card() -> dict[str, str]:

@@ -88,7 +88,8 @@ def test_step_of_a_walk_leads_to_a_function_that_is_there(file: str, link: str, 
         assert name in yaml.safe_load(path.read_text(encoding="utf-8"))
         return
     assert holds(ast.parse(path.read_text(encoding="utf-8")), name)
-    assert link == f"../reference/aerodima.{file.removesuffix('.py').replace('/', '.')}.md"
+    package, folder, module = file.removesuffix(".py").split("/")
+    assert link == f"../reference/aerodima.{package}.{folder}.md#{module}"
 
 
 def test_height_of_the_centre_of_mass_takes_the_walk() -> None:

@@ -48,7 +48,7 @@ def test_pages_link_to_pages_that_exist() -> None:
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
             path = (page.parent / target).resolve()
             name = path.relative_to(DOCS.parent).as_posix()
-            module = DOCS.parent / "src" / name.removeprefix("docs/reference/").removesuffix(".md").replace(".", "/")
+            folder = DOCS.parent / "src" / name.removeprefix("docs/reference/").removesuffix(".md").replace(".", "/")
             known = path.exists() or name.removeprefix("docs/") in generated
-            known |= name.startswith("docs/reference/") and (module.with_suffix(".py").exists() or module.is_dir())
+            known |= name.startswith("docs/reference/") and folder.is_dir()
             assert known, f"{page.relative_to(DOCS)}: {target}"

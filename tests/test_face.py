@@ -70,12 +70,12 @@ def test_pages_name_what_the_face_has(path: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_promised_name_is_there_and_says_what_it_is_on_the_reference_page(package: str) -> None:
-    spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs" / "hooks.py")
+    spec = importlib.util.spec_from_file_location("reference_pages", ROOT / "docs" / "reference_pages.py")
     assert spec is not None
     assert spec.loader is not None
-    hooks = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(hooks)
-    pages = hooks._reference()
+    generator = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generator)
+    pages = generator.reference()
     rows = re.findall(
         r"^\| \[`(\w+)`\]\((.+?\.md)#(.+?)\) \| (.+) \|$", pages[f"reference/aerodima.{package}.md"], re.M
     )
@@ -83,7 +83,7 @@ def test_every_promised_name_is_there_and_says_what_it_is_on_the_reference_page(
     module = importlib.import_module(f"aerodima.{package}")
     for name, page, anchor, text in rows:
         home, _, own = anchor.rpartition(".")
-        assert f"reference/{page}" in pages
+        assert f"\n::: {anchor}\n" in pages[f"reference/{page}"]
         assert getattr(importlib.import_module(home), own) is getattr(module, name)
         assert len(text.split()) > 2, name
         assert not text.startswith("See"), name
