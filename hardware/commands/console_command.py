@@ -27,13 +27,18 @@ def console(
         int | None, typer.Option(help="64-bit serial number of the car's module; with --radio. Default: all.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8470,
-    out: Annotated[Path, typer.Option(help="New folder of the emulated car.")] = Path("console_car"),
+    out: Annotated[Path, typer.Option(help="Folder of the emulated car; of a later one, one in it.")] = Path(
+        "console_car"
+    ),
     wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can; with --emulate.")] = "teensy_bridge",
     view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
     car_number: Annotated[
         int, typer.Option("--car", min=0, max=255, help="Number of the car (its ports file); with --radio.")
     ] = 0,
-    record: Annotated[Path, typer.Option(help="File (JSON lines) for what is recorded.")] = Path("console.jsonl"),
+    record: Annotated[
+        Path | None,
+        typer.Option(help="New file (JSON lines) of the record; by default the next console.jsonl."),
+    ] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="Override such as manoeuvre.speed=2; with --emulate.")
     ] = None,
@@ -61,7 +66,7 @@ def console(
     chosen = wiring_name(wiring)
     words = settings or []
     scenario = load_scenario(emulate or "auto_turn", words)
-    listener, recording, car = open_socket(port), ConsoleRecord(record), None
+    listener, recording, car = open_socket(port), ConsoleRecord(record or _next_record()), None
     if emulate is not None:
         car = EmulatedCarProcess(emulate, words, scenario.tail.mode != "none", chosen, out, view)
     with listener:
@@ -77,6 +82,12 @@ def console(
         finally:
             if car is not None:
                 car.close()
+
+
+def _next_record() -> Path:
+    """console.jsonl, or console_2.jsonl and so on where that is there already."""
+    names = ("console.jsonl", *(f"console_{number}.jsonl" for number in range(2, 10_000)))
+    return next(path for path in map(Path, names) if not path.exists())
 
 
 def _radio(radio: str | None, receiver: int | None) -> dict[str, object]:

@@ -30,7 +30,8 @@ class EmulatedCarProcess:
     Args:
         scenario, settings: as the two commands take them.
         has_tail: the scenario's car has tail motors, whose watchdog is to be tested.
-        folder: new or empty; gets the emulator's files and `drive_N.parquet`.
+        folder: gets the emulator's files and `drive_N.parquet`; where an earlier car has left its own, they go into a
+            numbered folder in it.
         view: show the car in Meshcat.
     """
 
@@ -44,8 +45,8 @@ class EmulatedCarProcess:
         view: bool = True,
     ) -> None:
         self._scenario = [scenario, *(word for setting in settings for word in ("--set", setting))]
-        self._has_tail, self._wiring, self._folder, self._show = has_tail, wiring, folder, view
-        self._environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state")}
+        self._has_tail, self._wiring, self._folder, self._show = has_tail, wiring, _own_folder(folder), view
+        self._environment = {**os.environ, "XDG_STATE_HOME": str(self._folder / "state")}
         self._emulator: subprocess.Popen[str] | None = None
         self._drive: subprocess.Popen[str] | None = None
         self._lines: list[str] = []
@@ -59,7 +60,7 @@ class EmulatedCarProcess:
 
     def start(self, say: Callable[[str], None]) -> None:
         """Starts the emulator and records the watchdog test (some seconds); `HardwareError` with what they said."""
-        say("starting the emulated car")
+        say(f"starting the emulated car in {self._folder}")
         command = ["emulate", *self._scenario, "--out", str(self._folder), "--wiring", self._wiring, "--console"]
         command += ["--parent", str(os.getpid())]  # killed or not, it does not leave an emulator behind
         self._emulator = self._run([*command, *(["--view"] if self._show else [])])
@@ -143,6 +144,15 @@ class EmulatedCarProcess:
         for line in drive.stdout or ():
             if line.strip():
                 self._lines = [*self._lines[-20:], line.strip()]
+
+
+def _own_folder(folder: Path) -> Path:
+    """The folder; where an earlier car has left its files, one in it with the next number from 2."""
+    found, number = folder, 1
+    while (found / READY_FILE).exists():
+        number += 1
+        found = folder / str(number)
+    return found
 
 
 def _last_line(text: str) -> str:

@@ -17,12 +17,15 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
+from aerodima.workbench.replay.chase_camera import ChaseCamera
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.car_run import truth_signals
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
 from aerodima.workbench.systems.event_order import Stage
 
+_PICTURE = 1.0 / 30.0
+"""Between two moves of the view's camera, s."""
 _INPUTS = ("steering_angle", "throttle", "planned_turn", "tail_pitch_command", "tail_roll_command", "state")
 
 
@@ -40,7 +43,7 @@ class EmulatedCar:
         log: Parquet file of the truth; its journal beside it grows while the emulator runs.
         log_rate: rows per second, Hz.
         facts: go into the log's metadata under `extra`.
-        meshcat: where the car is shown, None nowhere.
+        meshcat: where the car is shown, followed from behind; None nowhere.
 
     Attributes:
         has_tail: whether there are motors and a sail.
@@ -73,6 +76,8 @@ class EmulatedCar:
         self._station_context: Any = station.GetMyContextFromRoot(self._context)
         read = (*STATION_OUTPUTS, "plant_state_truth")
         self._ports: dict[str, Any] = {name: station.GetOutputPort(name) for name in read}
+        self._camera = None if meshcat is None else ChaseCamera(station, meshcat)
+        self._picture_due = 0.0
         self.has_tail = scenario.tail.mode != "none"
         self._joints = self._joint_places(simulated_car(station).plant) if self.has_tail else []
 
@@ -104,6 +109,9 @@ class EmulatedCar:
     def advance(self, time: float) -> None:
         """Simulates up to `time`, s."""
         self._simulator.AdvanceTo(time)
+        if self._camera is not None and time >= self._picture_due:
+            self._picture_due = time + _PICTURE
+            self._camera.follow(self._context)
 
     def joints(self) -> np.ndarray:
         """(4,) angles of pitch and roll (rad), then their rates (rad/s), as they are now."""

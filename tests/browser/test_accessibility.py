@@ -109,7 +109,8 @@ def test_focus_goes_through_the_console_in_the_order_of_the_page_and_is_seen(con
         assert focused["outlined"], focused
         assert focused["seen"], focused
         order.append(focused["name"])
-    assert order == ["stop", "rest", "centre", "steering", "step-size", "step-time", "record"]
+    plotted = ["Speed", "Yaw rate", "Roll of the car", "Tail angle", "Tail torque"]
+    assert order == ["stop", "rest", "centre", "steering", "step-size", "step-time", "record", *plotted]
 
 
 @pytest.mark.parametrize("size", [(1280, 900), (800, 600), (400, 800), (800, 400)])

@@ -69,11 +69,11 @@ def report_all_the_time(served: Served, report: CarReport) -> None:
 
 def readings(page: Any) -> list[str]:
     """What the boxes above and the plots show of car and console."""
-    texts = [page.inner_text(name) for name in ("#car", "#heard-mode", "#link", "#seat")]
+    texts = [page.inner_text(name) for name in ("#car", "#heard-mode", "#speed", "#link", "#seat")]
     return [*texts, *page.locator(".plot b").all_inner_texts()]
 
 
-NO_PLOTS = ["–", "–", "roll (solid) – · pitch (dashed) –", "roll (solid) – · pitch (dashed) –"]
+NO_PLOTS = ["–", "–", "–", "roll (solid) – · pitch (dashed) –", "roll (solid) – · pitch (dashed) –"]
 
 
 @contextlib.contextmanager
@@ -127,7 +127,7 @@ def test_a_page_left_open_after_a_restart_says_so_and_sends_nothing(page: Any, t
     eventually(lambda: "connection to the console is lost" in shown(page) or "does not answer" in shown(page))
     with contextlib.closing(Served(tmp_path / "second", open_socket(first.port))) as second:
         eventually(lambda: "was started again" in shown(page))
-        assert readings(page) == ["not connected", "–", "no link", "not connected", *NO_PLOTS]
+        assert readings(page) == ["not connected", "–", "–", "no link", "not connected", *NO_PLOTS]
         assert page.is_disabled("#arm")
         assert second.sent(Heartbeat) == []
 
@@ -139,7 +139,7 @@ def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, serv
     page.locator("input[value=manual]").evaluate("box => box.click()")
     assert page.evaluate("mode") == "manual"
     with stalled(served):
-        eventually(lambda: readings(page) == ["not known", "–", "no link", "not known", *NO_PLOTS])
+        eventually(lambda: readings(page) == ["not known", "–", "–", "no link", "not known", *NO_PLOTS])
         assert page.evaluate("socket.readyState") == 1
         assert page.evaluate("mode") == "rest"
         assert "silent for" in page.inner_text("#banner")
@@ -149,7 +149,7 @@ def test_a_console_that_stalls_leaves_nothing_that_looks_current(page: Any, serv
         assert "has not answered" in page.inner_text("#banner")
     eventually(lambda: served.sent(EmergencyStop))
     eventually(lambda: "EMERGENCY STOP by key" in page.inner_text("#banner"))
-    assert readings(page)[3] == "controls"
+    assert readings(page)[4] == "controls"
     with stalled(served):
         eventually(lambda: "An emergency stop by key stood before" in page.inner_text("#banner"))
 
@@ -165,7 +165,7 @@ def test_a_radio_that_is_lost_is_a_fault_in_words_and_a_stop_says_that_it_was_no
     eventually(lambda: page.inner_text("#banner").startswith("RADIO FAULT: nothing reaches the car"))
     assert "radio of this console: the radio's port is lost" in page.inner_text("#faults")
     assert page.evaluate("mode") == "rest"
-    assert readings(page)[:3] == ["not heard", "–", "no link"]
+    assert readings(page)[:4] == ["not heard", "–", "–", "no link"]
     page.keyboard.press("Escape")
     eventually(lambda: "NOT SENT" in page.inner_text("#banner"))
 
@@ -219,13 +219,38 @@ def test_a_car_without_a_tail_is_driven_and_its_page_says_why_nothing_moves_a_ta
     eventually(lambda: page.is_hidden("#slider-roll") and page.inner_text("#car") == "ARMED")
     assert "This car has no tail" in page.inner_text("#drive")
     assert page.inner_text("#faults") == "none"
-    assert page.locator(".plot:visible").count() == 2
+    assert page.locator(".plot:visible").count() == 3
     assert page.evaluate("stepChannel()") == "steering"
     page.locator("input[value=manual]").evaluate("box => box.click()")
     page.fill("#slider-throttle", "20")
     page.fill("#slider-steering", "-10")
     eventually(lambda: any(sent.throttle == pytest.approx(0.2) for sent in served.sent(OperatorCommand)))
     eventually(lambda: served.sent(OperatorCommand)[-1].steering > 0.1)
+
+
+def test_speed_is_shown_and_the_operator_chooses_what_is_plotted(page: Any, served: Served) -> None:
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    report_all_the_time(served, replace(ARMED, speed=2.345))
+    eventually(lambda: page.inner_text("#speed") == "2.35 m/s")
+    assert page.inner_text("#battery") == "not measured"
+    assert page.locator(".plot:visible").count() == 5
+    page.uncheck("#channels input[value='Tail torque']")
+    assert page.locator(".plot:visible").count() == 4
+    page.check("#channels input[value='Tail torque']")
+    torque = page.locator("figure", has_text="Tail torque").locator("b")
+    eventually(lambda: "roll (solid) 0.0" in torque.inner_text())
+
+
+def test_the_view_stands_above_the_fold(page: Any, served: Served) -> None:
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.goto(served.access.url)
+    eventually(lambda: page.evaluate(IN_CONTROL))
+    page.evaluate("setView('about:blank')")
+    page.check("#show-view")
+    box = page.locator("iframe").bounding_box()
+    assert box["y"] + box["height"] <= 800.0
 
 
 @pytest.fixture

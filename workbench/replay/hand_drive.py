@@ -13,9 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram
 
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
@@ -23,9 +21,9 @@ from aerodima.workbench.controllers.manoeuvre import DriverInput, ThrottleLine, 
 from aerodima.workbench.controllers.tail_law import Observation, TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, open_log, recorded_columns
 from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
-from aerodima.workbench.replay.viewer import GROUND, WORLD, draw_ground
+from aerodima.workbench.replay.chase_camera import ChaseCamera
+from aerodima.workbench.replay.viewer import WORLD
 from aerodima.workbench.simulate.car_run import assemble, plant_facts
-from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.systems.event_order import Stage
 
 SLICE = 0.02
@@ -36,7 +34,6 @@ TAIL_SPEED = 8.0
 """Fastest commanded roll of a tail that is moved by hand, rad/s: the published swing (Table 6.4)."""
 LATE = 0.9
 """Below this share of the wanted pace the driver is told."""
-_AREA = (-14.0, 14.0, -14.0, 14.0)
 
 
 @dataclass
@@ -181,7 +178,6 @@ def _attempt(
     hand = HandOrLaw(law or law_of_scenario(scenario), driving, gains)
     if meshcat is not None:
         meshcat.Delete(f"{WORLD}/visualizer")
-        draw_ground(meshcat, _AREA)
     car = assemble(scenario, meshcat=meshcat, tail_law=hand, schedule=driving)
     metadata = run_metadata(
         scenario.resolved(), scenario.seed, extra={**plant_facts(car.station), DRIVEN_BY: "hand (simulation)"}
@@ -190,12 +186,12 @@ def _attempt(
         RunRecorder.add_to_builder(car.builder, rows, car.signals, scenario.simulation.log_rate, Stage.RECORD)
         simulator = Simulator(car.builder.Build())
         simulator.Initialize()
-        return _drive(simulator, _Camera(car.station, meshcat), controls, driving, length, say)
+        return _drive(simulator, ChaseCamera(car.station, meshcat), controls, driving, length, say)
 
 
 def _drive(
     simulator: Simulator,
-    camera: "_Camera",
+    camera: ChaseCamera,
     controls: Controls,
     driving: WishedDriving,
     length: float,
@@ -225,26 +221,3 @@ def _drive(
                 say(f"this computer keeps up at {pace:.2f} of real time, not {wishes.pace:g}: the run slows down")
         controls.show(speed, pace)
     return False
-
-
-class _Camera:
-    """Looks at a car from behind: the world moves and turns under a camera that stands still."""
-
-    def __init__(self, station: Diagram, meshcat: Meshcat | None) -> None:
-        self._plant, self._meshcat = simulated_car(station).plant, meshcat
-        self._chassis = self._plant.GetBodyByName("chassis")
-        if meshcat is not None:
-            meshcat.SetCameraPose(np.array([-2.6, 0.0, 1.5]), np.array([0.8, 0.0, 0.2]))
-
-    def follow(self, context: Context) -> float:
-        """Turns the view after the car; gives its speed over ground, m/s."""
-        plant_context = self._plant.GetMyContextFromRoot(context)
-        X_WB = self._plant.EvalBodyPoseInWorld(plant_context, self._chassis)
-        velocity = self._plant.EvalBodySpatialVelocityInWorld(plant_context, self._chassis).translational()
-        if self._meshcat is not None:
-            ahead = X_WB.rotation().matrix()[:, 0]
-            place = np.array([*X_WB.translation()[:2], 0.0])
-            turned = RigidTransform(RotationMatrix.MakeZRotation(-math.atan2(ahead[1], ahead[0])), np.zeros(3))
-            self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
-            self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))  # whole metres: its lines stay in place
-        return float(np.hypot(velocity[0], velocity[1]))

@@ -13,7 +13,7 @@ const TAIL = ["pitch", "roll"];
 const get = (id) => document.getElementById(id);
 const seconds = () => performance.now() / 1000;
 const sliders = new Sliders(get("sliders"));
-const plots = makePlots(get("plots"));
+const plots = makePlots(get("plots"), get("channels"));
 const news = new News(), gamepads = new Gamepads();
 let socket = null, state = null, count = 0, mode = "rest", padStops = 0, problem = "", failure = "", wasArmed = false, pendingStop = "";
 
@@ -149,6 +149,7 @@ function show() {
   setText("car", !known ? unknown : !report ? "not heard" : report.stopped ? "STOPPED" : armed ? "ARMED" : "not armed");
   get("car-box").className = !known ? "unknown" : report?.stopped ? "stopped" : armed ? "armed" : "";
   setText("heard-mode", report ? report.mode : "–");
+  setText("speed", report && report.speed !== null ? `${report.speed.toFixed(2)} m/s` : "–");
   const age = report ? radio.link_age + news.age(now) : null;
   setText("link", age === null ? "no link" : `${Math.round(age * 1000)} ms${age > LATE ? " LATE" : ""}`);
   get("link-box").className = age === null || age > LATE ? "late" : "";

@@ -7,6 +7,7 @@ const DEGREES = 180 / Math.PI;
 class StripPlot {
   // lines: [{name, key, scale, digits, ofTail}]; least: half height of the scale that is always shown.
   constructor(place, title, unit, lines, least) {
+    this.title = title;
     this.unit = unit;
     this.lines = lines;
     this.least = least;
@@ -23,6 +24,17 @@ class StripPlot {
     this.canvas.setAttribute("aria-label", `${title} of the last ${PLOT_SECONDS} s, ${unit}; the newest value stands above`);
     figure.append(caption, this.canvas);
     place.append(figure);
+    this.figure = figure;
+  }
+
+  // A box that shows and hides the plot; a hidden one goes on listening.
+  makeSwitch() {
+    const label = document.createElement("label"), box = document.createElement("input");
+    label.className = this.figure.classList.contains("of-tail") ? "check of-tail" : "check";
+    Object.assign(box, {type: "checkbox", checked: true, name: "plotted", value: this.title});
+    box.addEventListener("change", () => { this.figure.hidden = !box.checked; });
+    label.append(box, ` ${this.title}`);
+    return label;
   }
 
   add(time, report) {
@@ -35,6 +47,7 @@ class StripPlot {
   }
 
   draw(now) {
+    if (this.figure.hidden) return;
     const ratio = window.devicePixelRatio || 1;
     const width = this.canvas.clientWidth, height = this.canvas.clientHeight;
     if (this.canvas.width !== Math.round(width * ratio)) {
@@ -89,8 +102,9 @@ class StripPlot {
   }
 }
 
-function makePlots(place) {
-  return [
+function makePlots(place, channels) {
+  const plots = [
+    new StripPlot(place, "Speed", "m/s", [{name: "", key: "speed", scale: 1, digits: 2}], 2),
     new StripPlot(place, "Yaw rate", "rad/s", [{name: "", key: "yaw_rate", scale: 1, digits: 2}], 1),
     new StripPlot(place, "Roll of the car", "°", [{name: "", key: "roll", scale: DEGREES}], 5),
     new StripPlot(place, "Tail angle", "°", [
@@ -98,4 +112,6 @@ function makePlots(place) {
     new StripPlot(place, "Tail torque", "N m", [
       {name: "roll (solid)", key: "torque_roll", scale: 1, ofTail: true}, {name: "pitch (dashed)", key: "torque_pitch", scale: 1, ofTail: true}], 5),
   ];
+  for (const plot of plots) channels.append(plot.makeSwitch());
+  return plots;
 }
