@@ -64,8 +64,7 @@ def corner(
     write_swing(found, out, force=force)
     typer.echo(f"swing: {out}")
     typer.echo("\n".join(_turn_words(found.provenance.found, [name for name, _ in cars])))
-    own = " ".join(f"--set {setting}" for setting in found.provenance.settings)
-    typer.echo(f"drive it: aerodima turn --scenario {scenario} {own} --swing {out}")
+    typer.echo(f"drive it: aerodima turn --swing {out}")
 
 
 def _turn_words(facts: dict[str, Any], cars: list[str]) -> list[str]:

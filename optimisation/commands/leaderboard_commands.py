@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from aerodima.optimisation.commands.study_commands import engine_for
-from aerodima.workbench.cli.options import SWINGS, Ensemble, ScenarioOption, Scheduler, Workers, WorkOptions, grouped
+from aerodima.workbench.cli.options import (
+    SWINGS,
+    Ensemble,
+    OtherCar,
+    ScenarioOption,
+    Scheduler,
+    Workers,
+    WorkOptions,
+    grouped,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -33,6 +42,7 @@ def corner(
         list[str] | None,
         typer.Option(help="Swing file, list of laws, or name of one that ships (best_swing); may be repeated."),
     ] = None,
+    other_car: OtherCar = False,
     ensemble: Ensemble = "car",
     seed: Annotated[int, typer.Option(help="Of the split into training and test cars.", min=0)] = 1,
     cars: Annotated[int, typer.Option(help="Test cars.", min=1)] = 4,
@@ -91,11 +101,15 @@ def corner(
     from aerodima.optimisation.studies.pulse_lengths import pulse_rows
     from aerodima.optimisation.studies.steering_search import SteeringSearch
     from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
     from aerodima.workbench.errors import SweepError
     from aerodima.workbench.text_table import text_table
 
     chosen = contestants_of(contestant or STANDARD)
     players = [player for name in law or () for player in read_laws(name, scenario)]
+    for player in () if other_car else players:
+        refuse_other_car(load_scenario(scenario, player.settings))
     split = load_ensemble(ensemble).split(seed)
     for option, asked, part in (("--cars", cars, split.test), ("--training", training, split.training)):
         if asked > len(part):

@@ -16,6 +16,7 @@ from aerodima.workbench.cli.options import (
     ScenarioArgument,
     Settings,
     SwingArgument,
+    SwingScenarioOption,
     Workers,
 )
 
@@ -83,7 +84,7 @@ def swing(
     from contextlib import nullcontext
 
     from aerodima.optimisation.sweep.study_engine import SerialRunEngine, open_run_engine
-    from aerodima.optimisation.swing.search_state import SearchOptions
+    from aerodima.optimisation.swing.search_state import LIMIT_REACHED, SearchOptions
     from aerodima.optimisation.swing.swing_problem import OBJECTIVES
     from aerodima.optimisation.swing.swing_search import optimise_swing
     from aerodima.workbench.atomic_write import make_folder, refuse_existing
@@ -131,6 +132,8 @@ def swing(
             f"heading: {facts['heading_ratio']:.1%} of the published swing's at friction "
             f"{facts['reference_friction']:.3f}, the highest that both survive"
         )
+    if LIMIT_REACHED in facts:
+        typer.echo(f"stopped at its limit while it still gained: {facts[LIMIT_REACHED]}")
     if "collocation_error_rad" in facts:
         typer.echo(f"collocation error {facts['collocation_error_rad']:.4f} rad on {facts['knots']} knots")
 
@@ -151,9 +154,7 @@ def refuse_unwritable(folder: Path) -> None:
 def feedback(
     swing: SwingArgument,
     out: Annotated[Path, typer.Option(help="Swing file to write.")],
-    scenario: Annotated[
-        str | None, typer.Option(help="Turn to hold the car to; by default the file's own, else turn_swing.")
-    ] = None,
+    scenario: SwingScenarioOption = None,
     settings: Settings = None,
     other_car: Annotated[bool, typer.Option("--other-car", help="Use another car than it was made for.")] = False,
     force: Force = False,
@@ -164,19 +165,23 @@ def feedback(
     Example: aerodima feedback thesis_8_rad_per_s --set manoeuvre.speed=3.61 --out tracked.yaml
     """
     from aerodima.optimisation.swing.feedback_gains import with_feedback
+    from aerodima.optimisation.swing.swing_construction import tied_to
     from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.config.swing_file import write_swing
-    from aerodima.workbench.controllers.law_of_scenario import find_swing, refuse_other_car
+    from aerodima.workbench.controllers.law_of_scenario import find_swing, own_turn, refuse_other_car
     from aerodima.workbench.errors import SwingFileError
 
     refuse_existing(out, force, SwingFileError)
     plain = find_swing(swing)
-    turn = scenario or plain.provenance.scenario or "turn_swing"
-    resolved = load_scenario(turn, ["tail.mode=swing", *(settings or []), f"controller.swing_file={swing}"])
+    turn, own = own_turn(plain, scenario)
+    given = (*own, *(settings or []))
+    resolved = load_scenario(turn, [*given, f"controller.swing_file={swing}"])
     if not other_car:
         refuse_other_car(resolved)
     tracked = with_feedback(plain, resolved)
+    if not plain.car:
+        tracked = tied_to(tracked, resolved, turn, given)
     write_swing(tracked, out, force=force)
     gains = tracked.gains.feedback
     assert gains is not None
@@ -187,9 +192,7 @@ def feedback(
 def verify(
     swing: SwingArgument,
     out: Annotated[Path, typer.Option(help="Folder for verification.csv, verification.yaml and report.html.")],
-    scenario: Annotated[
-        str | None, typer.Option(help="Turn to make; by default the one that the file names, else turn_swing.")
-    ] = None,
+    scenario: SwingScenarioOption = None,
     settings: Settings = None,
     ensemble: Ensemble = "car",
     members: Members = None,
@@ -203,6 +206,7 @@ def verify(
 
     Verified is what survives clean, keeps its limits and clearances, and turns at least 95 % as far as the thesis'
     swing at the highest friction that both survive. Exits with 2 when it is not; the report is written all the same.
+    Speed and friction are those that the file claims to survive, for all cars, unless --set says otherwise.
 
     Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
     """
@@ -213,17 +217,24 @@ def verify(
     from aerodima.workbench.batch import WORKER_RECORD
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.controllers.law_of_scenario import find_swing, law_of_scenario, refuse_other_car
+    from aerodima.workbench.controllers.law_of_scenario import (
+        find_swing,
+        law_of_scenario,
+        own_turn,
+        refuse_other_car,
+        turn_words,
+    )
     from aerodima.workbench.errors import SwingError
     from aerodima.workbench.plants.clearance import make_range_of_motion
 
     for name in (RUNS, VERDICT, PAGE):
         refuse_existing(out / name, force, SwingError)
     played = find_swing(swing)
-    turn = scenario or played.provenance.scenario or "turn_swing"
+    turn, own = own_turn(played, scenario)
+    wanted = [*own, *(settings or [])]
     path = str(Path(swing).resolve()) if Path(swing).exists() else swing
-    given = [*(settings or []), "tail.mode=swing", f"controller.swing_file={path}", f"controller.tracking={tracking}"]
-    resolved = load_scenario(turn, given)
+    given = ["tail.mode=swing", f"controller.swing_file={path}", f"controller.tracking={tracking}"]
+    resolved = load_scenario(turn, [*wanted, *given])
     law_of_scenario(resolved)
     if not other_car:
         refuse_other_car(resolved)
@@ -234,13 +245,14 @@ def verify(
 
     with open_run_engine(workers, record=out / WORKER_RECORD) as engine:
         found = verify_swing(
-            played, path, turn, settings or [], cars, motion, members=members, step=step, tracking=tracking,
+            played, path, turn, wanted, cars, motion, members=members, step=step, tracking=tracking,
             engine=engine,
         )  # fmt: skip
     for file in write_verification(out, played, found, force=force):
         typer.echo(f"written: {file}")
     share = ", ".join(f"{who} {value:.0%}" for who, value in found.survival.items())
     typer.echo(f"share of the ensemble that survives clean: {share}")
+    where = turn_words(played, resolved)
     if found.complaints:
-        raise SwingError(f"swing {played.name}: not verified: {'; '.join(found.complaints)}")
-    typer.echo(f"verified: {played.name}")
+        raise SwingError(f"swing {played.name}: not verified at {where}: {'; '.join(found.complaints)}")
+    typer.echo(f"verified: {played.name} at {where}")

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ CHUNK = 24
 """Laws that one worker drives at once; what is found does not depend on the number of workers."""
 SOON_OVER = 0.5
 """How long a reduced car is driven after its steering, s."""
+LATEST, GAIN = 3, 0.005
+"""A search gains if its last so many generations brought that much: of the course of the published law."""
 APART = 0.05
 """Least share of a range by which finalists differ in one number at least."""
 
@@ -270,29 +273,26 @@ def search_laws(
     def cost(shares: FloatArray) -> FloatArray:
         scores = worth(family.laws(shares.T))
         seen.extend(zip(scores.tolist(), shares.T.copy(), strict=True))
-        told(f"{family.name}: {len(seen)} laws tried on reduced cars, the best {max(seen, key=_first)[0] - 1.0:+.1%}")
+        told(f"{family.name}: {len(seen)} laws tried on reduced cars, the best {max(w for w, _ in seen) - 1.0:+.1%}")
         return -scores
 
     numbers = len(family.ranges)
     first = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
     first[0] = family.shares(family.published_law)
     differential_evolution(
-        cost,
-        [(0.0, 1.0)] * numbers,
-        init=first,
-        maxiter=search.generations,
-        tol=0.0,
-        polish=False,
-        vectorized=True,
-        updating="deferred",
-        rng=search.seed,
-    )
+        cost, [(0.0, 1.0)] * numbers, init=first, maxiter=search.generations, tol=0.0, polish=False, vectorized=True,
+        updating="deferred", rng=search.seed,
+    )  # fmt: skip
+    if is_gaining([worth for worth, _ in seen], search.laws * numbers):
+        told(f"{family.name}: stopped at {search.generations} generations while it still gained")
     chosen: list[FloatArray] = []
-    for _, shares in sorted(seen, key=_first, reverse=True):
+    for _, shares in sorted(seen, key=itemgetter(0), reverse=True):
         if all(np.max(np.abs(shares - other)) >= APART for other in chosen):
             chosen.append(shares)
     return family.laws(np.array(chosen[: search.finalists]))
 
 
-def _first(pair: tuple[float, Any]) -> float:
-    return pair[0]
+def is_gaining(worths: Sequence[float], generation: int) -> bool:
+    """Whether one of the last `LATEST` generations, of that many laws, gained at least `GAIN` over those before it."""
+    before = worths[: -LATEST * generation]
+    return bool(before) and max(worths) >= max(before) + GAIN

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from aerodima.optimisation.studies.contestants import Contestant, Plan, standard_contestants, trackings_of
+from aerodima.optimisation.studies.contestants import Contestant, Plan, standard_contestants, swing_player, trackings_of
 from aerodima.optimisation.studies.leaderboard_page import write_leaderboard
 from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, Measurer
 from aerodima.optimisation.sweep.rollover_threshold import SPEED
@@ -16,6 +16,7 @@ from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import default_values, load_scenario
+from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
 
@@ -44,8 +45,12 @@ def make_leaderboard(
         progress: takes lines of text.
 
     Raises:
-        UserError: a swing cannot be read; the folder is in use, or holds the runs of other parameters or versions.
+        UserError: a swing cannot be read or is for another car; the folder is in use, or holds the runs of other
+            parameters or versions.
     """
+    for place in swings:
+        player = swing_player(place)
+        refuse_other_car(load_scenario(SCENARIO, player.settings), way_out="")
     with open_runs(out, force=force) as store:
         remembering = RememberingEngine(engine, store, progress)
         with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):

@@ -21,7 +21,7 @@ import numpy as np
 
 from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN, Car
-from aerodima.optimisation.swing.search_state import SearchOptions, open_rows
+from aerodima.optimisation.swing.search_state import SearchOptions, open_rows, saying_the_limit
 from aerodima.optimisation.swing.swing_construction import changed, changes
 from aerodima.optimisation.swing.swing_ranking import Candidate, Score, choose, score
 from aerodima.workbench.batch.engine import ProgressLine, silent
@@ -56,6 +56,7 @@ class Refined:
         peak_roll: at `friction`, rad.
         evaluations: candidates that were driven.
         earlier: changes of the best candidates before, the last one first.
+        gaining: the last generation still had a better candidate when the candidates were used up.
     """
 
     x: FloatArray
@@ -64,6 +65,7 @@ class Refined:
     peak_roll: float = math.inf
     evaluations: int = 0
     earlier: tuple[FloatArray, ...] = ()
+    gaining: bool = False
 
 
 def refine(
@@ -128,7 +130,7 @@ def refine(
         scores.extend(found)
         return found
 
-    best, idle = Refined(first), 0
+    best, idle = Refined(first), 1
     while len(scores) < evaluations and not search.stop():
         points = search.ask()
         found = tried(points)
@@ -149,7 +151,7 @@ def refine(
         if best.friction and idle >= PATIENCE:
             sigma, idle = NARROWER * sigma, 0
             search = cma.CMAEvolutionStrategy(best.x, sigma, options)
-    return replace(best, evaluations=len(scores))
+    return replace(best, evaluations=len(scores), gaining=idle == 0)
 
 
 def refined(
@@ -207,7 +209,8 @@ def refined(
     best = shaped[claim.place]
     kept = {key: value for key, value in best.provenance.found.items() if key != "heading_rad"}  # before the refinement
     provenance = best.provenance.model_copy(update={"found": kept | facts})
-    return best.model_copy(update={"provenance": provenance})
+    limit = f"{found.evaluations} candidates of the refinement" if found.gaining else ""
+    return saying_the_limit(best.model_copy(update={"provenance": provenance}), limit)
 
 
 def _comparable(cars: Sequence[Car], progress: ProgressLine) -> list[Car]:

@@ -15,7 +15,8 @@ from aerodima.optimisation.swing.swing_problem import Objective
 from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.swing_file import SwingFile, car_mismatches
+from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
 
@@ -119,12 +120,12 @@ def begin(
         progress: takes lines of text.
 
     Raises:
-        SwingError: the turn needs no tail, nothing survives it, the swing is never released or only after the turn, a
-            warm start for another car.
+        SwingError: the turn needs no tail, nothing survives it, the swing is never released or only after the turn.
+        SwingFileError: a warm start for another car.
     """
     scenario = cars[0]
     if warm is not None:
-        _refuse_other_car(warm, scenario)
+        refuse_other_car(scenario, warm, way_out="")
     car = ReducedCar.of(scenario)
     if options.objective in ("roll", "effort"):
         held = outcome(drive(varied(scenario, tail={"mode": "held"})))
@@ -166,12 +167,6 @@ def _refuse_late_release(
         )
 
 
-def _refuse_other_car(warm: SwingFile, scenario: Scenario) -> None:
-    lines = car_mismatches(warm, scenario.resolved())
-    if lines:
-        raise SwingError(f"warm start {warm.name}: for another car: {'; '.join(lines)}")
-
-
 def open_rows(
     checkpoint: Path | None, schema: str, identity: dict[str, Any]
 ) -> AbstractContextManager[RowStore | None]:
@@ -187,6 +182,27 @@ def open_search(
     """The rounds of a search, as `open_rows`."""
     identity = {"scenario": scenario.resolved(), "options": options.stored()}
     return open_rows(checkpoint, "aerodima/swing-search/2", identity)
+
+
+LIMIT_REACHED = "stopped_while_gaining"
+"""Under `provenance.found` of a swing: which limit ended a search that still gained."""
+
+
+def saying_the_limit(swing: SwingFile, limit: str) -> SwingFile:
+    """The swing with the limit that ended its search in its provenance; no limit, none."""
+    found = {key: value for key, value in swing.provenance.found.items() if key != LIMIT_REACHED}
+    found |= {LIMIT_REACHED: limit} if limit else {}
+    return swing.model_copy(update={"provenance": swing.provenance.model_copy(update={"found": found})})
+
+
+def swing_of_rounds(search: SwingSearch, options: SearchOptions) -> SwingFile:
+    """What the rounds came to, with the limit that stopped them if they still gained; SwingError without a swing."""
+    if search.swing is None:
+        raise SwingError(f"no swing found within {options.wall_time:g} s; allowed: a longer wall time")
+    if not search.rounds or search.finished or search.stalled:
+        return saying_the_limit(search.swing, "")
+    limit = f"{search.rounds} rounds" if search.rounds >= options.rounds else f"wall time of {options.wall_time:g} s"
+    return saying_the_limit(search.swing, limit)
 
 
 def keep(store: RowStore | None, search: SwingSearch) -> None:

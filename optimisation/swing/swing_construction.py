@@ -138,8 +138,6 @@ def _file(
     """
     side = 1.0 if scenario.manoeuvre.direction == "left" else -1.0
     time, roll, roll_rate, pitch, pitch_rate = motion
-    resolved = scenario.resolved()
-    data = {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS}
 
     def row(values: np.ndarray) -> tuple[float, ...]:
         return tuple(float(value) for value in np.round(values, 9) + 0.0)
@@ -168,10 +166,21 @@ def _file(
                 "torque_n_m": limits.torque,
             },
             "provenance": {**provenance, "versions": software_versions()},
-            "car": data,
+            "car": _car_of(scenario),
         },
         name,
     )
+
+
+def tied_to(swing: SwingFile, scenario: Scenario, name: str, settings: tuple[str, ...]) -> SwingFile:
+    """A swing that is for the car and turn of a scenario from now on; `name` and `settings` are what made that."""
+    made = swing.provenance.model_copy(update={"scenario": name, "settings": settings})
+    return swing.model_copy(update={"car": _car_of(scenario), "provenance": made})
+
+
+def _car_of(scenario: Scenario) -> dict[str, float]:
+    resolved = scenario.resolved()
+    return {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS}
 
 
 PLACES = (0.2, 0.4, 0.6, 0.8, 1.0)

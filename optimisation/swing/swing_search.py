@@ -30,6 +30,7 @@ from aerodima.optimisation.swing.search_state import (
     keep,
     open_search,
     resumed,
+    swing_of_rounds,
 )
 from aerodima.optimisation.swing.solver import SwingSolution, best_of, multi_start
 from aerodima.optimisation.swing.swing_construction import constant_rate_swing, swing_file
@@ -93,9 +94,7 @@ def optimise_swing(
         while not search.finished and search.rounds < options.rounds and work.left() > 0.0:
             work.round(search)
             keep(store, search)
-        if search.swing is None:
-            raise SwingError(f"no swing found within {options.wall_time:g} s; allowed: a longer wall time")
-        swing = search.swing
+        swing = swing_of_rounds(search, options)
         if not options.rounds:
             swing = work.renamed(swing, search.speed)
         if options.polish:

@@ -136,7 +136,9 @@ def verify_swing(
     chosen = ensemble.members if members is None else ensemble.drawn(members)
     laws = {"swing": playing, "8 rad/s": REFERENCE_SETTINGS}
     runs = [(who, member) for who in laws for member in chosen]
-    tasks = [RunTask(m.name, scenario_name, (*m.settings, *settings, *fine, *laws[who])) for who, m in runs]
+    tasks = [
+        RunTask(m.name, scenario_name, (*m.settings_on(scenario_name), *settings, *fine, *laws[who])) for who, m in runs
+    ]
     frame = make_frame(
         [
             {"who": who, "member": member.name, "weight": member.weight} | row

@@ -57,6 +57,13 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", help="Override such as car.com_height=0.21 or manoeuvre.speed=4.5; may be repeated."),
 ]
+SwingScenarioOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Scenario of the turn; by default that of the swing file, at the speed and grip it claims, or turn_swing.",
+        autocompletion=complete_scenario,
+    ),
+]
 SwingArgument = Annotated[
     str, typer.Argument(help="Swing file (YAML), or the name of one that ships.", autocompletion=complete_swing)
 ]

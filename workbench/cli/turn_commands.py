@@ -23,6 +23,7 @@ from aerodima.workbench.cli.options import (
     ScenarioOption,
     Settings,
     SwingOption,
+    SwingScenarioOption,
     Workers,
     completer,
     grouped,
@@ -102,9 +103,11 @@ def turn(
         str | None,
         typer.Option(metavar="left|right", help="Side of the turn.", autocompletion=completer("left", "right")),
     ] = None,
-    scenario: ScenarioOption = "turn_swing",
+    scenario: SwingScenarioOption = None,
 ) -> None:
     """Drive the published turn: up to speed in 2 s, 30 degrees of steering for 0.5 s, straight on.
+
+    A swing file brings its own car, turn, speed and claimed grip along, unless --scenario names another turn.
 
     Example: aerodima turn --speed 4.44 --tail swing --log run.parquet --replay run.html
     """
@@ -118,7 +121,12 @@ def turn(
         raise UserError("--law: allowed without --swing; each says what the tail does")
     if swing is None and (tracking is not None or other_car):
         raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
-    _run(scenario, flags, options, other_car)
+    own: tuple[str, ...] = ()
+    if swing is not None:
+        from aerodima.workbench.controllers.law_of_scenario import find_swing, own_turn
+
+        scenario, own = own_turn(find_swing(swing), scenario)
+    _run(scenario or "turn_swing", flags, options, other_car, own)
 
 
 @grouped
@@ -137,12 +145,12 @@ Flags = dict[str, tuple[str, float | str | None]]
 """Flag -> key of the scenario that it sets, and its value."""
 
 
-def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) -> None:
+def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False, own: tuple[str, ...] = ()) -> None:
     # What can be wrong is looked at before Drake is imported, which takes seconds.
     log, replay = options.log, options.replay
     if options.port is not None and not options.live:
         raise UserError("--port: it names the port of the live view; allowed together with --live")
-    scenario = _scenario(name, flags, options)
+    scenario = _scenario(name, flags, options, own)
     law = None if options.law is None else _own_law(options.law, scenario)
     if law is None and not other_car:
         from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
@@ -159,7 +167,11 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
     run_log = _simulated(scenario, options, law)
     from aerodima.workbench.plants.tail_findings import tail_findings
 
-    for line in [*summary_lines(run_log), *(f"note: {line}" for line in tail_findings(scenario))]:
+    for line in [
+        *_turn_line(scenario, own),
+        *summary_lines(run_log),
+        *(f"note: {line}" for line in tail_findings(scenario)),
+    ]:
         typer.echo(line)
     if log is not None:
         typer.echo(f"log: {log}{new_folder}")
@@ -170,8 +182,19 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False) 
         typer.echo(f"replay: {replay}")
 
 
-def _scenario(name: str, flags: Flags, options: RunOptions) -> Scenario:
-    """The scenario with what the flags set, whose run has a whole turn if it has one: another has no metrics."""
+def _turn_line(scenario: Scenario, own: tuple[str, ...]) -> list[str]:
+    """Which turn a swing brought along, and what it claims to survive; nothing without a swing."""
+    from aerodima.workbench.controllers.law_of_scenario import swing_of_scenario, turn_words
+
+    swing = swing_of_scenario(scenario) if own else None
+    return [] if swing is None else [f"turn: {scenario.name}, {turn_words(swing, scenario)}"]
+
+
+def _scenario(name: str, flags: Flags, options: RunOptions, own: tuple[str, ...] = ()) -> Scenario:
+    """The scenario with what the flags set, whose run has a whole turn if it has one: another has no metrics.
+
+    `own` are settings below the flags, of a swing file.
+    """
     from aerodima.workbench.config.scenario import Scenario
     from aerodima.workbench.controllers.manoeuvre import angle_to_straighten
 
@@ -179,7 +202,7 @@ def _scenario(name: str, flags: Flags, options: RunOptions) -> Scenario:
     given = {flag: (key, value) for flag, (key, value) in flags.items() if value is not None}
     settings = options.settings or []
     said = [*(f"{flag} {value}" for flag, (_, value) in given.items()), *(f"--set {setting}" for setting in settings)]
-    changes = [*(f"{key}={value}" for key, value in given.values()), *settings]
+    changes = [*own, *(f"{key}={value}" for key, value in given.values()), *settings]
     scenario = Scenario.load(name, changes, source_label=" ".join(said))
     manoeuvre, rate = scenario.manoeuvre, scenario.servo.rate
     angle = angle_to_straighten(

@@ -43,16 +43,69 @@ def swing_facts(scenario: Any) -> dict[str, Any]:
     return {} if swing is None else {"swing": swing.model_dump(mode="json", by_alias=True, exclude_none=True)}
 
 
-def refuse_other_car(scenario: Any) -> None:
-    """Raises SwingFileError, naming every parameter that differs, when the scenario's swing is for another car."""
-    swing = swing_of_scenario(scenario)
+def refuse_other_car(scenario: Any, swing: SwingFile | None = None, *, way_out: str = ", or --other-car") -> None:
+    """Raises SwingFileError, naming every parameter that differs, when a swing is for another car than the scenario's.
+
+    Args:
+        scenario: the car.
+        swing: by default the one that the scenario plays; without any nothing is refused.
+        way_out: what is allowed beside the same car, where something is.
+    """
+    swing = swing or swing_of_scenario(scenario)
     if swing is None:
         return
     differences = car_mismatches(swing, scenario.resolved())
     if differences:
         raise SwingFileError(
-            f"swing {swing.name}: made for another car: {'; '.join(differences)}; allowed: the same car, or --other-car"
+            f"swing {swing.name}: made for another car: {'; '.join(differences)}; allowed: the same car{way_out}"
         )
+
+
+def own_turn(swing: SwingFile, scenario: str | None = None) -> tuple[str, tuple[str, ...]]:
+    """Scenario and overrides with which a swing is driven: the car, turn and speed of its file, at the grip it claims.
+
+    Args:
+        swing: the file; `turn_swing` where it names no scenario.
+        scenario: asked for instead; nothing but that the tail swings is then set.
+
+    Raises:
+        SwingFileError: the scenario that the file names cannot be loaded.
+    """
+    if scenario is not None:
+        return scenario, (_PLAYED,)
+    made = swing.provenance
+    claimed = (f"{key}={float(made.found[fact])!r}" for fact, (key, _) in _CLAIMS.items() if fact in made.found)
+    name, settings = made.scenario or DEFAULT_TURN, (*made.settings, *claimed, _PLAYED)
+    try:
+        load_scenario(name, settings)
+    except ScenarioError as error:
+        raise SwingFileError(f"swing {swing.name}: its own turn: {error}; allowed: --scenario with another") from None
+    return name, settings
+
+
+def turn_words(swing: SwingFile, scenario: Any) -> str:
+    """Speed and friction of a turn in words, beside those with which the file of its swing claims to survive."""
+    here = {"manoeuvre.speed": scenario.manoeuvre.speed, "car.tyre_friction": scenario.car.tyre_friction}
+    found = swing.provenance.found
+    claims = {key: float(found[fact]) for fact, (key, _) in _CLAIMS.items() if fact in found}
+    told = f"{_in_claim_words(here)}; its file claims "
+    if not claims:
+        return f"{told}nothing"
+    return told + ("that" if here | claims == here else _in_claim_words(claims))
+
+
+def _in_claim_words(values: dict[str, float]) -> str:
+    return ", ".join(words.format(values[key]) for key, words in _CLAIMS.values() if key in values)
+
+
+DEFAULT_TURN = "turn_swing"
+"""Of a swing whose file names none."""
+_PLAYED = "tail.mode=swing"
+_CLAIMS = {
+    "survived_speed_m_per_s": ("manoeuvre.speed", "{:g} m/s"),
+    "survived_friction": ("car.tyre_friction", "friction {:g}"),
+}
+"""What a file claims to survive: name under `provenance.found`, the key of a scenario that it is, and its words."""
 
 
 def law_of_scenario(scenario: Any) -> TailLaw:

@@ -16,6 +16,7 @@ from aerodima.optimisation.studies.law_training import (
     TRAINED,
     LawSearch,
     Screening,
+    is_gaining,
     score,
     screened_courses,
     search_laws,
@@ -59,6 +60,13 @@ def test_the_worst_car_counts_as_much_as_the_mean() -> None:
     assert score(courses, np.array([1.0, 0.0, 2.0, 2.0]), "aabb") == pytest.approx([1.0, 0.5 * (4 / 3 + 1.0)])
     with pytest.raises(UserError, match="training cars a, b: no turn of the published swing counts"):
         score(courses, np.zeros(4), "aabb")
+
+
+def test_a_search_gains_while_its_last_generations_bring_better_laws() -> None:
+    early, late = [0.9, 1.0, *[0.8] * 6], [0.9, *[0.8] * 6, 1.0]
+    assert not is_gaining(early, generation=2)
+    assert is_gaining(late, generation=2)
+    assert not is_gaining(late, generation=3), "no generation before the last three"
 
 
 def test_a_law_is_screened_as_its_scenario_would_be() -> None:

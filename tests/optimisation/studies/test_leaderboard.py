@@ -207,6 +207,10 @@ def test_another_swing_of_the_same_name_is_another_run(tmp_path: Path) -> None:
     assert run_key(plain) == run_key(replace(plain, name="other"))
 
 
-def test_a_swing_that_is_not_there_is_refused() -> None:
+def test_a_swing_that_is_not_there_or_is_for_another_car_is_refused(tmp_path: Path) -> None:
+    other = read_swing(model_path(f"swings/{SWING}.yaml")).model_copy(update={"car": {"car.mass": 6.5}})
+    path = str(write_swing(other, tmp_path / "other.yaml"))
+    with pytest.raises(UserError, match=r"made for another car: car\.mass: made for 6\.5, .*allowed: the same car$"):
+        make_leaderboard(tmp_path / "board", PLAN, [path], (), MadeUp(), replays=False)
     with pytest.raises(UserError, match="none of this name"):
         swing_player("nowhere")

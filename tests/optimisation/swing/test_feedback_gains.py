@@ -13,7 +13,8 @@ from typer.testing import CliRunner, Result
 from aerodima.optimisation.swing.feedback_gains import FEEDBACK_NAMES, discretise, lqr_gains, with_feedback
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.swing_file import SwingFile, read_swing, swing_from_dict, write_swing
+from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing, swing_from_dict, write_swing
+from aerodima.workbench.controllers.law_of_scenario import own_turn
 from aerodima.workbench.controllers.swing_reference import SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.errors import SwingError
@@ -114,7 +115,12 @@ def test_command(tmp_path: Path) -> None:
     out, short = tmp_path / "tracked.yaml", ("--set", "manoeuvre.duration=3.0")
     result = call("thesis_8_rad_per_s", "--out", out, *short)
     assert result.exit_code == 0, result.output
-    assert read_swing(out).gains.feedback is not None
+    tracked = read_swing(out)
+    assert tracked.gains.feedback is not None
+    # The gains are those of a car and its turn, also of a swing that was for any.
+    assert car_mismatches(tracked, load_scenario(*own_turn(tracked)).resolved()) == []
+    others = car_mismatches(tracked, load_scenario("turn_swing", ["car.mass=6.5"]).resolved())
+    assert [line.partition(":")[0] for line in others] == ["car.mass"]
     assert "exists already" in call("thesis_8_rad_per_s", "--out", out).stderr
     light = write_swing(thesis().model_copy(update={"car": {"tail.mass": 0.1}}), tmp_path / "light.yaml")
     refusal = call(light, "--out", tmp_path / "other.yaml", *short)

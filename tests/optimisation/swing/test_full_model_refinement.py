@@ -280,7 +280,9 @@ def run_refinement(cars: Any, **changes_: Any) -> Any:
 
 
 def test_it_finds_most_friction_that_turns_far_enough() -> None:
+    assert any(run_refinement(MadeUpCars(), evaluations=count).gaining for count in range(10, 80, 10))
     found = run_refinement(MadeUpCars())
+    assert not found.gaining
     best = changed(swing(), found.x)
     assert found.heading >= 0.955
     assert 0.9 - 2 * FRICTION_STEP <= found.friction <= 0.9

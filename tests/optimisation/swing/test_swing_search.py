@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.swing.search_state import SearchOptions
+from aerodima.optimisation.swing.search_state import LIMIT_REACHED, SearchOptions, SwingSearch, swing_of_rounds
 from aerodima.optimisation.swing.solver import solve
 from aerodima.optimisation.swing.swing_construction import RAMP, constant_rate_swing, swing_file
 from aerodima.optimisation.swing.swing_problem import ANGLE, random_start
@@ -18,7 +18,7 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile, read_swing, write_swing
-from aerodima.workbench.errors import SwingError
+from aerodima.workbench.errors import SwingError, SwingFileError
 from tests.optimisation.swing.turn import problem
 
 
@@ -90,8 +90,20 @@ def test_a_warm_start_for_another_car_says_which_parameters_differ() -> None:
     warm_start = found()
     made_for = warm_start.car["car.com_height"]
     assert made_for != 0.21
-    with pytest.raises(SwingError, match=rf"car\.com_height: made for {made_for:g}, the scenario has 0\.21"):
+    words = rf"made for another car: car\.com_height: made for {made_for:g}, the scenario has 0\.21; .*the same car$"
+    with pytest.raises(SwingFileError, match=words):
         optimise_swing(scenario, SearchOptions(), name="x", warm_start=warm_start)
+
+
+@pytest.mark.parametrize(
+    ("state", "limit"),
+    [({}, "4 rounds"), ({"rounds": 2}, "wall time of 600 s"), ({"stalled": 1}, None), ({"finished": True}, None)],
+)
+def test_a_search_that_stops_while_it_gains_says_which_limit_stopped_it(state: dict[str, float], limit: str) -> None:
+    search = SwingSearch(**({"friction": 0.6, "speed": 4.5, "swing": found(), "rounds": 4} | state))
+    swing = swing_of_rounds(search, SearchOptions())
+    assert swing.provenance.found.get(LIMIT_REACHED) == limit
+    assert swing.knots == found().knots
 
 
 @pytest.mark.parametrize("text", ["{}", '{"key": "x"}'])

@@ -10,7 +10,7 @@ import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
-from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, refuse_other_car
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, own_turn, refuse_other_car, turn_words
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
 from aerodima.workbench.controllers.swing_reference import KD_MAX, SwingReference
 from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
@@ -258,3 +258,28 @@ def test_a_swing_for_another_car_is_refused_by_name(tmp_path: Any) -> None:
     with pytest.raises(SwingFileError, match=said):
         refuse_other_car(scenario)
     refuse_other_car(load_scenario("turn_swing", [f"controller.swing_file={path}", "car.mass=6.5"]))
+    with pytest.raises(SwingFileError, match=rf"{said} allowed: the same car$"):
+        refuse_other_car(load_scenario("turn_swing"), swing(car={"car.mass": 6.5}), way_out="")
+
+
+def made_with(scenario: str | None, *settings: str, **found: float) -> SwingFile:
+    return swing(provenance={"source": "made up", "scenario": scenario, "settings": settings, "found": found})
+
+
+def test_a_swing_brings_its_turn_along() -> None:
+    """Car and turn of its file, at the speed and friction that it claims to survive; another turn sets nothing."""
+    claims = {"survived_speed_m_per_s": 4.44, "survived_friction": 0.7}
+    mine = made_with("turn_fast", "car.mass=6.5", "tail.mode=held", **claims)
+    turn = load_scenario(*own_turn(mine))
+    assert (turn.car.mass, turn.tail.mode) == (6.5, "swing")
+    assert (turn.manoeuvre.speed, turn.car.tyre_friction) == (4.44, 0.7)
+    assert turn_words(mine, turn) == "4.44 m/s, friction 0.7; its file claims that"
+    slippery = turn.varied(car={"tyre_friction": 0.9})
+    assert turn_words(mine, slippery) == "4.44 m/s, friction 0.9; its file claims 4.44 m/s, friction 0.7"
+    assert own_turn(mine, "turn_held") == ("turn_held", ("tail.mode=swing",))
+    assert own_turn(made_with(None)) == ("turn_swing", ("tail.mode=swing",))
+    assert turn_words(made_with(None), turn).endswith("its file claims nothing")
+    with pytest.raises(
+        SwingFileError, match=r"its own turn: my_car\.yaml: no such file; allowed: --scenario with another"
+    ):
+        own_turn(made_with("my_car.yaml"))
