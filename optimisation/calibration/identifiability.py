@@ -72,11 +72,26 @@ def sensitivities(draw: Draw, seed: int, samples: int = SAMPLES) -> pd.DataFrame
     def predicted(coordinates: FloatArray) -> FloatArray:
         return np.array([predict(coordinates.T) for predict in targets.values()])
 
-    generator = np.random.default_rng(seed)
-    found = sobol_indices(func=predicted, n=samples, dists=[uniform()] * len(prior.keys), rng=generator)
-    spread = found.bootstrap(n_resamples=RESAMPLES)
     names = [MU_OVER_SSF if key == HEIGHT else key for key in prior.keys]
-    table = pd.DataFrame({"target": np.repeat(list(targets), len(names)), "parameter": names * len(targets)})
+    return sobol_table(predicted, list(targets), names, samples, seed)
+
+
+def sobol_table(
+    predicted: Callable[[FloatArray], FloatArray], targets: list[str], names: list[str], samples: int, seed: int
+) -> pd.DataFrame:
+    """Sobol indices of quantities over independent coordinates that are uniform from 0 to 1; see `sensitivities`.
+
+    Args:
+        predicted: quantities (targets, n) at points (coordinates, n).
+        targets: their names.
+        names: of the coordinates.
+        samples: a power of two.
+        seed: of the samples.
+    """
+    generator = np.random.default_rng(seed)
+    found = sobol_indices(func=predicted, n=samples, dists=[uniform()] * len(names), rng=generator)
+    spread = found.bootstrap(n_resamples=RESAMPLES)
+    table = pd.DataFrame({"target": np.repeat(targets, len(names)), "parameter": names * len(targets)})
     for name, values, interval in (
         ("first", found.first_order, spread.first_order.confidence_interval),
         ("total", found.total_order, spread.total_order.confidence_interval),

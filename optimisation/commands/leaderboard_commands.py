@@ -97,7 +97,7 @@ def corner(
         contestants_of,
     )
     from aerodima.optimisation.studies.law_files import read_laws
-    from aerodima.optimisation.studies.law_training import LawSearch
+    from aerodima.optimisation.studies.law_search import LawSearch
     from aerodima.optimisation.studies.pulse_lengths import pulse_rows
     from aerodima.optimisation.studies.steering_search import SteeringSearch
     from aerodima.workbench.config.ensemble import load_ensemble

@@ -20,17 +20,26 @@ def find_floors(plan: CornerPlan, members: Sequence[Member], engine: RunEngine) 
         UserError: none has a floor.
     """
     keys = [(member, speed) for member in members for speed in plan.speeds]
-    cases = [Case(THESIS.name, plan.scenario, turn_settings(plan.scenario, THESIS, m, v, plan.step)) for m, v in keys]
-    starts = [load_scenario(plan.scenario, m.settings_on(plan.scenario)).car.tyre_friction for m, _ in keys]
     floors, without = [], []
-    for (member, speed), one in zip(keys, find_thresholds(cases, plan.friction, engine, starts=starts), strict=True):
-        if one.survived is None:
+    for (member, speed), critical in zip(
+        keys, critical_frictions(plan, [(THESIS, *key) for key in keys], engine), strict=True
+    ):
+        if critical is None:
             without.append(f"{member.name} at {speed:g} m/s")
         else:
-            floors += [Floor(member, speed, share, one.survived) for share in plan.floors]
+            floors += [Floor(member, speed, share, critical) for share in plan.floors]
     if members and not floors:
         raise SweepError(f"{', '.join(without)}: the published swing at full lock is clean on no floor")
     return floors, without
+
+
+def critical_frictions(
+    plan: CornerPlan, wanted: Sequence[tuple[Contestant, Member, float]], engine: RunEngine
+) -> list[float | None]:
+    """Critical friction at full lock of contestants, cars and speeds (m/s); None: the car is clean on no floor."""
+    cases = [Case(who.name, plan.scenario, turn_settings(plan.scenario, who, m, v, plan.step)) for who, m, v in wanted]
+    starts = [load_scenario(plan.scenario, m.settings_on(plan.scenario)).car.tyre_friction for _, m, _ in wanted]
+    return [one.survived for one in find_thresholds(cases, plan.friction, engine, starts=starts)]
 
 
 def turn_settings(scenario: str, who: Contestant, member: Member, speed: float, step: float) -> tuple[str, ...]:

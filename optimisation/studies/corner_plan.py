@@ -15,7 +15,8 @@ from aerodima.optimisation.studies.contestants import (
     THESIS,
     Contestant,
 )
-from aerodima.optimisation.studies.law_training import CONSTANT_RATE, TRAINED, TRAINED_BY_YAW, LawFamily, LawSearch
+from aerodima.optimisation.studies.law_search import LawSearch
+from aerodima.optimisation.studies.law_training import CONSTANT_RATE, TRAINED, TRAINED_BY_YAW, LawFamily
 from aerodima.optimisation.studies.steering_search import SteeringSearch
 from aerodima.optimisation.sweep.rollover_threshold import Search, is_clean
 from aerodima.optimisation.swing.full_car import FINE_STEP

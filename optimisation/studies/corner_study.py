@@ -152,7 +152,8 @@ class CornerRuns:
         for speed in self._plan.speeds:
             floors = [floor for floor in self.floors(training) if floor.speed == speed]
             cases = self.reduced_cases(floors)
-            laws = [family.published_law, *screened_finalists(family, self._plan.training, cases, self._engine)]
+            found = screened_finalists(family, self._plan.training, cases, self._engine)
+            laws = [family.published_law, *found.finalists]
             self._engine.stage = family.name
             courses = self.courses([Contestant("", family.settings(law)) for law in laws], floors)
             worth = score(courses, courses[0], cases.cars)
@@ -191,6 +192,17 @@ class CornerRuns:
         aim = Aim(pulse=self._plan.pulses[0])
         best = [one.worth if one else 0.0 for one in self._search(aim, turns, self._plan.shapes[:1])]
         return np.array(best).reshape(len(drivers), len(floors))
+
+    def best_runs(self, turns: Sequence[Turn], name: str) -> list[dict[str, Any]]:
+        """Rows of the turns at 2 ms with their best steering of one level, impulses too; empty where none counts."""
+        self._engine.stage, aim = name, Aim(pulse=self._plan.pulses[0])
+        tasks = {
+            place: replace(self._task((*turn, one.place, one.shape), self._plan.step, aim.searching), signals="all")
+            for place, (turn, one) in enumerate(zip(turns, self._search(aim, turns, [ONE_LEVEL]), strict=True))
+            if one is not None
+        }
+        rows = dict(zip(tasks, self._engine.rows(list(tasks.values())), strict=True))
+        return [rows.get(place, {}) for place in range(len(turns))]
 
     def _task(self, run: Run, step: float, times: tuple[float, float]) -> RunTask:
         who, floor, place, (ratio, first) = run

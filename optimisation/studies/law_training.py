@@ -1,42 +1,37 @@
 """Laws that are trained: the thesis' law with other numbers, the best of which are looked for on training cars alone.
 
-Differential evolution (Storn and Price 1997, doi 10.1023/A:1008202821328; `scipy.optimize.differential_evolution`)
-drives whole generations of laws on reduced cars (`optimisation.screening`), each law with the best steering of each
-case. The best of those that differ then go to the full car, and the best one there is the law.
+A family may also change numbers of the car, such as the size of its tail (`tail_family`): one search for both.
+
+Whole generations of laws (`law_search`) are driven on reduced cars (`optimisation.screening`), each law with the best
+steering of each case. The best of those that differ then go to the full car, and the best one there is the law.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from scipy.optimize import differential_evolution
-from scipy.stats import qmc
 
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.studies.contestants import SWINGING, THESIS, Contestant
+from aerodima.optimisation.studies.contestants import SWINGING, THESIS, Contestant, centre_of_raised
+from aerodima.optimisation.studies.law_search import LawSearch, LawsFound, search_laws
 from aerodima.optimisation.studies.steering_search import SteeringSearch, search_steering
 from aerodima.optimisation.sweep.study_engine import RememberingEngine
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import SweepError
 
-CHUNK = 24
-"""Laws that one worker drives at once; what is found does not depend on the number of workers."""
+CHUNK = 96
+"""Reduced cars that one worker drives at once; what is found does not depend on the number of workers."""
 SOON_OVER = 0.5
 """How long a reduced car is driven after its steering, s."""
-LATEST, GAIN = 3, 0.005
-"""A search gains if its last so many generations brought that much: of the course of the published law."""
-APART = 0.05
-"""Least share of a range by which finalists differ in one number at least."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,8 @@ class LawFamily:
 
     Attributes:
         name: of the contestant that is found.
-        ranges: least and largest value by name in the section `controller` of a scenario, in its units.
+        ranges: least and largest value by name in the section `controller` of a scenario, or by `section.key` of
+            another one, in its units.
         fixed: settings that all of them have.
     """
 
@@ -81,11 +77,21 @@ class LawFamily:
         published = SwingSettings.published()
         return {name: float(getattr(published, name)) for name in self.ranges}
 
+    @property
+    def starts(self) -> Sequence[Mapping[str, float]]:
+        """Laws that a search begins with, beside those that it draws."""
+        return [self.published_law]
+
+    def beyond(self, laws: Sequence[Mapping[str, float]], engine: RememberingEngine) -> FloatArray:
+        """How far laws (n,) are beyond what the car allows; only those with 0 are driven."""
+        return np.zeros(len(laws))
+
     def settings(self, law: Mapping[str, float]) -> tuple[str, ...]:
         """Of the law with these numbers; those of the thesis go with its own trigger."""
-        if law == self.published_law:
-            return THESIS.settings
-        numbers = (f"controller.{name}={value!r}" for name, value in law.items())
+        return THESIS.settings if law == self.published_law else self._own_settings(law)
+
+    def _own_settings(self, law: Mapping[str, float]) -> tuple[str, ...]:
+        numbers = (f"{name if '.' in name else f'controller.{name}'}={value!r}" for name, value in law.items())
         return (*SWINGING, "controller.swing_file=none", *self.fixed, *numbers)
 
     def contestant(self, laws: Mapping[float, Mapping[str, float]]) -> Contestant:
@@ -118,34 +124,6 @@ release), travel, braking, and where the tail waits. A yaw rate that says as ear
 straight already, by the drag of the held tail."""
 TRAINED_BY_YAW = LawFamily("trained, released by yaw rate", {"trigger_yaw_rate": (0.2, 2.0), **_MOTION})
 """Likewise from a yaw rate on. Where the held tail comes to it on the straight already, the law turns nothing."""
-
-
-@dataclass(frozen=True)
-class LawSearch:
-    """How much is searched.
-
-    Attributes:
-        laws: of a generation, for each free number of the family.
-        generations: beside the first one.
-        finalists: laws that go to the full car.
-        seed: of the first generation and of all later draws.
-        steering_runs: of each search for an amplitude on a reduced car.
-
-    Raises:
-        UserError: fewer than 3 laws, or no finalist.
-    """
-
-    laws: int = 6
-    generations: int = 15
-    finalists: int = 5
-    seed: int = 1
-    steering_runs: int = 7
-
-    def __post_init__(self) -> None:
-        if self.laws < 3:
-            raise SweepError(f"{self.laws} laws for each number: allowed: at least 3")
-        if self.finalists < 1:
-            raise SweepError(f"{self.finalists} finalists: allowed: at least 1")
 
 
 @dataclass(frozen=True)
@@ -182,9 +160,13 @@ def screened_courses(task: Screening) -> list[list[float]]:
     """
     count = len(task.cases)
     which = np.tile(np.arange(count), len(task.laws))
-    all_cars, all_plans = _reduced(task.scenario, tuple((*case, *task.fixed) for case in task.cases))
-    numbers: dict[str, Any] = {name: np.repeat([law[name] for law in task.laws], count) for name in task.laws[0]}
+    scenarios, all_cars, all_plans = _reduced(task.scenario, tuple((*case, *task.fixed) for case in task.cases))
+    numbers: dict[str, Any] = {
+        name: np.repeat([law[name] for law in task.laws], count) for name in task.laws[0] if "." not in name
+    }
     cars, plans = all_cars.take(which), replace(all_plans.take(which), **numbers)
+    if len(numbers) < len(task.laws[0]):
+        cars = Vehicles.of([changed(scenario, law) for law in task.laws for scenario in scenarios])
     straight = drive_turns(cars, plans, duration=0.0)
     waits = np.isnan(straight.trigger)
 
@@ -206,9 +188,21 @@ def screened_courses(task: Screening) -> list[list[float]]:
 
 
 @lru_cache(maxsize=4)
-def _reduced(scenario: str, cases: tuple[tuple[str, ...], ...]) -> tuple[Vehicles, TurnPlans]:
+def _reduced(scenario: str, cases: tuple[tuple[str, ...], ...]) -> tuple[list[Scenario], Vehicles, TurnPlans]:
     scenarios = [load_scenario(scenario, settings) for settings in cases]
-    return Vehicles.of(scenarios), TurnPlans.of(scenarios)
+    return scenarios, Vehicles.of(scenarios), TurnPlans.of(scenarios)
+
+
+def changed(scenario: Scenario, law: Mapping[str, float]) -> Scenario:
+    """A scenario with the numbers of a law that are named `section.key`; the gearbox moves with the tail's joints."""
+    sections: dict[str, dict[str, float]] = {}
+    for name, value in law.items():
+        section, _, key = name.rpartition(".")
+        if section:
+            sections.setdefault(section, {})[key] = value
+    if (height := law.get("tail.mount_height")) is not None:
+        sections["car"] = {"com_height": centre_of_raised(scenario, height)} | sections.get("car", {})
+    return scenario.varied(**sections)
 
 
 def score(courses: FloatArray, published: FloatArray, cars: Sequence[str]) -> FloatArray:
@@ -238,61 +232,24 @@ def run_screenings(engine: RememberingEngine, tasks: Sequence[Screening]) -> lis
     return engine.call_once(screened_courses, tasks, keys)
 
 
-def screened_finalists(
-    family: LawFamily, search: LawSearch, cases: Screening, engine: RememberingEngine
-) -> list[dict[str, float]]:
+def screened_finalists(family: LawFamily, search: LawSearch, cases: Screening, engine: RememberingEngine) -> LawsFound:
     """Laws of a family that do best on reduced cars; a search that was stopped goes on, since all its runs are kept."""
-
-    def courses(tasks: Sequence[Screening]) -> FloatArray:
-        return np.concatenate(run_screenings(engine, tasks))
+    published = course_table(cases, [{}], engine)[0]
+    own = replace(cases, fixed=family.fixed)
 
     def worth(laws: Sequence[Mapping[str, float]]) -> FloatArray:
-        parts = [tuple(laws[k : k + CHUNK]) for k in range(0, len(laws), CHUNK)]
-        return score(courses([replace(cases, laws=part, fixed=family.fixed) for part in parts]), published, cases.cars)
+        found = -family.beyond(laws, engine)
+        allowed = np.flatnonzero(found == 0.0)
+        if allowed.size:
+            courses = course_table(own, [laws[place] for place in allowed.tolist()], engine)
+            found[allowed] = score(courses, published, cases.cars)
+        return found
 
-    published = courses([cases])[0]
     return search_laws(family, search, worth, engine.say)
 
 
-def search_laws(
-    family: LawFamily,
-    search: LawSearch,
-    worth: Callable[[Sequence[Mapping[str, float]]], FloatArray],
-    told: Callable[[str], None],
-) -> list[dict[str, float]]:
-    """The finalists, the best first: of all laws that were tried those that differ by `APART`.
-
-    Args:
-        family: among them.
-        search: how.
-        worth: scores (n,) of laws.
-        told: of the progress.
-    """
-    seen: list[tuple[float, FloatArray]] = []
-
-    def cost(shares: FloatArray) -> FloatArray:
-        scores = worth(family.laws(shares.T))
-        seen.extend(zip(scores.tolist(), shares.T.copy(), strict=True))
-        told(f"{family.name}: {len(seen)} laws tried on reduced cars, the best {max(w for w, _ in seen) - 1.0:+.1%}")
-        return -scores
-
-    numbers = len(family.ranges)
-    first = qmc.LatinHypercube(numbers, rng=search.seed).random(search.laws * numbers)
-    first[0] = family.shares(family.published_law)
-    differential_evolution(
-        cost, [(0.0, 1.0)] * numbers, init=first, maxiter=search.generations, tol=0.0, polish=False, vectorized=True,
-        updating="deferred", rng=search.seed,
-    )  # fmt: skip
-    if is_gaining([worth for worth, _ in seen], search.laws * numbers):
-        told(f"{family.name}: stopped at {search.generations} generations while it still gained")
-    chosen: list[FloatArray] = []
-    for _, shares in sorted(seen, key=itemgetter(0), reverse=True):
-        if all(np.max(np.abs(shares - other)) >= APART for other in chosen):
-            chosen.append(shares)
-    return family.laws(np.array(chosen[: search.finalists]))
-
-
-def is_gaining(worths: Sequence[float], generation: int) -> bool:
-    """Whether one of the last `LATEST` generations, of that many laws, gained at least `GAIN` over those before it."""
-    before = worths[: -LATEST * generation]
-    return bool(before) and max(worths) >= max(before) + GAIN
+def course_table(cases: Screening, laws: Sequence[Mapping[str, float]], engine: RememberingEngine) -> FloatArray:
+    """`screened_courses` of any number of laws (laws, cases), shared among the workers and kept."""
+    chunk = max(1, CHUNK // len(cases.cases))
+    tasks = [replace(cases, laws=tuple(laws[k : k + chunk])) for k in range(0, len(laws), chunk)]
+    return np.concatenate(run_screenings(engine, tasks))

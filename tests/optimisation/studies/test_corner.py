@@ -17,7 +17,8 @@ from aerodima.optimisation.studies.contestants import HELD, LOW_PLACE, NO_TAIL, 
 from aerodima.optimisation.studies.corner_page import corner_pulses, make_corner
 from aerodima.optimisation.studies.corner_plan import CornerPlan, chosen_cars, contestants_of, counts
 from aerodima.optimisation.studies.law_files import read_laws
-from aerodima.optimisation.studies.law_training import TRAINED, TRAINED_BY_YAW, LawSearch, Screening
+from aerodima.optimisation.studies.law_search import LawSearch
+from aerodima.optimisation.studies.law_training import TRAINED, TRAINED_BY_YAW, Screening
 from aerodima.optimisation.studies.pulse_lengths import end_of_gain, pulse_rows
 from aerodima.optimisation.studies.steering_search import SteeringSearch, best_place, search_steering
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION

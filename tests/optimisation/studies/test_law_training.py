@@ -11,16 +11,8 @@ import pytest
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.studies.law_training import (
-    APART,
-    TRAINED,
-    LawSearch,
-    Screening,
-    is_gaining,
-    score,
-    screened_courses,
-    search_laws,
-)
+from aerodima.optimisation.studies.law_search import APART, LawSearch, is_gaining, search_laws
+from aerodima.optimisation.studies.law_training import TRAINED, Screening, score, screened_courses
 from aerodima.optimisation.studies.steering_search import SteeringSearch
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import load_scenario
@@ -38,7 +30,8 @@ def found(seed: int = 1) -> tuple[list[dict[str, float]], list[dict[str, float]]
         tried.extend(map(dict, laws))
         return np.array([1.0 - np.linalg.norm(TRAINED.shares(law) - 0.3) for law in laws])
 
-    return search_laws(TRAINED, LawSearch(laws=5, generations=40, finalists=3, seed=seed), worth, [].append), tried
+    search = LawSearch(laws=5, generations=40, finalists=3, seed=seed)
+    return search_laws(TRAINED, search, worth, [].append).finalists, tried
 
 
 def test_the_search_comes_to_the_best_law_and_to_others_beside_it() -> None:
