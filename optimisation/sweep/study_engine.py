@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from itertools import islice
 from pathlib import Path
@@ -23,10 +23,11 @@ from aerodima.workbench.batch.row_store import ProgressBar, RowStore, content_ke
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.metrics.run_summary import RunSummary
 
 if TYPE_CHECKING:
+    from aerodima.workbench.controllers.tail_law import TailLaw
     from aerodima.workbench.simulate.rolling_start import RollingStart
 
 WORKER_LOST = "its worker process was lost"
@@ -95,14 +96,19 @@ def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> d
 
 
 def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
+    from aerodima.workbench.simulate.simulation import simulate
+
+    start = nearest_start(scenario) if task.rolling else None
+    return measured_row(task, scenario, simulate(scenario, record=task.signals, start=start, stop_when_certain=True))
+
+
+def measured_row(task: RunTask, scenario: Scenario, run: RunLog) -> dict[str, Any]:
+    """The row of a task whose scenario has been run, as `evaluate` gives it."""
     from aerodima.workbench.metrics.run_summary import summarise
     from aerodima.workbench.metrics.turn_course import turn_course
     from aerodima.workbench.simulate.car_run import ROLLED
-    from aerodima.workbench.simulate.simulation import simulate
     from aerodima.workbench.stations.outcome_record import STOPPED
 
-    start = nearest_start(scenario) if task.rolling else None
-    run = simulate(scenario, record=task.signals, start=start, stop_when_certain=True)
     summary = summarise(run, scenario.name)
     row = {
         "run": task.name,
@@ -117,35 +123,47 @@ def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
 
             yaw = tail_yaw_impulses(run)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
-    if start is not None:
-        row[ROLLED] = start.friction
+    if ROLLED in run.extra:
+        row[ROLLED] = run.extra[ROLLED]
     return row | {"error": "", **_provenance(task, scenario)}
 
 
-def nearest_start(scenario: Scenario) -> RollingStart | None:
-    """Where a run of a search begins: just before its turn, with the straight of the nearest friction `ROLLED_EVERY`.
+def nearest_start(scenario: Scenario, law: TailLaw | None = None, every: float = ROLLED_EVERY) -> RollingStart | None:
+    """Where a run of a search begins: just before its turn, with the straight of the nearest friction on a grid.
 
     None, that is from rest, unless the car comes to its turn calm and alike at the frictions on both sides: a car that
     tips over backwards while it gathers speed does so where it has most grip, one whose wheels spin where it has least,
-    so that in between it does neither if it does not at the ends.
+    so that in between it does neither if it does not at the ends. A `law` instead of the scenario's shares its straight
+    with laws that wait alike; from rest also if its tail does not wait until the turn.
     """
     friction = scenario.car.tyre_friction
-    below = math.floor(friction / ROLLED_EVERY + 1e-9)
+    below = math.floor(friction / every + 1e-9)
     try:
-        ends = [scenario.varied(car={"tyre_friction": round(k * ROLLED_EVERY, 9)}) for k in (below, below + 1)]
+        ends = [scenario.varied(car={"tyre_friction": round(k * every, 9)}) for k in (below, below + 1)]
     except UserError:  # a friction that this car cannot have
         return None
-    one, other = (_straight(end, _swing(end.controller.swing_file)) for end in ends)
-    if one is None or other is None or not one.resembles(other):
+    waiting = repr(getattr(law, "waiting", law))
+    one, other = (_straight(_Straight(end, _swing(end.controller.swing_file), waiting, law)) for end in ends)
+    if one is None or other is None or not one.resembles(other) or not (one.serves(law) and other.serves(law)):
         return None
     return min(one, other, key=lambda start: abs(start.friction - friction))
 
 
-@lru_cache(maxsize=8)
-def _straight(scenario: Scenario, _swing_file: str) -> RollingStart | None:
+@dataclass(frozen=True)
+class _Straight:
+    """What decides a straight; `law` is one of those that wait alike."""
+
+    scenario: Scenario
+    swing_file: str
+    waiting: str
+    law: TailLaw | None = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _straight(straight: _Straight) -> RollingStart | None:
     from aerodima.workbench.simulate.car_run import rolling_start
 
-    return rolling_start(scenario)
+    return rolling_start(straight.scenario, straight.law)
 
 
 def _numbers(summary: RunSummary) -> dict[str, Any]:

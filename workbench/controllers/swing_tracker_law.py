@@ -100,6 +100,17 @@ class SwingTracker(SwingMachine[TrackerMemory]):
         delay = 0.0 if swing.trigger.kind == "time" else swing.trigger.delay_s
         return Wait(roll, pitch, swing.gains.hold.kp, swing.gains.hold.kd, delay)
 
+    @property
+    def waiting(self) -> tuple[Any, ...]:
+        """What decides all memory and commands until a release: trackers with the same do the same until then."""
+        return self.direction, self._wait[:4], self.settings, self.filter_settings
+
+    def waits_at(self, yaw_rate: float) -> bool:
+        """Whether nothing releases the swing while the car goes straight and yaws by no more than this, rad/s."""
+        trigger = self.reference.swing.trigger
+        threshold = trigger.threshold_rad_per_s
+        return trigger.kind == "steering" or (threshold is not None and threshold > yaw_rate)
+
     def tick(self, memory: TrackerMemory, observation: Observation) -> Tick[TrackerMemory]:
         """One tick: the filter of the car's roll first."""
         before = RollEstimate(memory.car_roll, memory.car_pitch, memory.car_roll_rate, memory.filter_started)
