@@ -62,7 +62,7 @@ def swing(
         typer.Option(
             "--refine",
             "--polish",
-            help="Candidates of the full-model refinement; 0: none.",
+            help="Candidates that the refinement drives on the full car; 0: none.",
             min=0,
             max=100_000,
         ),

@@ -19,6 +19,7 @@ from scipy.linalg import expm
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.reduced_model import INPUTS, STATES, linearise
 from aerodima.optimisation.swing.turn_profile import turn_profile
+from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import Feedback, FeedbackState, SwingFile
@@ -158,6 +159,20 @@ def with_feedback(
         funnel=tuple(getattr(funnel, name) for name in FEEDBACK_NAMES),
     )
     return swing.model_copy(update={"gains": swing.gains.model_copy(update={"feedback": feedback})})
+
+
+def with_gains(swing: SwingFile, scenario: Scenario, progress: ProgressLine) -> SwingFile:
+    """With feedback for the highest friction that the swing was seen to survive; without it where that fails."""
+    found = swing.provenance.found
+    sections: dict[str, dict[str, Any]] = {}
+    if "survived_friction" in found:
+        sections = {"car": {"tyre_friction": float(found["survived_friction"])}}
+        sections["manoeuvre"] = {"speed": float(found["survived_speed_m_per_s"])}
+    try:
+        return with_feedback(swing, scenario.varied(**sections))
+    except SwingError as error:
+        progress(f"no feedback: {error}")
+        return swing
 
 
 @dataclass(frozen=True)

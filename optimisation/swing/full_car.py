@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, Literal
 
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, Start, Threshold, search_rows
-from aerodima.optimisation.sweep.study_engine import RunEngine, in_waves
+from aerodima.optimisation.sweep.study_engine import RunEngine, in_waves, nearest_start
 from aerodima.optimisation.swing.reduced_car import ReducedCar
 from aerodima.optimisation.swing.turn_profile import TurnProfile, turn_profile
 from aerodima.workbench.config.scenario import Scenario, default_values
@@ -26,6 +26,10 @@ SPIN = 1.5
 there is no turn to compare with. Cars that turn lie at 0.6 to 1.1 rad."""
 FINE_STEP = 0.0005
 """Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
+
+ROLLED_EVERY = 0.05
+"""Of tyre friction: the grid on which searches for a swing drive the straight, finer than that of scans: on two wheels
+the roll at the end of the row tells another one."""
 
 REFERENCE_SEARCH = Search(FRICTION, 0.3, 1.2, FRICTION_STEP, FRICTION_STEP)
 """Of the reference's highest friction."""
@@ -47,12 +51,22 @@ class DriveOutcome:
     heading: float
     released: float | None
 
+    def words(self, friction: float, speed: float) -> str:
+        """For a line of progress."""
+        end = "clean" if self.clean else "survived" if self.survived else "rolled over"
+        return f"at {speed:.2f} m/s, friction {friction:.3f}: {end}, peak {self.peak_roll:.3f} rad"
+
 
 varied = Scenario.varied
 
 
 def drive(
-    scenario: Scenario, swing: SwingFile | None = None, friction: float | None = None, all_signals: bool = False
+    scenario: Scenario,
+    swing: SwingFile | None = None,
+    friction: float | None = None,
+    *,
+    all_signals: bool = False,
+    rolling: bool = False,
 ) -> RunLog:
     """One run of the full car, with the controller of the scenario or with a swing whose knots the joints follow.
 
@@ -61,14 +75,23 @@ def drive(
         swing: played without feedback on the car; None leaves the scenario's controller.
         friction: of the tyres, instead of the scenario's.
         all_signals: record what a profile needs.
+        rolling: begin just before the turn where the straight can be shared (`nearest_start`): for searches, while
+            claims are made from rest.
     """
     if friction is not None:
         scenario = varied(scenario, car={"tyre_friction": friction})
     law = None
     if swing is not None:
-        scenario = varied(scenario, tail={"mode": "swing"}, controller={"swing_file": "none", "tracking": "joint_pd"})
+        scenario = played_turn(scenario)
         law = SwingTracker.from_scenario(swing, scenario)
-    return simulate(scenario, record="all" if all_signals else "outcome", law=law, stop_when_certain=True)
+    start = nearest_start(scenario, law, ROLLED_EVERY) if rolling else None
+    record: Literal["all", "outcome"] = "all" if all_signals else "outcome"
+    return simulate(scenario, record=record, law=law, start=start, stop_when_certain=True)
+
+
+def played_turn(scenario: Scenario) -> Scenario:
+    """The turn of a scenario with a tail whose joints follow the knots of a swing."""
+    return varied(scenario, tail={"mode": "swing"}, controller={"swing_file": "none", "tracking": "joint_pd"})
 
 
 def outcome(run: RunLog) -> DriveOutcome:
@@ -89,12 +112,21 @@ Ride = tuple[Scenario, SwingFile | None, float]
 
 
 def outcome_of(ride: Ride) -> DriveOutcome:
-    """For an engine."""
+    """From rest; for an engine."""
     return outcome(drive(*ride))
 
 
+def rolling_outcome_of(ride: Ride) -> DriveOutcome:
+    """Of a run that begins rolling where it can; for an engine."""
+    return outcome(drive(*ride, rolling=True))
+
+
 def drive_all(
-    cars: Sequence[Scenario], swing: SwingFile | None, places: Sequence[tuple[float, float]], engine: RunEngine
+    cars: Sequence[Scenario],
+    swing: SwingFile | None,
+    places: Sequence[tuple[float, float]],
+    engine: RunEngine,
+    rolling: bool = False,
 ) -> Iterator[DriveOutcome]:
     """The worst of several cars at one (friction, speed) after another, driven in waves: who stops asking stops them.
 
@@ -103,13 +135,14 @@ def drive_all(
         swing: as `drive`.
         places: frictions of the first car, those of the others are in proportion; speeds in m/s.
         engine: where the cars are driven.
+        rolling: as `drive`.
     """
     rides = (
         (varied(car, manoeuvre={"speed": speed}), swing, here)
         for friction, speed in places
         for car, here in zip(cars, frictions(cars, friction), strict=True)
     )
-    driven = in_waves(engine, outcome_of, rides)
+    driven = in_waves(engine, rolling_outcome_of if rolling else outcome_of, rides)
     for _ in places:
         found = list(islice(driven, len(cars)))
         yield DriveOutcome(

@@ -7,12 +7,14 @@ of `swing_construction` are searched on the full car itself, ranked as `swing_ra
 whenever the best candidate is clean at it. The search runs at the scenario's step; the last candidates to reach a
 target are then driven at the fine step over an unbroken row of frictions, and what is best there is what is claimed
 (`swing_ranking.choose`). With several cars all of them must survive and turn.
+
+A generation is the best tenth of what is drawn, by rank on reduced cars (`swing_screening`) where they know the swing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from aerodima.optimisation.swing.full_car import FINE_STEP, FRICTION_STEP, SPIN,
 from aerodima.optimisation.swing.search_state import SearchOptions, open_rows, saying_the_limit
 from aerodima.optimisation.swing.swing_construction import changed, changes
 from aerodima.optimisation.swing.swing_ranking import Candidate, Score, choose, score
+from aerodima.optimisation.swing.swing_screening import DRAWN, SwingScreen
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import Row, RowStore, content_key
 from aerodima.workbench.config.array_types import FloatArray
@@ -78,6 +81,7 @@ def refine(
     target: float | None = None,
     begin: FloatArray | None = None,
     sigma: float = FIRST_SPREAD,
+    screen: SwingScreen | None = None,
     engine: RunEngine | None = None,
     store: RowStore | None = None,
     progress: ProgressLine = silent,
@@ -93,6 +97,7 @@ def refine(
         target: first friction aimed at with the first car; by default that of its reference.
         begin: changes to begin with; by default none, or `FIRST_PITCH` with two joints.
         sigma: of the first generation, in units of the changes.
+        screen: reduced cars that choose a tenth of what is drawn; None drives all that is drawn.
         engine: where the cars are driven.
         store: of scores of searches with the same swing and cars: what it holds is not driven again.
         progress: takes lines of text.
@@ -132,7 +137,7 @@ def refine(
 
     best, idle = Refined(first), 1
     while len(scores) < evaluations and not search.stop():
-        points = search.ask()
+        points = _best_drawn(search, screen, lambda x: _allowed(swing, x, dof, free_of), aim)
         found = tried(points)
         search.tell(points, [one.cost for one in found])
         leader = int(np.argmin([one.cost for one in found]))
@@ -179,10 +184,12 @@ def refined(
     begun = swing.model_dump(mode="json", include={"knots", "trigger", "gains", "limits"})
     identity: dict[str, Any] = {"swing": begun, "cars": [asdict(car) for car in cars]}
     identity |= {"seed": options.seed, "dof": options.dof, "spread": spread}
+    little = np.eye(changes(options.dof))[-1] * 0.01
+    screen = SwingScreen.of(cars, changed(swing, little, options.dof), progress)
     with open_rows(checkpoint and checkpoint.with_suffix(".polish.json"), "aerodima/polish/2", identity) as store:
         found = refine(
             swing, cars, evaluations=options.polish, seed=options.seed, dof=options.dof, sigma=spread, engine=engine,
-            store=store, progress=progress,
+            screen=screen, store=store, progress=progress,
         )  # fmt: skip
         if store is not None:
             store.remove()
@@ -211,6 +218,19 @@ def refined(
     provenance = best.provenance.model_copy(update={"found": kept | facts})
     limit = f"{found.evaluations} candidates of the refinement" if found.gaining else ""
     return saying_the_limit(best.model_copy(update={"provenance": provenance}), limit)
+
+
+def _best_drawn(
+    search: Any, screen: SwingScreen | None, shaped: Callable[[FloatArray], SwingFile | None], aim: float
+) -> list[FloatArray]:
+    """A generation of CMA-ES: the best tenth on reduced cars of ten times as many points, in their order."""
+    if screen is None:
+        return list(search.ask())
+    drawn = search.ask(DRAWN * search.popsize)
+    swings = {place: one for place, x in enumerate(drawn) if (one := shaped(x)) is not None}
+    costs = np.full(len(drawn), math.inf)
+    costs[list(swings)] = screen.costs(list(swings.values()), aim) if swings else []
+    return [drawn[place] for place in sorted(np.argsort(costs, kind="stable")[: search.popsize].tolist())]
 
 
 def _comparable(cars: Sequence[Car], progress: ProgressLine) -> list[Car]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.optimisation.swing.full_car import drive, drive_all, outcome, varied
 from aerodima.optimisation.swing.reduced_car import ReducedCar, lift_roll
@@ -14,7 +15,8 @@ from aerodima.optimisation.swing.solver import SolverName
 from aerodima.optimisation.swing.swing_problem import Objective
 from aerodima.workbench.batch.engine import ProgressLine
 from aerodima.workbench.batch.row_store import RowStore
-from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.ensemble import load_ensemble
+from aerodima.workbench.config.scenario import Scenario, default_values
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 from aerodima.workbench.errors import SwingError
@@ -78,6 +80,22 @@ class SearchOptions:
             for key, value in self.__dict__.items()
             if value is not None and key != "wall_time" and (key not in plain or value != plain[key])
         }
+
+
+def cars_of(scenario: Scenario, options: SearchOptions) -> tuple[Scenario, ...]:
+    """The scenario with its nominal car, and with those of the ensemble at as many times their own friction."""
+    cars = [scenario]
+    if options.members:
+        own = float(default_values()["car"]["tyre_friction"])
+        for member in load_ensemble(options.ensemble).drawn(options.members):
+            sections: dict[str, dict[str, Any]] = {"car": {}}
+            for key, value in member.values_with(scenario.tail.name).items():
+                section, _, entry = key.partition(".")
+                sections.setdefault(section, {})[entry] = value
+            friction = float(member.values.get(FRICTION, own)) * scenario.car.tyre_friction / own
+            sections["car"]["tyre_friction"] = friction
+            cars.append(varied(scenario, **sections))
+    return tuple(cars)
 
 
 LOWER, MOST_LOWER = 0.92, 8

@@ -61,6 +61,11 @@ def most_roll(scenario: Scenario) -> float:
     return float(leans[-1] if np.all(free) else leans[int(np.argmin(free))])
 
 
+def least_heading(cars: int) -> float:
+    """Share of the reference's heading change that a candidate must reach when it is tried on so many cars."""
+    return LEAST_HEADING + (HEADING_MARGIN if cars == 1 else HEADING_MARGIN_OF_MANY)
+
+
 @dataclass(frozen=True)
 class Score:
     """What a candidate is worth.
@@ -100,8 +105,7 @@ def score(candidate: Candidate) -> Score:
     swing = candidate.swing
     if swing is None:
         return Score(6.0)
-    margin = HEADING_MARGIN if len(candidate.cars) == 1 else HEADING_MARGIN_OF_MANY
-    least = LEAST_HEADING + margin
+    least = least_heading(len(candidate.cars))
     headings = candidate.headings
     if not headings:
         first = [_turning(car, swing, least) for car in candidate.cars]
@@ -132,7 +136,7 @@ def _joint(costs: Sequence[float]) -> float:
 
 def _turning(car: Car, swing: SwingFile, least: float) -> Score:
     """At the common friction: whether the car survives and turns at least that share of the reference."""
-    common = outcome(drive(scenario_from_dict(car.scenario), swing, car.reference.friction))
+    common = outcome(drive(scenario_from_dict(car.scenario), swing, car.reference.friction, rolling=True))
     if not common.clean:
         return Score(5.0 + common.peak_roll / math.pi)
     heading = common.heading / car.reference.heading
@@ -142,7 +146,7 @@ def _turning(car: Car, swing: SwingFile, least: float) -> Score:
 def _surviving(car: Car, swing: SwingFile, target: float, heading: float, more: float) -> Score:
     """At the target and below; the more a car turns, the more it rolls, so `more` is friction that it gave away."""
     scenario = scenario_from_dict(car.scenario)
-    run = drive(scenario, swing, target)
+    run = drive(scenario, swing, target, rolling=True)
     found = outcome(run)
     if not found.survived:
         beyond = run.time[np.abs(run.signal("roll_truth_rad")) > LOST]
@@ -153,7 +157,7 @@ def _surviving(car: Car, swing: SwingFile, target: float, heading: float, more: 
         return Score(1.5 + found.peak_roll / math.pi + more, heading, False, found.peak_roll)
     rolled = found.peak_roll
     for friction in between(car.reference.friction, target):
-        below = outcome(drive(scenario, swing, friction))
+        below = outcome(drive(scenario, swing, friction, rolling=True))
         rolled = max(rolled, below.peak_roll)
         if not below.clean:
             return Score(1.0 + rolled / math.pi + more, heading, False, rolled)

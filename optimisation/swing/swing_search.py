@@ -3,6 +3,7 @@
 Each round takes the profile of the turn from a run of the full car that survived with the present swing, solves the
 programme within a trust region of friction (or speed) around that run, and drives the full car with the new swing. The
 round is kept if the full car then survives more than before; the search ends when a round gains less than one step.
+Trials of a search over friction share their straight (`study_engine.nearest_start`); what it found is driven from rest.
 On demand a refinement on the full car follows (`full_model_refinement`), and gains of a tracker (`feedback_gains`).
 """
 
@@ -16,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine
-from aerodima.optimisation.swing.feedback_gains import with_feedback
+from aerodima.optimisation.swing.feedback_gains import with_gains
 from aerodima.optimisation.swing.full_car import drive_all, frictions, profile_of, varied
 from aerodima.optimisation.swing.full_model_refinement import refined
 from aerodima.optimisation.swing.mesh_refinement import refine
@@ -27,6 +27,7 @@ from aerodima.optimisation.swing.search_state import (
     SearchOptions,
     SwingSearch,
     begin,
+    cars_of,
     keep,
     open_search,
     resumed,
@@ -36,8 +37,7 @@ from aerodima.optimisation.swing.solver import SwingSolution, best_of, multi_sta
 from aerodima.optimisation.swing.swing_construction import constant_rate_swing, swing_file
 from aerodima.optimisation.swing.swing_problem import ReducedMember, SwingLimits, SwingProblem
 from aerodima.workbench.batch.engine import ProgressLine, silent
-from aerodima.workbench.config.ensemble import load_ensemble
-from aerodima.workbench.config.scenario import Scenario, default_values
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import Provenance, SwingFile
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.logs.schema import software_versions
@@ -46,6 +46,10 @@ from aerodima.workbench.plants.clearance import make_range_of_motion
 DOFS = (1, 2)
 SOURCE = "aerodima optimise swing"
 """In the provenance of what comes from here."""
+GRID = 4
+"""Steps of a round's trust region in which the full car is driven further."""
+MOST_LOWER = 8
+"""Steps downwards in which a swing is looked for clean from rest."""
 MAP_NODES = 25
 """Nodes of the range-of-motion map along each joint."""
 
@@ -95,13 +99,15 @@ def optimise_swing(
             work.round(search)
             keep(store, search)
         swing = swing_of_rounds(search, options)
+        if options.rounds:
+            swing = work.proved(search, swing)
         if not options.rounds:
             swing = work.renamed(swing, search.speed)
         if options.polish:
-            turns = _cars(varied(scenario, manoeuvre={"speed": search.speed}), options)
+            turns = cars_of(varied(scenario, manoeuvre={"speed": search.speed}), options)
             swing = refined(swing, turns, options, engine=engine, checkpoint=checkpoint, progress=progress)
         if options.feedback:
-            swing = _with_gains(swing, work.cars[0], progress)
+            swing = with_gains(swing, work.cars[0], progress)
         if store is not None:
             store.remove()
     return swing
@@ -145,7 +151,7 @@ class _Work:
         if scenario.tail.mode == "none":
             raise SwingError("tail.mode: 'none', the car has no tail to swing; allowed: held, swing")
         release = {} if options.threshold is None else {"trigger_yaw_rate": options.threshold}
-        cars = _cars(varied(scenario, tail={"mode": "swing"}, controller=release), options)
+        cars = cars_of(varied(scenario, tail={"mode": "swing"}, controller=release), options)
         limits = SwingLimits.of(ReducedCar.of(cars[0]), options.dof, options.torque)
         origin: dict[str, Any] = {
             "source": SOURCE,
@@ -155,6 +161,11 @@ class _Work:
         }
         origin["options"] = options.stored()
         return cls(cars, options, limits, name, origin, time.perf_counter() + options.wall_time, engine, progress)
+
+    @property
+    def rolling(self) -> bool:
+        """Whether trials of rounds begin just before the turn: they share a straight where they differ in friction."""
+        return self.options.objective == "friction"
 
     def left(self) -> float:
         """Time until the deadline, s."""
@@ -201,6 +212,28 @@ class _Work:
         swing = swing_file(self.name, problem, best, self.cars[0], provenance=self.origin)
         self._drive(search, swing, found)
 
+    def proved(self, search: SwingSearch, swing: SwingFile) -> SwingFile:
+        """The swing with what the full cars survive from rest, if its runs began just before the turn.
+
+        Where they are not clean at the friction of the search, the highest below it, on the grid of a round.
+        """
+        found = swing.provenance.found
+        if not self.rolling or "survived_friction" not in found:  # else a warm start that no round improved
+            return swing
+        places = self._places(search, range(0, -MOST_LOWER, -1))
+        driven = drive_all(self.cars, swing, places, self.engine)
+        for (friction, speed), seen in zip(places, driven, strict=True):
+            self.progress(f"  from rest {seen.words(friction, speed)}")
+            if seen.clean:
+                facts = {"peak_roll_rad": round(seen.peak_roll, 6), "heading_rad": round(seen.heading, 6)}
+                facts |= {"survived_friction": round(friction, 6), "survived_speed_m_per_s": round(speed, 6)}
+                provenance = swing.provenance.model_copy(update={"found": found | facts})
+                return swing.model_copy(update={"provenance": provenance})
+        raise SwingError(
+            f"no run from rest is clean with the swing found, at frictions from {places[0][0]:.3f} down to "
+            f"{places[-1][0]:.3f}; allowed: another --seed, or begin at less friction"
+        )
+
     def _problem(self, search: SwingSearch) -> SwingProblem:
         """The programme around the runs of all cars with the present swing."""
         options, controller = self.options, self.cars[0].controller
@@ -220,23 +253,19 @@ class _Work:
             free_of=make_range_of_motion(self.cars[0], MAP_NODES, MAP_NODES) if options.dof == 2 else None,
         )
 
+    def _places(self, search: SwingSearch, steps: range) -> list[tuple[float, float]]:
+        """Frictions and speeds so many steps of the trust region from where the search is, if it is for more."""
+        objective = self.options.objective
+        grips, paces = objective == "friction", objective == "speed"
+        factors = [1.0 + self.options.trust * step / GRID for step in (steps if grips or paces else range(1))]
+        return [(search.friction * (f if grips else 1.0), search.speed * (f if paces else 1.0)) for f in factors]
+
     def _drive(self, search: SwingSearch, swing: SwingFile, found: dict[str, float | int | str]) -> None:
         """Drives the full cars with the swing at higher and higher friction (or speed) up to the trust region."""
-        objective, reached = self.options.objective, None
-        shares = (0.0, 0.25, 0.5, 0.75, 1.0) if objective in ("friction", "speed") else (0.0,)
-        places = [
-            (
-                search.friction * (step if objective == "friction" else 1.0),
-                search.speed * (step if objective == "speed" else 1.0),
-            )
-            for step in (1.0 + self.options.trust * share for share in shares)
-        ]
-        driven = drive_all(self.cars, swing, places, self.engine)
+        reached, places = None, self._places(search, range(GRID + 1))
+        driven = drive_all(self.cars, swing, places, self.engine, rolling=self.rolling)
         for (friction, speed), seen in zip(places, driven, strict=True):
-            end = "clean" if seen.clean else "survived" if seen.survived else "rolled over"
-            self.progress(
-                f"  full car at {speed:.2f} m/s, friction {friction:.3f}: {end}, peak {seen.peak_roll:.3f} rad"
-            )
+            self.progress(f"  full car {seen.words(friction, speed)}")
             if not seen.clean:
                 break
             reached = (friction, speed, seen)
@@ -259,36 +288,6 @@ class _Work:
         search.swing = swing.model_copy(
             update={"provenance": swing.provenance.model_copy(update={"found": found | {"rounds": search.rounds}})}
         )
-
-
-def _cars(scenario: Scenario, options: SearchOptions) -> tuple[Scenario, ...]:
-    """The scenario with its nominal car, and with those of the ensemble at as many times their own friction."""
-    cars = [scenario]
-    if options.members:
-        own = float(default_values()["car"]["tyre_friction"])
-        for member in load_ensemble(options.ensemble).drawn(options.members):
-            sections: dict[str, dict[str, Any]] = {"car": {}}
-            for key, value in member.values_with(scenario.tail.name).items():
-                section, _, entry = key.partition(".")
-                sections.setdefault(section, {})[entry] = value
-            friction = float(member.values.get(FRICTION, own)) * scenario.car.tyre_friction / own
-            sections["car"]["tyre_friction"] = friction
-            cars.append(varied(scenario, **sections))
-    return tuple(cars)
-
-
-def _with_gains(swing: SwingFile, scenario: Scenario, progress: ProgressLine) -> SwingFile:
-    """With feedback for the highest friction that the swing was seen to survive; without it where that fails."""
-    found = swing.provenance.found
-    sections: dict[str, dict[str, Any]] = {}
-    if "survived_friction" in found:
-        sections = {"car": {"tyre_friction": float(found["survived_friction"])}}
-        sections["manoeuvre"] = {"speed": float(found["survived_speed_m_per_s"])}
-    try:
-        return with_feedback(swing, varied(scenario, **sections))
-    except SwingError as error:
-        progress(f"no feedback: {error}")
-        return swing
 
 
 def _words(solution: SwingSolution) -> str:

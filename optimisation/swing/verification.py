@@ -18,7 +18,7 @@ import pandas as pd
 
 from aerodima.optimisation.sweep.rollover_threshold import is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine
+from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine, measured_row
 from aerodima.optimisation.swing.full_car import FINE_STEP
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.ensemble import Ensemble
@@ -26,7 +26,7 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
 from aerodima.workbench.config.swing_file import SwingFile
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.errors import SwingError
+from aerodima.workbench.errors import SwingError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import RunSummary, summarise
 from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
@@ -139,10 +139,11 @@ def verify_swing(
     tasks = [
         RunTask(m.name, scenario_name, (*m.settings_on(scenario_name), *settings, *fine, *laws[who])) for who, m in runs
     ]
+    rows = _rows(tasks, [(scenario, run), (thesis, reference)], engine)
     frame = make_frame(
         [
             {"who": who, "member": member.name, "weight": member.weight} | row
-            for (who, member), row in zip(runs, engine.rows(tasks), strict=True)
+            for (who, member), row in zip(runs, rows, strict=True)
         ]
     )
     survival = {}
@@ -159,6 +160,22 @@ def verify_swing(
 
 def _logged(scenario: Scenario) -> RunLog:
     return simulate(scenario, stop_when_certain=True)
+
+
+def _rows(tasks: Sequence[RunTask], logged: Sequence[tuple[Scenario, RunLog]], engine: RunEngine) -> list[Row]:
+    """Rows of tasks; one whose scenario has a log is not driven again (the nominal car is a member as well)."""
+    known = {place: row for place, task in enumerate(tasks) if (row := _row_of_log(task, logged)) is not None}
+    left = [place for place in range(len(tasks)) if place not in known]
+    driven = dict(zip(left, engine.rows([tasks[place] for place in left]), strict=True))
+    return [(known | driven)[place] for place in range(len(tasks))]
+
+
+def _row_of_log(task: RunTask, logged: Sequence[tuple[Scenario, RunLog]]) -> Row | None:
+    try:
+        wanted = load_scenario(task.scenario, task.settings).resolved()
+    except UserError:  # its row will say so
+        return None
+    return next((measured_row(task, one, run) for one, run in logged if one.resolved() == wanted), None)
 
 
 def heading_ratio(

@@ -26,6 +26,7 @@ from aerodima.optimisation.swing.swing_ranking import (
     most_roll,
     score,
 )
+from aerodima.optimisation.swing.swing_screening import DRAWN, SwingScreen
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_curve import swing_at
@@ -110,7 +111,7 @@ def test_a_swing_without_a_yaw_rate_is_refused() -> None:
 def ranks(monkeypatch: pytest.MonkeyPatch, at: Callable[[float], DriveOutcome]) -> Score:
     """Score of a car whose outcome is a function of the friction; one that rolls over does so 1 s into the turn."""
 
-    def drive(_scenario: Any, _swing: Any, friction: float) -> Any:
+    def drive(_scenario: Any, _swing: Any, friction: float, **_options: Any) -> Any:
         roll = np.array([0.0, 0.0, 0.0, 1.0])
         return SimpleNamespace(found=at(friction), time=np.array([0.0, 1.0, 2.0, 3.0]), signal=lambda _name: roll)
 
@@ -150,7 +151,7 @@ def joint(monkeypatch: pytest.MonkeyPatch, *headings: float, lost: float = 2.0) 
         for place in range(len(headings))
     )
 
-    def drive(scenario: Any, _swing: Any, friction: float) -> Any:
+    def drive(scenario: Any, _swing: Any, friction: float, **_options: Any) -> Any:
         driven.append(friction)
         place = round(10 * (scenario.car.mass - 6.0))
         clean = place + 1 < len(headings) or friction < lost
@@ -289,6 +290,27 @@ def test_it_finds_most_friction_that_turns_far_enough() -> None:
     assert best.knots.time_s[-1] == pytest.approx(1.2, abs=0.05)
 
 
+class Foreseen:
+    """A screen that ranks as the cars will."""
+
+    def __init__(self) -> None:
+        self.seen = 0
+
+    def costs(self, swings: Sequence[SwingFile], target: float) -> list[float]:
+        self.seen += len(swings)
+        return [MadeUpCars._score(Candidate(one, (car(),), target)).cost for one in swings]
+
+
+def test_only_the_best_tenth_of_what_is_screened_is_driven_and_ends_no_worse() -> None:
+    alone, screened, screen = MadeUpCars(), MadeUpCars(), Foreseen()
+    without = run_refinement(alone, evaluations=60)
+    found = run_refinement(screened, evaluations=60, screen=screen)
+    generations = math.ceil(screen.seen / (DRAWN * 9))  # nine points to seven changes
+    assert screened.driven <= 9 * generations + round((found.friction - REFERENCE.friction) / FRICTION_STEP) + 1
+    assert screen.seen > 4 * screened.driven
+    assert found.friction > without.friction
+
+
 def test_it_repeats_itself_and_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     cars, stopped, rest = MadeUpCars(), MadeUpCars(), MadeUpCars()
     whole = run_refinement(cars, evaluations=60)
@@ -315,6 +337,7 @@ def test_an_interrupted_refinement_goes_on_with_its_own_candidates_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Car, "of", lambda scenario: Car(scenario.resolved(), REFERENCE))
+    monkeypatch.setattr(SwingScreen, "of", lambda *_arguments: None)
     monkeypatch.setattr(
         "aerodima.optimisation.swing.full_model_refinement.choose", lambda *_arguments, **_options: None
     )

@@ -14,6 +14,7 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from aerodima.optimisation.sweep.study_engine import RunTask, SerialRunEngine
+from aerodima.optimisation.swing import verification
 from aerodima.optimisation.swing.verification import StateErrors, _complaints, heading_ratio
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
@@ -59,6 +60,30 @@ def test_headings_are_compared_at_the_highest_friction_that_both_survive() -> No
     assert heading_ratio("turn_swing", (), (), 0.7, here[:1] * 2, engine) == (1.0, 0.7)
     never = dict.fromkeys([round(0.7 - 0.05 * i, 9) for i in range(1, 7)])
     assert math.isnan(heading_ratio("turn_swing", (), (), 0.7, here, Told(never, never))[0])
+
+
+class Drives(SerialRunEngine):
+    """An engine that notes what it is asked to run."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ran: list[str] = []
+
+    def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
+        self.ran += [task.name for task in tasks]
+        return [{"run": task.name} for task in tasks]
+
+
+def test_pair_of_the_own_car_is_not_driven_again_where_that_car_is_a_member(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verification, "measured_row", lambda task, _scenario, log: {"run": task.name, "from": log})
+    slower: Any = "controller.swing_speed=7.0"
+    own: Any = [(load_scenario("turn_swing"), "own"), (load_scenario("turn_swing", [slower]), "reference")]
+    settings = [(), ("car.mass=7.1",), ("car.mass=none",), (slower,), ("car.mass=7.1", slower)]
+    engine = Drives()
+    rows = verification._rows([RunTask(str(k), "turn_swing", one) for k, one in enumerate(settings)], own, engine)
+    assert engine.ran == ["1", "2", "4"]
+    assert [row["run"] for row in rows] == ["0", "1", "2", "3", "4"]
+    assert [row.get("from") for row in rows] == ["own", None, None, "reference", None]
 
 
 class _Upright:
