@@ -99,7 +99,7 @@ def optimise_swing(
             work.round(search)
             keep(store, search)
         swing = swing_of_rounds(search, options)
-        if options.rounds:
+        if options.rounds and (warm_start is None or swing.knots != warm_start.knots):
             swing = work.proved(search, swing)
         if not options.rounds:
             swing = work.renamed(swing, search.speed)
@@ -218,7 +218,7 @@ class _Work:
         Where they are not clean at the friction of the search, the highest below it, on the grid of a round.
         """
         found = swing.provenance.found
-        if not self.rolling or "survived_friction" not in found:  # else a warm start that no round improved
+        if not self.rolling:
             return swing
         places = self._places(search, range(0, -MOST_LOWER, -1))
         driven = drive_all(self.cars, swing, places, self.engine)

@@ -12,11 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
+from aerodima.optimisation.swing.full_car import drive
 from aerodima.optimisation.swing.solver import cost_of, solve
+from aerodima.optimisation.swing.swing_construction import constant_rate_swing
 from aerodima.optimisation.swing.swing_problem import random_start
+from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.simulate.simulation import simulate
 from tests.benchmarks.rows import BenchRow
 from tests.benchmarks.swing_casadi import CasadiProblem
 from tests.benchmarks.swing_direct_collocation import solve_directly
+from tests.optimisation.screening_gate import reduced_seconds
 from tests.optimisation.swing.turn import problem
 
 _EXAMPLE = (
@@ -77,5 +82,37 @@ def bench_optimise_command() -> Iterator[BenchRow]:
         if judged.returncode not in (0, 2):  # 2: it is judged, and not verified
             raise RuntimeError(judged.stderr.decode())
         whole = time.perf_counter() - begun
-    yield BenchRow("optimise swing, 1-DoF example", found, "s")
-    yield BenchRow("optimise swing, 1-DoF example, with its verification", whole, "s", "<= 60")
+    yield BenchRow("optimise swing, 1-DoF example", found, "s", "<= 5")
+    yield BenchRow("optimise swing, 1-DoF example, with its verification", whole, "s", "<= 15")
+
+
+def bench_rolling_start() -> list[BenchRow]:
+    """Trials per second of CPU time of a search over swings and frictions, over the same from rest, in one process.
+
+    Two swings at four frictions each; the two straights that they share are part of it.
+    """
+    scenario = load_scenario("turn_swing", ["manoeuvre.speed=4.5"])
+    swings = [
+        constant_rate_swing("even", scenario, length=length, knots=41, provenance={"source": "bench"})
+        for length in (0.9, 1.0)
+    ]
+    seconds = {True: 0.0, False: 0.0}
+    for friction in (0.61, 0.64, 0.67, 0.7):
+        for swing in swings:
+            for rolling in seconds:
+                begun = time.process_time()
+                drive(scenario, swing, friction, rolling=rolling)
+                seconds[rolling] += time.process_time() - begun
+    rolled, rest = (8 / seconds[rolling] for rolling in (True, False))
+    return [BenchRow("trials of a swing search that share their straight", rolled, "1/s", ">= 1.4", rest)]
+
+
+def bench_screening() -> list[BenchRow]:
+    """Reduced runs among many per second of CPU time, over trials of the full car, in one process."""
+    scenario = load_scenario("turn_designed")
+    simulate(scenario, record="outcome")
+    begun = time.process_time()
+    for _ in range(3):
+        simulate(scenario, record="outcome")
+    full = 3 / (time.process_time() - begun)
+    return [BenchRow("screening, reduced runs", 1.0 / reduced_seconds([scenario]), "1/s", ">= 20", full)]

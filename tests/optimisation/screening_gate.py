@@ -2,10 +2,12 @@
 
 Over cars of the ensemble, with the designed tail: critical friction at full lock, and heading at a given steering and
 floor, for four controllers; within some of the cars the same over drawn laws. Nothing of the model is fitted; its
-equations were completed while looking at the first twelve cars. The full car's runs are kept in the folder, and a
-second call goes on with what is missing.
+equations were completed while looking at the first twelve cars. Then searches: 60 drawn laws on a car that the twelve
+do not hold, and whether the full car's best of them is in the reduced car's best tenth. The full car's runs are kept in
+the folder, so that a second call goes on with what is missing. Arguments: folder, cars, cars with 30 laws each,
+searches, workers.
 
-    python -m tests.optimisation.screening_gate out/screening 12 3
+    python -m tests.optimisation.screening_gate out/screening 12 3 8 2
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, is_
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine, RunTask, open_run_engine
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
+from aerodima.workbench.config.scenario import Scenario
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
@@ -37,9 +40,12 @@ CONTROLLERS = {
     "published, 8 rad/s": (*SWING, "controller.swing_speed=8.0"),
     "7 rad/s": (*SWING, "controller.swing_speed=7.0"),
 }
-LAWS = 30
+LAWS, CANDIDATES = 30, 60
+"""Drawn on a car: where the limit of each is driven for; in a search, where only the best counts."""
 BEST = 0.1
 """Share of the laws that would go to the full car."""
+TUNED = 12
+"""Cars drawn that the equations were completed with."""
 STEERING = ("manoeuvre.steer_angle=0.3",)
 FLOOR, LAW_FLOOR = f"{FRICTION}=0.4", f"{FRICTION}=0.6"
 """On which headings are compared: of cars, all of which survive with any controller; of laws."""
@@ -91,8 +97,8 @@ def compared_friction(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
 
     full = search_rows(SEARCH, ["bisect"] * len(cases), run, is_clean)
     reduced = screened_friction([load_scenario(SCENARIO, case) for case in cases], SEARCH)
-    figures = [np.array([t.survived for t in found], float) for found in (full, reduced)]
-    return Pairs(*figures, np.isfinite(figures[0]) == np.isfinite(figures[1]))
+    one, other = (np.array([t.survived for t in found], float) for found in (full, reduced))
+    return Pairs(one, other, np.isfinite(one) == np.isfinite(other))
 
 
 def compared_heading(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
@@ -107,20 +113,82 @@ def compared_heading(engine: RunEngine, cases: Sequence[Settings]) -> Pairs:
     )
 
 
+class Searched(NamedTuple):
+    """A search among drawn laws on one car.
+
+    Attributes:
+        ranks: from 1, that the reduced car gave to the full car's best, and to those that are as good.
+        friction: up to which they are clean on the full car; `first` that of the law which the reduced car puts first.
+        runs: of the full car.
+    """
+
+    ranks: list[int]
+    friction: float
+    first: float
+    runs: int
+
+    @property
+    def found(self) -> bool:
+        """Whether the full car's best, or one of several as good, is in the reduced car's best tenth."""
+        return min(self.ranks) <= BEST * CANDIDATES
+
+
+def searched(engine: RunEngine, car: Settings, seed: int) -> Searched:
+    """The laws that stay clean longest on the full car, without driving each to its limit.
+
+    The limit of the law that the reduced car puts first is searched for; all others are driven one step of the grid
+    beyond it, those that are clean there another step further, until none is. A law that is not clean a step beyond has
+    its row of clean runs broken there at the latest, so that it is not better.
+    """
+    laws = [(*car, *law) for law in drawn_laws(CANDIDATES, seed)]
+    screened = screened_friction([load_scenario(SCENARIO, law) for law in laws], SEARCH)
+    order = np.argsort([-(found.survived or 0.0) for found in screened], kind="stable").tolist()
+    driven = 0
+
+    def clean(places: Sequence[int], friction: float) -> list[int]:
+        nonlocal driven
+        driven += len(places)
+        tasks = [RunTask(f"{place}", SCENARIO, (*laws[place], f"{FRICTION}={friction!r}")) for place in places]
+        return [place for place, row in zip(places, engine.rows(tasks), strict=True) if is_clean(row)]
+
+    def run(wanted: Sequence[tuple[int, float]]) -> list[bool]:
+        return [bool(clean([order[0]], friction)) for _, friction in wanted]
+
+    limit = search_rows(SEARCH, ["bisect"], run, bool)[0].survived
+    first = place = -1 if limit is None else SEARCH.index(limit)
+    best, left = order[:1], order[1:]
+    while place < SEARCH.index(SEARCH.high) and (left := clean(left, SEARCH.value(place + 1))):
+        best, place = left, place + 1
+    ranks = [order.index(law) + 1 for law in best]
+    return Searched(ranks, SEARCH.value(place), SEARCH.value(first), driven)
+
+
 def main() -> None:
     """Prints the table of the gate."""
-    folder, number, searched = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-    cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in load_ensemble().drawn(number)]
-    print(f"{'':36s} Spearman difference (most) pairs  clean alike")
-    with RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store, open_run_engine(2) as workers:
+    folder, (number, with_laws, searches, cores) = Path(sys.argv[1]), map(int, sys.argv[2:])
+    ensemble = load_ensemble()
+    cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in ensemble.drawn(number)]
+    tuned = {member.name for member in ensemble.drawn(TUNED)}
+    others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
+    with RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store, open_run_engine(cores) as workers:
         engine = RememberingEngine(workers, store)
+        for place, member in enumerate(others[:: max(1, len(others) // max(1, searches))][:searches]):
+            begin = time.process_time()
+            found = searched(engine, (*member.settings_on(SCENARIO), *SPEED), seed=100 + place)
+            print(
+                f"search {place + 1}, {member.name}: best {'in' if found.found else 'NOT in'} the best tenth, ranks "
+                f"{found.ranks} at {found.friction:.4f}, first at {found.first:.4f}; {found.runs} runs, "
+                f"{time.process_time() - begin:.0f} s of CPU",
+                flush=True,
+            )
+        print(f"{'':36s} Spearman difference (most) pairs  clean alike")
         for name, law in CONTROLLERS.items():
             friction = compared_friction(engine, [(*car, *law) for car in cars])
             print(f"{name:18s} critical friction {friction.words()}", flush=True)
             heading = compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars])
             print(f"{name:18s} heading           {heading.words()}", flush=True)
         laws = drawn_laws(LAWS)
-        for place in range(0, number, 4)[:searched]:
+        for place in range(0, number, 4)[:with_laws]:
             friction = compared_friction(engine, [(*cars[place], *law) for law in laws])
             best = "in" if friction.best_is_screened() else "NOT in"
             print(
@@ -128,12 +196,11 @@ def main() -> None:
             )
             heading = compared_heading(engine, [(*cars[place], *law, *STEERING, LAW_FLOOR) for law in laws])
             print(f"laws of car {place:<6d} heading           {heading.words()}", flush=True)
-    print(f"one reduced run: {1e3 * _cost(cars):.1f} ms of CPU")
+    print(f"one reduced run: {1e3 * reduced_seconds([load_scenario(SCENARIO, car) for car in cars]):.1f} ms of CPU")
 
 
-def _cost(cars: Sequence[Settings], count: int = 768) -> float:
+def reduced_seconds(scenarios: Sequence[Scenario], count: int = 768) -> float:
     """CPU time of one run among many, s."""
-    scenarios = [load_scenario(SCENARIO, car) for car in cars]
     places = np.arange(count) % len(scenarios)
     vehicles, plans = Vehicles.of(scenarios).take(places), TurnPlans.of(scenarios).take(places)
     begin = time.process_time()
