@@ -7,7 +7,7 @@ from pathlib import Path
 from aerodima.optimisation.studies.contestants import Contestant
 from aerodima.optimisation.studies.corner_plan import CornerPlan
 from aerodima.optimisation.studies.corner_study import CornerRuns
-from aerodima.optimisation.studies.leaderboard import open_runs
+from aerodima.optimisation.studies.study_store import open_runs
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, open_run_engine
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.report.short_turn import CASES, load_entries

@@ -1,4 +1,4 @@
-"""`aerodima corner`, `leaderboard` and `passivity`: who turns further, who survives most, passive and active tails."""
+"""`aerodima corner`, `leaderboard` and `passivity`: who turns further, the benchmark, passive and active tails."""
 
 from __future__ import annotations
 
@@ -8,16 +8,7 @@ from typing import Annotated
 import typer
 
 from aerodima.optimisation.commands.study_commands import engine_for
-from aerodima.workbench.cli.options import (
-    SWINGS,
-    Ensemble,
-    OtherCar,
-    ScenarioOption,
-    Scheduler,
-    Workers,
-    WorkOptions,
-    grouped,
-)
+from aerodima.workbench.cli.options import SWINGS, Ensemble, OtherCar, ScenarioOption, WorkOptions, grouped
 
 
 def register(app: typer.Typer) -> None:
@@ -101,15 +92,11 @@ def corner(
     from aerodima.optimisation.studies.pulse_lengths import pulse_rows
     from aerodima.optimisation.studies.steering_search import SteeringSearch
     from aerodima.workbench.config.ensemble import load_ensemble
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
     from aerodima.workbench.errors import SweepError
     from aerodima.workbench.text_table import text_table
 
     chosen = contestants_of(contestant or STANDARD)
-    players = [player for name in law or () for player in read_laws(name, scenario)]
-    for player in () if other_car else players:
-        refuse_other_car(load_scenario(scenario, player.settings))
+    players = [player for name in law or () for player in read_laws(name, scenario, other_car=other_car)]
     split = load_ensemble(ensemble).split(seed)
     for option, asked, part in (("--cars", cars, split.test), ("--training", training, split.training)):
         if asked > len(part):
@@ -138,54 +125,40 @@ def corner(
     typer.echo(f"page: {files[-1]}")
 
 
+@grouped
 def leaderboard(
-    out: Annotated[Path, typer.Option(help="Folder for tables, page, replays and runs.")] = Path("out/leaderboard"),
-    swing: Annotated[
-        list[str] | None, typer.Option(help="Swing file or name, may be repeated; by default all that ship.")
+    work: WorkOptions,
+    out: Annotated[Path, typer.Option(help="Folder for tables, page and runs; stopped work goes on in it.")] = Path(
+        "out/leaderboard"
+    ),
+    law: Annotated[
+        list[str] | None,
+        typer.Option(help="Swing file, list of laws, or name of one that ships; may be repeated; by default none."),
     ] = None,
-    ensemble: Ensemble = "car",
-    members: Annotated[
-        int | None, typer.Option(help="Only that many members, drawn by weight; 0: the own car alone.", min=0)
-    ] = None,
-    speed: Annotated[
-        list[float] | None, typer.Option(help="Speed of the turn, m/s; may be repeated.", min=1.0, max=8.0)
-    ] = None,
-    robustness: Annotated[bool, typer.Option(help="Also play the best swing with what was not planned.")] = True,
-    quick: Annotated[bool, typer.Option("--quick", help="One speed, coarse searches, no robustness.")] = False,
-    step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-4, max=0.005)] = 0.002,
-    replays: Annotated[bool, typer.Option(help="Write a replay of each controller.")] = True,
-    workers: Workers = 2,
-    scheduler: Scheduler = None,
-    force: Annotated[bool, typer.Option("--force", help="Drop runs of other parameters or versions.")] = False,
+    other_car: OtherCar = False,
 ) -> None:
-    """Compare no tail, held, 8 rad/s, the best fixed speed and optimised swings by what the car survives.
+    """Score a law of the tail on the cars of the benchmark: how much further it turns them than no tail.
 
-    Asked for again after Ctrl-C, or with more members, it keeps the runs that are there.
-    Example: aerodima leaderboard --members 2 --quick --out out/leaderboard
+    Ours stand beside it, from the shipped table; asked for by name they are driven again. Asked for again after Ctrl-C
+    it keeps the runs that are there.
+    Example: aerodima leaderboard --law my_laws.yaml --out out/leaderboard
     """
-    from dataclasses import replace
+    from contextlib import nullcontext
 
-    from aerodima.optimisation.studies.contestants import QUICK, Plan, shipped_swings, standard_contestants
-    from aerodima.optimisation.studies.leaderboard import make_leaderboard
-    from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.optimisation.studies.law_files import read_laws
+    from aerodima.optimisation.studies.leaderboard import load_benchmark, make_leaderboard
+    from aerodima.optimisation.studies.leaderboard_page import score_cells
+    from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine
+    from aerodima.workbench.batch.engine import ProgressLine, silent
+    from aerodima.workbench.text_table import text_table
 
-    swings = swing if swing is not None else shipped_swings()
-    standard_contestants(swings)
-    cars = load_ensemble(ensemble)
-    chosen = cars.members if members is None else cars.drawn(members) if members else ()
-    plan = replace(QUICK if quick else Plan(perturbed=robustness), step=step)
-    if speed:
-        plan = replace(plan, speeds=tuple(speed), map_speeds=tuple(speed))
-    with engine_for(out, workers, scheduler) as (engine, progress):
-        board, files = make_leaderboard(
-            out, plan, swings, chosen, engine, replays=replays, force=force, progress=progress
-        )
-    for row in board.claims.to_dict("records"):
-        typer.echo(
-            f"{row['controller']:42} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f} "
-            f"({row['gain_over_8_rad_per_s']:+.1%}), heading {row['heading_ratio']:.1%} of that with 8 rad/s"
-        )
-    typer.echo(f"page: {files[-1]}")
+    scenario = load_benchmark().scenario
+    laws = [one for name in law or () for one in read_laws(name, scenario, other_car=other_car)]
+    nothing_to_run: tuple[RunEngine, ProgressLine] = (SerialRunEngine(), silent)
+    with engine_for(out, work.workers, work.scheduler) if laws else nullcontext(nothing_to_run) as (engine, progress):
+        board = make_leaderboard(out, laws, engine, force=work.force, progress=progress)
+    typer.echo("\n".join(text_table(*score_cells(board.scores))))
+    typer.echo(f"page: {board.files[-1]}")
 
 
 def passivity(
@@ -200,8 +173,8 @@ def passivity(
     Asked for again after Ctrl-C it keeps the runs that are there.
     Example: aerodima passivity --speed 4.5 --speed 6 --out out/passivity
     """
-    from aerodima.optimisation.studies.leaderboard import open_runs
     from aerodima.optimisation.studies.passivity_study import SPEEDS, measure_passivity, write_passivity
+    from aerodima.optimisation.studies.study_store import open_runs
     from aerodima.optimisation.sweep.study_engine import RememberingEngine
     from aerodima.workbench.batch.row_store import saying_how_to_go_on
 

@@ -21,9 +21,9 @@ from aerodima.optimisation.studies.corner_plan import (
 )
 from aerodima.optimisation.studies.corner_study import Corner, CornerRuns
 from aerodima.optimisation.studies.law_training import LawFamily
-from aerodima.optimisation.studies.leaderboard import open_runs
 from aerodima.optimisation.studies.pulse_lengths import WORDS, gains_by_pulse, plot_pulses, pulse_rows
 from aerodima.optimisation.studies.study_report import table_cells
+from aerodima.optimisation.studies.study_store import open_runs
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent

@@ -37,7 +37,6 @@ from aerodima.optimisation.studies.corner_plan import (
     counts,
 )
 from aerodima.optimisation.studies.law_training import (
-    CHUNK,
     SOON_OVER,
     LawFamily,
     Screening,
@@ -52,6 +51,11 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
+
+HOLD = "manoeuvre.turn_hold"
+REDUCED = 160
+"""Turns of reduced cars that a worker drives at once; in batches of two dozen each takes several times as long."""
+PulsedTurn = tuple[float, Contestant, Floor]
 
 
 @dataclass(frozen=True)
@@ -105,10 +109,9 @@ class CornerRuns:
         """A row per pulse, floor and contestant; steering is fixed, if it is, by the floors for `training`."""
         turns, learning = ([(who, floor) for floor in part for who in contestants] for part in (floors, training))
         courses = {aim: self._steered(aim, turns, self._plan.shapes) for aim in map(Aim, self._plan.courses)}
-        rows = []
-        for pulse in self._plan.pulses:
-            rows += self._reduced(pulse, turns) if self._plan.reduced else self._pulsed(pulse, turns, courses, learning)
-        return make_frame(rows)
+        if self._plan.reduced:
+            return make_frame(self._reduced([(pulse, *turn) for pulse in self._plan.pulses for turn in turns]))
+        return make_frame([row for pulse in self._plan.pulses for row in self._pulsed(pulse, turns, courses, learning)])
 
     def _pulsed(
         self, pulse: float, turns: Sequence[Turn], courses: Mapping[Aim, Sequence[Steered]], learning: Sequence[Turn]
@@ -125,17 +128,11 @@ class CornerRuns:
                 row |= fixed
         return rows
 
-    def _reduced(self, pulse: float, turns: Sequence[Turn]) -> list[dict[str, Any]]:
-        """The same of reduced cars: the course alone."""
-        self._engine.stage = f"{pulse:g} s pulse, reduced cars"
-        parts = [turns[k : k + CHUNK] for k in range(0, len(turns), CHUNK)]
-        courses = [
-            course
-            for rows in run_screenings(self._engine, [self._screening(pulse, p) for p in parts])
-            for course in rows[0]
-        ]
-        aim = Aim(pulse=pulse)
-        rows = [self._row(who, floor, {aim: Steered(None)}) for who, floor in turns]
+    def _reduced(self, turns: Sequence[PulsedTurn]) -> list[dict[str, Any]]:
+        """Rows of reduced cars: the course alone."""
+        parts = [self._screening(turns[k : k + REDUCED]) for k in range(0, len(turns), REDUCED)]
+        courses = [course for (found,) in run_screenings(self._engine, parts) for course in found]
+        rows = [self._row(who, floor, {Aim(pulse=pulse): Steered(None)}) for pulse, who, floor in turns]
         return [row | {"course_change_rad": course or math.nan} for row, course in zip(rows, courses, strict=True)]
 
     def floors(self, members: Sequence[Member]) -> list[Floor]:
@@ -166,25 +163,23 @@ class CornerRuns:
     def reduced_cases(self, floors: Sequence[Floor]) -> Screening:
         """The floors for reduced cars, with the published law."""
         plan = self._plan
-        cases = self._screening(plan.pulses[0], [(THESIS, floor) for floor in floors])
+        cases = self._screening([(plan.pulses[0], THESIS, floor) for floor in floors])
         return replace(cases, steering=replace(plan.search, runs=plan.training.steering_runs))
 
-    def _screening(self, pulse: float, turns: Sequence[Turn]) -> Screening:
+    def _screening(self, turns: Sequence[PulsedTurn]) -> Screening:
         """Turns as cases for reduced cars."""
-        plan, hold = self._plan, f"manoeuvre.turn_hold={pulse!r}"
+        plan, step = self._plan, self._plan.step
         settings = [
-            (*turn_settings(plan.scenario, who, f.member, f.speed, plan.step), f"{FRICTION}={f.friction!r}")
-            for who, f in turns
+            (
+                *turn_settings(plan.scenario, who, f.member, f.speed, step),
+                f"{FRICTION}={f.friction!r}",
+                f"{HOLD}={hold!r}",
+            )
+            for hold, who, f in turns
         ]
-        return Screening(
-            plan.scenario,
-            tuple((*own, hold) for own in settings),
-            tuple(floor.member.name for _, floor in turns),
-            plan.search,
-            MOST_ROLL,
-            MOST_SIDESLIP,
-            duration=pulse + SOON_OVER,
-        )
+        cars, longest = tuple(floor.member.name for *_, floor in turns), max(pulse for pulse, *_ in turns)
+        numbers = (plan.search, MOST_ROLL, MOST_SIDESLIP)
+        return Screening(plan.scenario, tuple(settings), cars, *numbers, duration=longest + SOON_OVER)
 
     def courses(self, drivers: Sequence[Contestant], floors: Sequence[Floor]) -> FloatArray:
         """Course at 2 ms (drivers, floors), rad, with the best steering of one level; 0 where no turn counts."""
@@ -209,7 +204,7 @@ class CornerRuns:
         hold, after = times
         end = load_scenario(self._plan.scenario).manoeuvre.turn_start + hold + after
         angle = self._plan.search.angle(place)
-        steered = [f"manoeuvre.steer_angle={angle!r}", f"manoeuvre.turn_hold={hold!r}", f"manoeuvre.duration={end:.9g}"]
+        steered = [f"manoeuvre.steer_angle={angle!r}", f"{HOLD}={hold!r}", f"manoeuvre.duration={end:.9g}"]
         if first:
             level = min(ratio * angle, self._plan.search.high)
             steered += [f"manoeuvre.first_angle={level!r}", f"manoeuvre.first_hold={min(first, hold)!r}"]

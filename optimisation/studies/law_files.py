@@ -15,6 +15,7 @@ from aerodima.optimisation.studies.contestants import Contestant, swing_player
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml, shipped_names
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 from aerodima.workbench.errors import SweepError, SwingFileError, UserError
 from aerodima.workbench.report import short_turn
 
@@ -54,15 +55,17 @@ class LawList(StrictModel):
     contestants: list[Law] = Field(min_length=1)
 
 
-def read_laws(name_or_path: str, scenario: str) -> list[Contestant]:
+def read_laws(name_or_path: str, scenario: str, *, other_car: bool = False) -> list[Contestant]:
     """The laws of a list, one of the shipped list `models/short_turn/contestants.yaml` by its name, or a swing file.
 
     Args:
         name_or_path: path of a list or of a swing file, name of a shipped law or of a shipped swing.
         scenario: that they are to drive.
+        other_car: also a swing that was made for another car than the scenario's.
 
     Raises:
-        UserError: no such file or name; malformed; a setting that a law may not bring, or that the scenario refuses.
+        UserError: no such file or name; malformed; a setting that a law may not bring, or that the scenario refuses; a
+            swing for another car.
     """
     shipped = {one.name: Contestant(one.name, tuple(one.settings)) for one in short_turn.load_entries().contestants}
     path = Path(name_or_path)
@@ -79,7 +82,9 @@ def read_laws(name_or_path: str, scenario: str) -> list[Contestant]:
         laws = [swing_player(name_or_path)]
     for law in laws:
         try:
-            load_scenario(scenario, law.settings)
+            turn = load_scenario(scenario, law.settings)
+            if not other_car:
+                refuse_other_car(turn)
         except UserError as error:
             raise SweepError(f"{name_or_path}: law {law.name!r}: {error}") from None
     return laws

@@ -1,129 +1,206 @@
-"""The leaderboard as one piece of work: store, runs, tables, replays."""
+"""The benchmark: laws of the tail on fixed cars and floors, by how much further they turn the car than no tail.
+
+`models/leaderboard` holds the cars, with the critical frictions that set their floors, and what our laws came to: cars
+that no law of ours was trained or judged on. Measured is the course after a pulse of steering, each law with its own
+best steering in each case (`corner_study`), so that a law that survives by not turning gains nothing.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from pydantic import Field, model_validator
 
-from aerodima.optimisation.studies.contestants import Contestant, Plan, standard_contestants, swing_player, trackings_of
+from aerodima.optimisation.studies.contestants import Contestant
+from aerodima.optimisation.studies.corner_page import gains
+from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
+from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.leaderboard_page import write_leaderboard
-from aerodima.optimisation.studies.leaderboard_runs import SCENARIO, Leaderboard, Measurer
-from aerodima.optimisation.sweep.rollover_threshold import SPEED
+from aerodima.optimisation.studies.study_report import CONFIDENCE
+from aerodima.optimisation.studies.study_store import open_runs
+from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
-from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on
-from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.config.scenario import default_values, load_scenario
-from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
-from aerodima.workbench.logs.schema import software_versions
-from aerodima.workbench.metrics.turn_metrics import LEAST_HEADING
+from aerodima.workbench.batch.row_store import saying_how_to_go_on
+from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
+from aerodima.workbench.config.ensemble import Member, Value
+from aerodima.workbench.errors import SweepError
+from aerodima.workbench.report.short_turn import load_entries
+from aerodima.workbench.resources import model_path
+
+SCHEMA = "aerodima/benchmark/1"
+BENCHMARK, CASES = "leaderboard/benchmark.yaml", "leaderboard/cases.csv"
+NO_TAIL, PUBLISHED = "no_tail", "published_swing"
+"""Of our laws, those over which others gain."""
+RESAMPLES, SEED = 10000, 1
+"""Of the bootstrap."""
+
+
+class BenchmarkCar(StrictModel):
+    """A car as it differs from the parameter files, and the critical friction of the published swing at each speed."""
+
+    name: str
+    values: dict[str, Value]
+    critical_friction: list[float]
+
+
+class Benchmark(StrictModel):
+    """The cases.
+
+    Attributes:
+        version: of cars, floors, speeds and pulse; scores of different versions do not compare.
+        scenario: of the turn.
+        made: how cars and frictions were come by.
+        pulse_s: length of the steering.
+        speeds_m_per_s: of the turns.
+        floors: friction over the critical friction of the published swing at full lock.
+        cars: of the benchmark.
+    """
+
+    schema_: str = Field(alias="schema")
+    version: int
+    scenario: str
+    made: str
+    pulse_s: float
+    speeds_m_per_s: list[float] = Field(min_length=1)
+    floors: list[float] = Field(min_length=1)
+    cars: list[BenchmarkCar] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _frictions_of_all_speeds(self) -> Benchmark:
+        for car in self.cars:
+            if len(car.critical_friction) != len(self.speeds_m_per_s):
+                number = len(self.speeds_m_per_s)
+                raise ValueError(f"{car.name}: critical_friction: allowed: one of each of {number} speeds")
+        return self
+
+    def cases(self) -> list[Floor]:
+        """Car by car."""
+        found = []
+        for car in self.cars:
+            member = Member(car.name, 1.0 / len(self.cars), dict(car.values))
+            for speed, critical in zip(self.speeds_m_per_s, car.critical_friction, strict=True):
+                found += [Floor(member, speed, share, critical) for share in self.floors]
+        return found
+
+
+@dataclass(frozen=True)
+class Board:
+    """What was measured.
+
+    Attributes:
+        cases: a row per case and law, ours among them.
+        scores: a row per law, the best first.
+        files: tables, then the page.
+    """
+
+    cases: pd.DataFrame
+    scores: pd.DataFrame
+    files: list[Path]
+
+
+def load_benchmark() -> Benchmark:
+    """The shipped one.
+
+    Raises:
+        UserError: a key is missing, unknown or of another kind.
+    """
+    path = model_path(BENCHMARK)
+    return checked(Benchmark, read_yaml(path, SweepError), str(path), SweepError, schema=SCHEMA)
 
 
 def make_leaderboard(
-    out: Path,
-    plan: Plan,
-    swings: Sequence[str],
-    members: Sequence[Member],
-    engine: RunEngine,
-    *,
-    replays: bool = True,
-    force: bool = False,
-    progress: ProgressLine = silent,
-) -> tuple[Leaderboard, list[Path]]:
-    """Runs what the folder does not hold yet, and writes tables and page.
+    out: Path, laws: Sequence[Contestant], engine: RunEngine, *, force: bool = False, progress: ProgressLine = silent
+) -> Board:
+    """Drives laws that the folder has no runs of yet, and puts them beside ours; writes tables and page.
 
     Args:
-        out: folder; runs are kept in its `runs.jsonl`.
-        plan: how much is run; a wider plan goes on with the runs of a narrower one.
-        swings: files or names of optimised swings.
-        members: of the ensemble; none leaves the car of the parameter files.
+        out: folder; the runs are kept in its `runs.jsonl`.
+        laws: one of ours by its name takes the place of its shipped rows.
         engine: where to run.
-        replays: also write a replay of each controller at the middle speed.
         force: drop the runs of other parameters or versions.
         progress: takes lines of text.
 
     Raises:
-        UserError: a swing cannot be read or is for another car; the folder is in use, or holds the runs of other
-            parameters or versions.
+        UserError: a law has the name of one of ours and other settings; the folder is in use, or holds the runs of
+            other parameters or versions.
     """
-    for place in swings:
-        player = swing_player(place)
-        refuse_other_car(load_scenario(SCENARIO, player.settings), way_out="")
-    with open_runs(out, force=force) as store:
-        remembering = RememberingEngine(engine, store, progress)
-        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
-            board = measure(plan, swings, members, remembering)
-        progress(f"{remembering.ran} runs made, the others were there")
-    films = _replays(out, board, plan, progress) if replays else {}
-    cars = f"{len(members)} cars drawn from the ensemble" if members else "the nominal car alone"
-    how = (
-        f"{cars}; speeds {', '.join(f'{speed:g}' for speed in plan.speeds)} m/s; step {1000 * plan.step:g} ms, of the "
-        f"claims {1000 * plan.fine_step:g} ms; critical friction on a grid of {plan.friction.tolerance:g}; highest "
-        f"speed at {plan.grip:g} times the friction of the nominal car."
-    )
-    return board, write_leaderboard(out, board, films, how)
+    refuse_taken_names(laws)
+    benchmark, shipped = load_benchmark(), pd.read_csv(model_path(CASES))
+    measured = pd.DataFrame(columns=shipped.columns)
+    if laws:
+        with open_runs(out, force=force) as store:
+            remembering = RememberingEngine(engine, store, progress)
+            with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
+                measured = drive_cases(benchmark, laws, remembering)
+            progress(f"{remembering.ran} runs made, the others were there")
+    others = shipped[~shipped["contestant"].isin([law.name for law in laws])]
+    cases = pd.concat([part for part in (others, measured) if len(part)], ignore_index=True)
+    scores = score_laws(cases)
+    return Board(cases, scores, write_leaderboard(out, cases, scores, _words(benchmark)))
 
 
-def measure(plan: Plan, swings: Sequence[str], members: Sequence[Member], engine: RememberingEngine) -> Leaderboard:
-    """Runs everything.
+def drive_cases(benchmark: Benchmark, laws: Sequence[Contestant], engine: RememberingEngine) -> pd.DataFrame:
+    """A row per case and law."""
+    speeds, floors = tuple(benchmark.speeds_m_per_s), tuple(benchmark.floors)
+    plan = CornerPlan(benchmark.scenario, speeds, floors, pulses=(benchmark.pulse_s,))
+    return CornerRuns(plan, engine).cases(laws, benchmark.cases())
+
+
+def score_laws(cases: pd.DataFrame) -> pd.DataFrame:
+    """A row per law, the largest median gain over no tail first.
+
+    Intervals by bootstrap over the cars: drawn with replacement, each with all its cases. Cases in which no turn of the
+    law counts are gains of -1.
+    """
+    gained = {"no_tail": gains(cases, NO_TAIL), "published": gains(cases, PUBLISHED)}
+    rows = []
+    for name in dict.fromkeys(cases["contestant"]):
+        own = cases[cases["contestant"] == name]
+        row = {"law": name, "cars": own["car"].nunique(), "cases": len(own)}
+        row |= {"without_a_turn_that_counts": int(own["course_change_rad"].isna().sum())}
+        row |= {f"median_{column}": float(own[column].median()) for column in ("course_change_rad", "exit_time_s")}
+        for label, table in gained.items():
+            mine = table[table["contestant"] == name]
+            low, high = bootstrap_interval(mine)
+            row[f"gain_over_{label}"] = float(mine["gain"].median())
+            row |= {f"low_gain_over_{label}": low, f"high_gain_over_{label}": high}
+            row[f"worst_car_over_{label}"] = float(mine.groupby("car")["gain"].median().min())
+        rows.append(row)
+    return make_frame(rows).sort_values("gain_over_no_tail", ascending=False, kind="stable", ignore_index=True)
+
+
+def bootstrap_interval(gained: pd.DataFrame) -> tuple[float, float]:
+    """Percentiles of the median gain over resampled cars.
 
     Args:
-        plan: how much.
-        swings: files or names.
-        members: of the ensemble; none leaves the nominal car.
-        engine: that remembers.
+        gained: rows with `car` and `gain`, equally many of each car.
     """
-    board = Measurer(plan, members, engine)
-    contestants = standard_contestants(swings)
-    contestants.insert(3, board.best_fixed_speed())
-    claims = board.claims(contestants)
-    frictions = board.critical_frictions(contestants)
-    players = [way for swing in _best_swing(contestants, claims, plan) for way in trackings_of(swing)]
-    robustness = board.robustness(players) if plan.perturbed and players else pd.DataFrame()
-    runs = board.own_friction(contestants)
-    speeds = board.highest_speeds(contestants)
-    survival = board.survival_map(contestants)
-    return Leaderboard(claims, frictions, runs, speeds, survival, robustness, tuple(contestants))
+    by_car: FloatArray = np.array([own["gain"].to_numpy(float) for _, own in gained.groupby("car")])
+    drawn = np.random.default_rng(SEED).integers(len(by_car), size=(RESAMPLES, len(by_car)))
+    medians = np.median(by_car[drawn].reshape(RESAMPLES, -1), axis=1)
+    low, high = np.quantile(medians, [0.5 - CONFIDENCE / 2.0, 0.5 + CONFIDENCE / 2.0])
+    return float(low), float(high)
 
 
-def _best_swing(contestants: Sequence[Contestant], claims: pd.DataFrame, plan: Plan) -> list[str]:
-    """The swing file of the controller that claims most at the middle speed; turning far enough counts first."""
-    best: tuple[tuple[bool, float], list[str]] = ((False, 0.0), [])
-    for contestant in contestants:
-        playing = [setting.partition("=")[2] for setting in contestant.at(plan.middle_speed)]
-        played = [swing for swing in contestant.swings if swing in playing]
-        here = claims[(claims["controller"] == contestant.name) & (claims["speed_m_per_s"] == plan.middle_speed)]
-        for row in here.to_dict("records"):
-            rank = (bool(row["heading_ratio"] >= LEAST_HEADING), float(row["critical_friction"]))
-            if played and rank > best[0]:
-                best = (rank, played)
-    return best[1]
+def refuse_taken_names(laws: Sequence[Contestant]) -> None:
+    """Raises SweepError when two laws have one name, or a law that of one of ours with other settings."""
+    ours = {one.name: tuple(one.settings) for one in load_entries().contestants}
+    names = [law.name for law in laws]
+    for law in laws:
+        if names.count(law.name) > 1 or ours.get(law.name, law.settings) != law.settings:
+            raise SweepError(f"law {law.name!r}: the name is taken; allowed: others than {', '.join(ours)}, each once")
 
 
-def open_runs(out: Path, *, force: bool = False) -> RowStore:
-    """The store of runs below a folder, of these parameters and versions."""
-    identity = {
-        "schema": "aerodima/leaderboard/5",
-        "parameters": default_values(),
-        "scenario": load_scenario(SCENARIO).resolved(),
-        "versions": software_versions(),
-    }
-    return RowStore(out / "runs.jsonl", identity, force=force)
-
-
-def _replays(out: Path, board: Leaderboard, plan: Plan, progress: ProgressLine) -> dict[str, str]:
-    from aerodima.workbench.report.replay_page import write_replay_html
-    from aerodima.workbench.simulate.simulation import simulate
-
-    films = {}
-    (out / "replays").mkdir(parents=True, exist_ok=True)
-    for number, contestant in enumerate(board.contestants):
-        progress(f"replay of {contestant.name}")
-        speed = plan.middle_speed
-        settings = [*contestant.at(speed), f"{SPEED}={speed!r}", f"name={contestant.name}"]
-        target = f"replays/{number}.html"
-        write_replay_html(simulate(load_scenario(SCENARIO, settings)), out / target, force=True)
-        films[contestant.name] = target
-    return films
+def _words(benchmark: Benchmark) -> str:
+    cars = ", ".join(car.name for car in benchmark.cars)
+    speeds, floors = (", ".join(f"{v:g}" for v in values) for values in (benchmark.speeds_m_per_s, benchmark.floors))
+    return (
+        f"Benchmark version {benchmark.version}: scenario {benchmark.scenario}, cars {cars}, {speeds} m/s, floors "
+        f"{floors} times the critical friction of the published swing at full lock, pulse {benchmark.pulse_s:g} s."
+    )

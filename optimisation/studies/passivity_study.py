@@ -21,7 +21,7 @@ from aerodima.optimisation.studies.contestants import (
     Contestant,
     fixed_law,
 )
-from aerodima.optimisation.studies.leaderboard_runs import SCENARIO
+from aerodima.optimisation.studies.study_store import SCENARIO
 from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case, find_thresholds, is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RunEngine

@@ -20,7 +20,7 @@ from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, THESIS, Con
 from aerodima.optimisation.studies.corner_plan import CornerPlan
 from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.law_training import TRAINED, screened_courses
-from aerodima.optimisation.studies.leaderboard import open_runs
+from aerodima.optimisation.studies.study_store import open_runs
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, open_run_engine
 from aerodima.workbench import load_ensemble
 from aerodima.workbench.batch.engine import on_stderr

@@ -1,216 +1,172 @@
-"""The leaderboard on made-up cars: runs come out by a formula, so that every table has a known answer."""
+"""The benchmark: its fixed cars, the shipped table, the score on made-up cars, and a cell that comes out again."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.contestants import Plan, swing_player, swing_players
-from aerodima.optimisation.studies.leaderboard import make_leaderboard
-from aerodima.optimisation.studies.leaderboard_page import PAGE
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds
-from aerodima.optimisation.sweep.study_engine import RunTask, run_key
-from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.optimisation.studies import leaderboard
+from aerodima.optimisation.studies.contestants import HELD, THESIS, Contestant
+from aerodima.optimisation.studies.corner_floors import turn_settings
+from aerodima.optimisation.studies.corner_plan import CornerPlan, counts
+from aerodima.optimisation.studies.law_files import read_laws
+from aerodima.optimisation.studies.leaderboard import (
+    CASES,
+    NO_TAIL,
+    PUBLISHED,
+    Benchmark,
+    bootstrap_interval,
+    load_benchmark,
+    make_leaderboard,
+    score_laws,
+)
+from aerodima.optimisation.sweep.study_engine import RunTask, evaluate
+from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.swing_file import read_swing, write_swing
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.report.short_turn import load_entries
 from aerodima.workbench.resources import model_path
-
-SWING = "thesis_8_rad_per_s"
-CRITICAL = {"none": 0.6, "held": 0.7, "4.0": 0.74, "6.0": 0.78, "8.0": 0.72, SWING: 0.9}
-"""Critical friction at 4.5 m/s by controller; the last by swing file. Clean is 0.05 less, and 0.02 at the fine step."""
-OWN_FRICTION = load_scenario("turn_fast").car.tyre_friction
-MEMBERS = (Member("likely", 0.75, {"car.mass": 6.0}), Member("unlikely", 0.25, {"car.mass": 5.0}))
-PLAN = Plan(
-    speeds=(3.6, 4.5),
-    friction=Search(FRICTION, 0.3, 1.0, 0.1, 0.01),
-    fine=Search(FRICTION, 0.3, 1.0, 0.02, 0.01),
-    near=Search(FRICTION, 0.3, 1.0, 0.01, 0.01),
-    robust=Search(FRICTION, 0.3, 1.0, 0.05, 0.01),
-    top_speed=Search(SPEED, 3.0, 6.0, 1.0, 0.25),
-    grip=1.0,
-    map_speeds=(3.6, 4.5),
-    map_strides=(0, 2),
-    fixed=(4.0, 6.0),
-    releases=(1.0,),
-)
+from tests.optimisation.studies.test_corner import MadeUp
 
 
-class MadeUp:
-    """A car flips beyond a friction that falls with its speed; the tail touches the ground 0.05 below that.
-
-    6 rad/s turns less than the rule asks for, 4 rad/s far enough.
-    """
-
-    workers, startup = 1, 0.0
-
-    def __init__(self, stop_after: int | None = None) -> None:
-        self.tasks: list[RunTask] = []
-        self._stop_after = stop_after
-
-    def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
-        rows = []
-        for place, task in enumerate(tasks):
-            if self._stop_after is not None and len(self.tasks) >= self._stop_after:
-                raise KeyboardInterrupt
-            self.tasks.append(task)
-            rows.append(self._row(task))
-            if done is not None:
-                done(place, rows[-1])
-        return rows
-
-    def call(self, function: Any, items: Sequence[Any]) -> list[Any]:
-        return [function(item) for item in items]
-
-    @staticmethod
-    def _row(task: RunTask) -> dict[str, Any]:
-        given = dict(setting.partition("=")[::2] for setting in task.settings)
-        mode, swing = given["tail.mode"], given.get("controller.swing_file", "none")
-        kind = mode if mode != "swing" else swing if swing != "none" else given["controller.swing_speed"]
-        critical = CRITICAL[kind] - 0.1 * (float(given.get(SPEED, 3.33)) - 4.5)
-        critical -= 0.1 if given.get("car.mass") == "5.0" else 0.0
-        critical -= 0.02 if given["simulation.step"] == "0.0005" else 0.0
-        critical *= (float(given.get("environment.air_density", 1.225)) / 1.225) ** 0.1
-        friction = float(given.get(FRICTION, OWN_FRICTION))
-        turned = 0.5 * friction * (0.9 if mode == "held" or kind == "6.0" else 1.0)
-        return {
-            "outcome": "survived" if friction <= critical else "flipped", "clean": friction <= critical - 0.05 + 1e-9,
-            "error": "", "heading_change_rad": turned, "peak_roll_rad": 0.1, "tail_energy_j": 5.0,
-            "average_yaw_rate_rad_per_s": 2.0, "tail_torque_peak_n_m": 10.0, "two_wheel_time_s": 0.2,
-        }  # fmt: skip
+@pytest.fixture(scope="module")
+def benchmark() -> Benchmark:
+    return load_benchmark()
 
 
-def test_every_table_has_its_known_answer(tmp_path: Path) -> None:
-    board, files = make_leaderboard(tmp_path, PLAN, [SWING], MEMBERS, MadeUp(), replays=False)
-    names = [contestant.name for contestant in board.contestants]
-    assert names == ["no tail", "held", "thesis, 8 rad/s", "best fixed speed (4 @ 1)", SWING]
-    claims = board.claims.set_index(["controller", "speed_m_per_s"])
-    summary = pd.read_csv(tmp_path / "summary.csv").set_index("controller")
-    for name, key in zip(names, ("none", "held", "8.0", "4.0", SWING), strict=True):
-        assert claims.loc[(name, 4.5), "critical_friction"] == pytest.approx(CRITICAL[key] - 0.07), "of the own car"
-        found = summary.loc[name, "critical_friction_at_4.5_m_per_s"]
-        assert found == pytest.approx(CRITICAL[key] - 0.05), "of the likely car"
-    assert claims.loc[(SWING, 4.5), "gain_over_8_rad_per_s"] == pytest.approx(0.83 / 0.65 - 1)
-    assert summary.loc[SWING, "gain_over_8_rad_per_s"] == pytest.approx(0.85 / 0.67 - 1, abs=0.05)
-    assert summary.loc[SWING, "gain_over_best_fixed_speed"] == pytest.approx(0.85 / 0.69 - 1, abs=0.05)
-    assert summary.loc["no tail", "share_no_worse_than_8_rad_per_s"] == 0.0
-    assert summary.loc[SWING, "share_no_worse_than_8_rad_per_s"] == 1.0
-    assert summary.loc["held", "heading_ratio_median"] == pytest.approx(0.9)
-    assert summary.loc["held", "share_heading_at_least_95_percent"] == 0.0
-    assert summary.loc["held", "gain_over_8_rad_per_s"] < 0.0
-    assert (summary.loc["held", "share_faster_turn"], summary.loc[SWING, "share_faster_turn"]) == (0.0, 1.0)
-    assert set(board.frictions["two_wheel_time_with_8_rad_per_s_s"].dropna()) == {0.2}
-    robust = board.robustness.set_index(["controller", "change"])["critical_friction"]
-    assert robust[SWING, "C_N -30 %"] < robust[SWING, "as planned"] < robust[SWING, "C_N +30 %"]
-    there = board.map.set_index(["controller", "speed_m_per_s", "friction"])["outcome"]
-    first, last = (PLAN.friction.value(PLAN.friction.index(OWN_FRICTION) + count) for count in (0, 20))
-    assert (there[SWING, 3.6, first], there["no tail", 4.5, last]) == ("survived", "flipped")
-    page = (tmp_path / PAGE).read_text()
-    assert page.count("data:image/png") == 3
-    assert SWING in page
-    assert {path.name for path in files} >= {"claims.csv", "summary.csv", "frictions.csv", "robustness.csv", PAGE}
+@pytest.fixture(scope="module")
+def shipped() -> pd.DataFrame:
+    return pd.read_csv(model_path(CASES))
 
 
-def test_a_car_that_spins_with_the_published_swing_is_named(tmp_path: Path) -> None:
-    class Spinning(MadeUp):
-        """The light car spins, with the published swing alone."""
-
-        @staticmethod
-        def _row(task: RunTask) -> dict[str, Any]:
-            row = MadeUp._row(task)
-            if "car.mass=5.0" in task.settings and "controller.swing_speed=8.0" in task.settings:
-                row["heading_change_rad"] += 2.0
-            return row
-
-    plan = replace(PLAN, perturbed=False)
-    board, _ = make_leaderboard(tmp_path, plan, [SWING], MEMBERS, Spinning(), replays=False)
-    for row in board.frictions.to_dict("records"):
-        spins = row["member"] == MEMBERS[1].name
-        assert row["spins_with_8_rad_per_s"] == spins
-    summary = pd.read_csv(tmp_path / "summary.csv").set_index("controller")
-    assert summary.loc[SWING, "share_that_spins_with_8_rad_per_s"] == pytest.approx(MEMBERS[1].weight)
+def test_no_car_was_trained_or_judged_on(benchmark: Benchmark) -> None:
+    ensemble = load_ensemble("car")
+    split = ensemble.split(1)
+    names = {car.name for car in benchmark.cars}
+    assert not names & {car.name for part in (split.training, split.test, (ensemble.best,)) for car in part}
+    reserved = {member.name: member for member in split.reserved}
+    for car, floor in zip(benchmark.cars, benchmark.cases()[:: len(benchmark.floors)], strict=True):
+        assert reserved[car.name].values_with("designed") == car.values
+        assert floor.member.settings_on(benchmark.scenario) == reserved[car.name].settings_on(benchmark.scenario)
 
 
-def test_swings_of_one_kind_are_one_controller_that_plays_the_nearest(tmp_path: Path) -> None:
-    thesis = read_swing(model_path(f"swings/{SWING}.yaml"))
-    paths = []
-    for speed in (3.6, 6.0):
-        found = {"survived_speed_m_per_s": speed, "heading_ratio": 0.96}
-        made = thesis.provenance.model_copy(update={"options": {"dof": 2}, "found": found})
-        swing = thesis.model_copy(update={"name": f"made_{speed:g}", "provenance": made})
-        paths.append(str(write_swing(swing, tmp_path / f"made_{speed:g}.yaml")))
-    (kind,) = swing_players(paths)
-    assert kind.name == "optimised roll and pitch"
-    assert [kind.made_for(speed) for speed in (3.6, 4.5, 6.0)] == [True, False, True]
-    for speed, path in ((3.6, paths[0]), (4.5, paths[0]), (5.5, paths[1]), (8.0, paths[1])):
-        assert f"controller.swing_file={path}" in kind.at(speed)
+def test_the_table_has_every_law_of_ours_in_every_case(benchmark: Benchmark, shipped: pd.DataFrame) -> None:
+    ours = {one.name: tuple(one.settings) for one in load_entries().contestants}
+    assert set(shipped["contestant"]) == set(ours)
+    assert ours[PUBLISHED] == THESIS.settings
+    assert ours["held"] == HELD.settings
+    cases = [(one.member.name, one.speed, one.share, one.friction) for one in benchmark.cases()]
+    for name in ours:
+        rows = shipped[shipped["contestant"] == name]
+        own = list(rows[["car", "speed_m_per_s", "floor", "friction"]].itertuples(index=False, name=None))
+        assert sorted(own) == sorted(cases)
+
+
+def test_a_law_joins_the_table_and_one_of_ours_takes_its_own_place(tmp_path: Path) -> None:
+    """On made-up cars a swing of 9 rad/s bears 7.1 degrees of steering, a held tail 6, at the fine step 5 % less."""
+    quick = Contestant("quick", ("tail.mode=swing", "controller.swing_file=none", "controller.swing_speed=9.0"))
+    (held,) = read_laws("held", "turn_designed")
+    engine = MadeUp()
+    board = make_leaderboard(tmp_path, [quick, held], engine)
+    number = len(load_benchmark().cases())
+    assert set(board.cases["contestant"].value_counts()) == {number}
+    own = board.cases[board.cases["contestant"] == "quick"]["course_change_rad"]
+    assert np.degrees(own.to_numpy()) == pytest.approx(8.0 * 7.1 * 0.95, rel=0.03)
+    held_now = board.cases[board.cases["contestant"] == "held"]["course_change_rad"]
+    assert np.degrees(held_now.to_numpy()) == pytest.approx(8.0 * 6.0 * 0.95, rel=0.03)
+    assert all("manoeuvre.steer_angle" in " ".join(task.settings) for task in engine.tasks), "floors are not looked for"
+    assert "| quick |" in (tmp_path / "leaderboard.md").read_text()
+    assert list(board.scores["gain_over_no_tail"]) == sorted(board.scores["gain_over_no_tail"], reverse=True)
+    again = MadeUp()
+    assert make_leaderboard(tmp_path, [quick, held], again).cases.equals(board.cases)
+    assert not again.tasks
+
+
+def made_up(gains: dict[str, list[float]]) -> pd.DataFrame:
+    """Two cases on each of three cars, with the gains of a law over no tail."""
+    rows: list[dict[str, Any]] = []
+    for name, ratio in ({NO_TAIL: [0.0] * 6, PUBLISHED: [0.25] * 6} | gains).items():
+        for place, gain in enumerate(ratio):
+            rows.append(
+                {"contestant": name, "car": f"car{place // 2}", "speed_m_per_s": 4.5, "floor": (1.1, 1.3)[place % 2]}
+                | {"pulse_s": 0.5, "course_change_rad": 0.5 * (1.0 + gain), "exit_time_s": 0.6}
+            )
+    return pd.DataFrame(rows)
+
+
+def test_a_score_is_median_interval_and_worst_car() -> None:
+    scores = score_laws(made_up({"law": [0.1, 0.2, 0.3, 0.4, 0.5, math.nan]})).set_index("law")
+    law = scores.loc["law"]
+    assert law["gain_over_no_tail"] == pytest.approx(0.25), "of 10, 20, 30, 40, 50 and -100 %"
+    assert law["worst_car_over_no_tail"] == pytest.approx(-0.25)
+    assert law["gain_over_published"] == pytest.approx(0.0)
+    assert law["without_a_turn_that_counts"] == 1
+    # Cars are drawn with both cases: the first alone has a median of 15 %, the second alone of 35 %.
+    assert law["low_gain_over_no_tail"] == pytest.approx(-0.25)
+    assert law["high_gain_over_no_tail"] == pytest.approx(0.35)
+    published = scores.loc[PUBLISHED, ["low_gain_over_no_tail", "high_gain_over_no_tail"]]
+    assert published.to_list() == pytest.approx([0.25, 0.25])
+
+
+def test_an_interval_over_cars_covers_what_one_over_cases_would_not() -> None:
+    """Cases of a car alike: as many draws as cars, not as cases."""
+    table = pd.DataFrame({"car": np.repeat(list("abcdef"), 10), "gain": np.repeat([0.0, 0.1, 0.2, 0.3, 0.4, 0.5], 10)})
+    low, high = bootstrap_interval(table)
+    assert low <= 0.1
+    assert high >= 0.4
+
+
+def test_a_swing_for_another_car_is_refused(tmp_path: Path) -> None:
+    thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
+    path = str(write_swing(thesis.model_copy(update={"car": {"car.mass": 6.5}}), tmp_path / "other.yaml"))
+    with pytest.raises(UserError, match=r"made for another car: car\.mass: made for 6\.5"):
+        read_laws(path, "turn_designed")
+    (law,) = read_laws(path, "turn_designed", other_car=True)
+    assert f"controller.swing_file={path}" in law.settings
 
 
 @pytest.mark.parametrize(
-    ("clean_below", "start", "survived", "lost"),
-    [(0.72, 0.6, 0.72, 0.73), (0.72, 0.9, 0.72, 0.73), (2.0, 0.6, 1.0, None), (0.1, 0.6, None, 0.3)],
+    ("laws", "words"),
+    [
+        (
+            [Contestant("held", ("tail.mode=none",))],
+            "law 'held': the name is taken; allowed: others than no_tail",
+        ),
+        ([Contestant("one", HELD.settings)] * 2, "law 'one': the name is taken"),
+    ],
 )
-def test_a_climb_ends_at_the_first_loss(
-    clean_below: float, start: float, survived: float | None, lost: float | None
-) -> None:
-    class Island(MadeUp):
-        """Survives again above 0.86."""
-
-        @staticmethod
-        def _row(task: RunTask) -> dict[str, Any]:
-            friction = float(task.settings[-1].partition("=")[2])
-            clean = friction <= clean_below + 1e-9 or (clean_below == 0.72 and friction > 0.955)
-            return {"outcome": "survived" if clean else "flipped", "clean": clean}
-
-    (found,) = find_thresholds([Case("", "turn_fast")], PLAN.friction, Island(), starts=[start])
-    assert found.survived == (None if survived is None else pytest.approx(survived))
-    assert found.lost == (None if lost is None else pytest.approx(lost))
+def test_a_taken_name_is_refused(laws: list[Contestant], words: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=words):
+        make_leaderboard(tmp_path, laws, MadeUp())
 
 
-def test_stopped_it_goes_on_and_a_wider_plan_keeps_the_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    narrow = replace(PLAN, perturbed=False)
-    with pytest.raises(KeyboardInterrupt):
-        make_leaderboard(tmp_path, narrow, [SWING], MEMBERS[:1], MadeUp(stop_after=70), replays=False)
-    second = MadeUp()
-    make_leaderboard(tmp_path, narrow, [SWING], MEMBERS[:1], second, replays=False)
-    whole = MadeUp()
-    make_leaderboard(tmp_path / "other", narrow, [SWING], MEMBERS[:1], whole, replays=False)
-    assert {run_key(task) for task in second.tasks} < {run_key(task) for task in whole.tasks}
-    assert len(second.tasks) == len(whole.tasks) - 70
-    first = (tmp_path / "summary.csv").read_text()
-    assert first == (tmp_path / "other" / "summary.csv").read_text()
-    wider = MadeUp()
-    make_leaderboard(tmp_path, PLAN, [SWING], MEMBERS, wider, replays=False)
-    assert not {run_key(task) for task in wider.tasks} & {run_key(task) for task in whole.tasks}
-    fewer = MadeUp()
-    make_leaderboard(tmp_path, narrow, [], MEMBERS, fewer, replays=False)
-    assert not fewer.tasks, "a swing less asks for no new runs"
-    monkeypatch.setattr("aerodima.optimisation.studies.leaderboard.default_values", lambda: {"car": {"mass": 7.0}})
-    with pytest.raises(UserError, match="holds results of other parameters"):
-        make_leaderboard(tmp_path, narrow, [SWING], MEMBERS, MadeUp(), replays=False)
+def test_a_benchmark_with_a_missing_friction_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = tmp_path / "benchmark.yaml"
+    text = model_path(leaderboard.BENCHMARK).read_text(encoding="utf-8")
+    other.write_text(text.replace("speeds_m_per_s: [4.5]", "speeds_m_per_s: [4.5, 6.0]"))
+    monkeypatch.setattr(leaderboard, "model_path", lambda name: other)
+    with pytest.raises(UserError, match="critical_friction: allowed: one of each of 2 speeds"):
+        load_benchmark()
 
 
-def test_another_swing_of_the_same_name_is_another_run(tmp_path: Path) -> None:
-    thesis = read_swing(model_path(f"swings/{SWING}.yaml"))
-    keys = []
-    for number, limit in enumerate((8.0, 9.0)):
-        limits = thesis.limits.model_copy(update={"velocity_rad_per_s": limit})
-        path = write_swing(thesis.model_copy(update={"limits": limits}), tmp_path / f"{number}.yaml")
-        keys.append(run_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
-    assert keys[0] != keys[1]
-    plain = RunTask("one", "turn_fast", ("controller.swing_file=none",))
-    assert run_key(plain) == run_key(replace(plain, name="other"))
-
-
-def test_a_swing_that_is_not_there_or_is_for_another_car_is_refused(tmp_path: Path) -> None:
-    other = read_swing(model_path(f"swings/{SWING}.yaml")).model_copy(update={"car": {"car.mass": 6.5}})
-    path = str(write_swing(other, tmp_path / "other.yaml"))
-    with pytest.raises(UserError, match=r"made for another car: car\.mass: made for 6\.5, .*allowed: the same car$"):
-        make_leaderboard(tmp_path / "board", PLAN, [path], (), MadeUp(), replays=False)
-    with pytest.raises(UserError, match="none of this name"):
-        swing_player("nowhere")
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [NO_TAIL, "best_swing"])
+def test_a_cell_comes_out_again(benchmark: Benchmark, shipped: pd.DataFrame, name: str) -> None:
+    floor = benchmark.cases()[0]
+    rows = shipped[(shipped["contestant"] == name) & (shipped["car"] == floor.member.name)]
+    row = rows[rows["floor"] == floor.share].iloc[0]
+    (law,) = read_laws(name, benchmark.scenario)
+    plan = CornerPlan(benchmark.scenario)
+    end = 2.0 + benchmark.pulse_s + 1.5
+    steered = [f"manoeuvre.steer_angle={math.radians(row['steering_deg']):.9g}", f"manoeuvre.duration={end!r}"]
+    settings = turn_settings(benchmark.scenario, law, floor.member, floor.speed, plan.fine_step)
+    hold = f"manoeuvre.turn_hold={benchmark.pulse_s!r}"
+    ground = f"car.tyre_friction={float(row['friction'])!r}"
+    run = evaluate(RunTask(name, benchmark.scenario, (*settings, ground, *steered, hold)))
+    assert counts(run)
+    assert run["course_change_rad"] == pytest.approx(row["course_change_rad"], rel=1e-6)

@@ -13,9 +13,12 @@ from aerodima.optimisation.sweep.study_engine import (
     evaluate,
     in_waves,
     open_run_engine,
+    run_key,
 )
 from aerodima.workbench.batch import dask_cluster
+from aerodima.workbench.config.swing_file import read_swing, write_swing
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.resources import model_path
 from tests.optimisation.sweep.tiny import POISON, TINY_SETTINGS, evaluate_or_die
 
 
@@ -101,3 +104,15 @@ def test_wrong_number_of_workers_and_absent_scheduler_are_refused(monkeypatch):
         pass
     with pytest.raises(UserError, match="--scheduler nonsense:"), open_run_engine(2, "nonsense:/"):
         pass
+
+
+def test_another_swing_of_the_same_name_is_another_run(tmp_path):
+    thesis = read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))
+    keys = []
+    for number, limit in enumerate((8.0, 9.0)):
+        limits = thesis.limits.model_copy(update={"velocity_rad_per_s": limit})
+        path = write_swing(thesis.model_copy(update={"limits": limits}), tmp_path / f"{number}.yaml")
+        keys.append(run_key(RunTask("", "turn_fast", (f"controller.swing_file={path}",))))
+    assert keys[0] != keys[1]
+    plain = ("turn_fast", ("controller.swing_file=none",))
+    assert run_key(RunTask("one", *plain)) == run_key(RunTask("other", *plain))
