@@ -22,8 +22,8 @@ from aerodima.optimisation.studies.codesign_figures import plot_mounts, plot_par
 from aerodima.optimisation.studies.contestants import NO_TAIL, THESIS
 from aerodima.optimisation.studies.corner_page import gains
 from aerodima.optimisation.studies.corner_plan import MOST_ROLL, MOST_SIDESLIP, PULSE
-from aerodima.optimisation.studies.leaderboard import open_runs
 from aerodima.optimisation.studies.study_report import table_cells
+from aerodima.optimisation.studies.study_store import open_runs
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent

@@ -25,11 +25,13 @@ from aerodima.optimisation.studies.corner_plan import (
     MOST_ROLL,
     MOST_SIDESLIP,
     ONE_LEVEL,
+    REDUCED,
     SHOWN,
     STEP_BACK,
     Aim,
     CornerPlan,
     Floor,
+    PulsedTurn,
     Run,
     Steered,
     Steering,
@@ -51,11 +53,6 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
-
-HOLD = "manoeuvre.turn_hold"
-REDUCED = 160
-"""Turns of reduced cars that a worker drives at once; in batches of two dozen each takes several times as long."""
-PulsedTurn = tuple[float, Contestant, Floor]
 
 
 @dataclass(frozen=True)
@@ -168,15 +165,10 @@ class CornerRuns:
 
     def _screening(self, turns: Sequence[PulsedTurn]) -> Screening:
         """Turns as cases for reduced cars."""
-        plan, step = self._plan, self._plan.step
-        settings = [
-            (
-                *turn_settings(plan.scenario, who, f.member, f.speed, step),
-                f"{FRICTION}={f.friction!r}",
-                f"{HOLD}={hold!r}",
-            )
-            for hold, who, f in turns
-        ]
+        plan, settings = self._plan, []
+        for hold, who, floor in turns:
+            own = turn_settings(plan.scenario, who, floor.member, floor.speed, plan.step)
+            settings.append((*own, f"{FRICTION}={floor.friction!r}", f"manoeuvre.turn_hold={hold!r}"))
         cars, longest = tuple(floor.member.name for *_, floor in turns), max(pulse for pulse, *_ in turns)
         numbers = (plan.search, MOST_ROLL, MOST_SIDESLIP)
         return Screening(plan.scenario, tuple(settings), cars, *numbers, duration=longest + SOON_OVER)
@@ -204,7 +196,7 @@ class CornerRuns:
         hold, after = times
         end = load_scenario(self._plan.scenario).manoeuvre.turn_start + hold + after
         angle = self._plan.search.angle(place)
-        steered = [f"manoeuvre.steer_angle={angle!r}", f"{HOLD}={hold!r}", f"manoeuvre.duration={end:.9g}"]
+        steered = [f"manoeuvre.steer_angle={angle!r}", f"manoeuvre.turn_hold={hold!r}", f"manoeuvre.duration={end:.9g}"]
         if first:
             level = min(ratio * angle, self._plan.search.high)
             steered += [f"manoeuvre.first_angle={level!r}", f"manoeuvre.first_hold={min(first, hold)!r}"]
