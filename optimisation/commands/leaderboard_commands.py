@@ -69,6 +69,7 @@ def corner(
     ] = 6,
     generations: Annotated[int, typer.Option(help="Of these beside the first one, on reduced cars.", min=0)] = 15,
     finalists: Annotated[int, typer.Option(help="Of the laws, driven by the full training cars.", min=1)] = 5,
+    replays: Annotated[bool, typer.Option(help="Show the case in the middle: paths, and replays in step.")] = True,
 ) -> None:
     """Who turns the car further on the same floor, each with its own best steering: course turned by 0.5 s of it.
 
@@ -117,7 +118,16 @@ def corner(
     )
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
         measured, summary, files = make_corner(
-            out, plan, chosen, players, test, split.training[:training], engine, force=work.force, progress=progress
+            out,
+            plan,
+            chosen,
+            players,
+            test,
+            split.training[:training],
+            engine,
+            force=work.force,
+            progress=progress,
+            show_case=replays,
         )
     several = len(plan.pulses) > 1
     cells = pulse_rows(corner_pulses(measured.cases)) if several else summary_cells(summary)

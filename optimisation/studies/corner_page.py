@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.studies.contestants import NO_TAIL, THESIS, Contestant
+from aerodima.optimisation.studies.corner_case import case_sections
 from aerodima.optimisation.studies.corner_plan import (
     MOST_BACK,
     MOST_ROLL,
@@ -46,8 +47,11 @@ def make_corner(
     *,
     force: bool = False,
     progress: ProgressLine = silent,
+    show_case: bool = False,
 ) -> tuple[Corner, pd.DataFrame, list[Path]]:
     """Runs what the folder does not hold yet, and writes tables and page; `CornerRuns.measure` has the arguments.
+
+    With `show_case` the page shows the case in the middle: paths, and replays in step.
 
     Returns:
         What was measured, its summary, and the files.
@@ -71,7 +75,9 @@ def make_corner(
         table = corner_pulses(corner.cases)
         tables |= {"pulses.csv": table}
         markdown += "\n".join(["", WORDS, "", *markdown_table(pulse_rows(table)), ""])
-    return corner, summary, write_files(out, {**tables, TABLE: markdown, PAGE: corner_page(corner, summary, words)})
+    case = case_sections(plan, corner.contestants, test, corner.cases) if show_case and not plan.reduced else []
+    page = corner_page(corner, summary, words, case)
+    return corner, summary, write_files(out, {**tables, TABLE: markdown, PAGE: page})
 
 
 def gains(cases: pd.DataFrame, over: str, value: str = "course_change_rad") -> pd.DataFrame:
@@ -164,8 +170,8 @@ def markdown_table(cells: tuple[list[str], list[list[str]]]) -> list[str]:
     return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]
 
 
-def corner_page(corner: Corner, summary: pd.DataFrame, how: str) -> Page:
-    """What was measured, as a page."""
+def corner_page(corner: Corner, summary: pd.DataFrame, how: str, case: Sequence[Section] = ()) -> Page:
+    """What was measured, as a page, with the sections of a case that is shown."""
     own = {kind: [name for name in dict.fromkeys(summary["cases"]) if kind in name] for kind in ("m/s", "x", "pulse")}
     parts = [name for names in own.values() if len(names) > 1 for name in names]
     plot = zoomable(
@@ -182,6 +188,7 @@ def corner_page(corner: Corner, summary: pd.DataFrame, how: str) -> Page:
     sections = [
         *longer,
         Section("All cases", [Finding([Table(*summary_cells(summary))]), how, plot]),
+        *case,
         *by_part,
         Section("Each case", [Folded("Table", [_whole(corner.cases)])]),
     ]
