@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -76,7 +77,7 @@ def case_sections(
     return [Section("The case in the middle", [words, paths, replays_in_step(list(runs.values()), names)])]
 
 
-def _run(plan: CornerPlan, who: Contestant, car: Member, row: Mapping[str, float]) -> RunLog:
+def _run(plan: CornerPlan, who: Contestant, car: Member, row: Mapping[Any, Any]) -> RunLog:
     """The run of a row of the table, at the fine step, with everything logged."""
     from aerodima.workbench.simulate.simulation import simulate  # loads Drake
 
