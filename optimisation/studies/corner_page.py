@@ -69,7 +69,7 @@ def make_corner(
         {"laws.csv": corner.laws} if len(corner.laws) else {}
     )
     left_out = "".join(f" Left out: {words}." for words in corner.without_floor)
-    words = _how(plan, test, training) + left_out
+    words = how_measured(plan, test, training) + left_out
     markdown = "\n".join([words, "", *markdown_table(summary_cells(summary)), ""])
     if len(plan.pulses) > 1:
         table = corner_pulses(corner.cases)
@@ -237,7 +237,8 @@ def _cell(name: str, value: Any) -> str:
     return f"{np.degrees(value):.1f}" if name.endswith("_rad") else f"{value:.2f}"
 
 
-def _how(plan: CornerPlan, test: Sequence[Member], training: Sequence[Member]) -> str:
+def how_measured(plan: CornerPlan, test: Sequence[Member], training: Sequence[Member]) -> str:
+    """What was run, and which turns count, in words."""
     search, words = plan.search, "Reduced cars; nothing is proved on the full one. " if plan.reduced else ""
     low, high = (f"{np.degrees(angle):g}" for angle in (search.low, search.high))
     back = 1.0 - search.angle(0) / search.angle(STEP_BACK)

@@ -299,6 +299,8 @@ class RememberingEngine:
         self._engine, self.store, self._progress = engine, store, progress
         self.stage = stage
         self.ran = 0
+        self._whole: ProgressBar | None = None
+        self._counted: set[str] = set()
 
     @property
     def workers(self) -> int:
@@ -310,13 +312,26 @@ class RememberingEngine:
         """See `RunEngine`."""
         return self._engine.startup
 
+    def expect(self, pieces: int) -> None:
+        """Runs and remembered calls count towards about so many of the whole work from now on, in lines of progress."""
+        self._whole = ProgressBar(self._progress, pieces)
+
+    def _bar(self, keys: Sequence[str], missing: Mapping[str, Any]) -> ProgressBar:
+        """Of the whole work, or where nobody knows that of this part; what is there already is counted once."""
+        wanted = set(keys)
+        if self._whole is None:
+            return ProgressBar(self._progress, len(wanted), len(wanted) - len(missing))
+        self._whole.skip(len(wanted - self._counted - missing.keys()))
+        self._counted |= wanted
+        return self._whole
+
     def rows(self, tasks: Sequence[RunTask], done: Done | None = None) -> list[dict[str, Any]]:
         """See `RunEngine`; a remembered row carries the name of this task, and `done` is told of new ones."""
         keys = [run_key(task) for task in tasks]
         known = self.store.rows
         missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
         places = list(missing)
-        bar = ProgressBar(self._progress, len(set(keys)), len(set(keys)) - len(missing))
+        bar = self._bar(keys, missing)
 
         def keep(place: int, row: dict[str, Any]) -> None:
             self.store.add(places[place], row)
@@ -336,8 +351,11 @@ class RememberingEngine:
         """`call`, JSON-able, of items whose key the store does not hold yet; of the others what it holds."""
         known = self.store.rows
         missing = {key: item for key, item in zip(keys, items, strict=True) if key not in known}
+        bar = self._bar(keys, missing)
         for key, result in zip(missing, self._engine.call(function, list(missing.values())), strict=True):
             self.store.add(key, {"result": result})
+            if bar is self._whole:
+                bar.one_more("reduced cars")
         return [known[key]["result"] for key in keys]
 
     def say(self, line: str) -> None:
