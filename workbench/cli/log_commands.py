@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     from aerodima.workbench.logs.message_logs import SceneMessage
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.metrics.turn_metrics import RunMetrics
+
+_SILENCE = 10.0
+"""s without a new row after which a run that is followed says so."""
 
 
 def register(app: typer.Typer) -> None:
@@ -148,9 +152,12 @@ def export(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
     to: Annotated[str, typer.Option("--to", help="csv or mcap.")],
     out: Annotated[Path | None, typer.Option(help="File to write; beside the log by default.")] = None,
+    follow: Annotated[bool, typer.Option("--follow", help="Write MCAP while the run goes on.")] = False,
     force: Force = False,
 ) -> None:
     """Write a run log for other programs. `aerodima log import` reads it back bit for bit.
+
+    --follow writes a run that is still going on, from its journal; Ctrl-C ends the file in order.
 
     MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
     """
@@ -160,13 +167,35 @@ def export(
     form = next((known for known in FORMATS if known == to), None)
     if form is None:
         raise LogError(f"--to: {to!r}; allowed: {', '.join(FORMATS)}")
-    run_log, path = read_run_log(log), out or log.with_suffix(f".{form}")
+    path = out or log.with_suffix(f".{form}")
     refuse_existing(path, force, LogError)
+    if follow:
+        _follow(log, path, form)
+        return
+    run_log = read_run_log(log)
     written = export_log(run_log, path, form, force, _scene(run_log) if form == "mcap" else ())
     typer.echo("\n".join(map(str, written)))
 
 
-def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
+def _follow(log: Path, path: Path, form: str) -> None:
+    """Writes a run that is still going on, and says how far it is."""
+    from aerodima.workbench.logs.foreign_files import export_live
+
+    if form != "mcap":
+        raise LogError(f"--follow: {form} is written of a run that has ended; allowed: --to mcap")
+    path.unlink(missing_ok=True)
+    before, told = -1, monotonic()
+    for rows in export_live(log, path, _scene):
+        if rows != before:
+            before, told = rows, monotonic()
+            typer.echo(f"\r{path}: {rows} rows", nl=False)
+        elif monotonic() - told > _SILENCE:
+            told = monotonic()
+            typer.echo(f"\nno new row for {_SILENCE:g} s; Ctrl-C ends the file")
+    typer.echo()
+
+
+def _scene(run_log: RunLog, first_row: int = 0) -> Iterable[SceneMessage]:
     """What a viewer draws of a car's run; a note says why there is nothing."""
     from aerodima.workbench.config.signal_table import RIG_KINDS
 
@@ -175,7 +204,7 @@ def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
     from aerodima.workbench.replay.foxglove_scene import foxglove_scene  # imports Drake
 
     try:
-        return foxglove_scene(run_log)
+        return foxglove_scene(run_log, first_row)
     except LogError as error:
         typer.echo(f"note: signals only, no scene: {error}", err=True)
         return ()

@@ -7,7 +7,7 @@ the same log: a CSV has its metadata in a file beside it, `run.csv.json`; MCAP h
 
 import json
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -22,6 +22,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
 from aerodima.workbench.errors import LogError
+from aerodima.workbench.logs.journal import follow_run
 from aerodima.workbench.logs.mapping import CsvFormat
 from aerodima.workbench.logs.schema import METADATA_KEY, RunLog, decode_metadata
 
@@ -219,13 +220,52 @@ def export_log(
         write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
         write_atomically(beside, metadata + "\n", force, LogError)
         return [path, beside]
-    from aerodima.workbench.logs.message_logs import write_mcap
+    from aerodima.workbench.logs.message_logs import McapFile
 
     def write(temporary: Path) -> None:
-        write_mcap(temporary, run_log.table, topics_of(list(run_log.table.columns)), TIME, metadata, scene)
+        with open(temporary, "wb") as stream:
+            written = McapFile(stream, topics_of(list(run_log.table.columns)), TIME)
+            written.add(run_log.table, scene)
+            written.finish(metadata)
 
     write_atomically(path, write, force, LogError)
     return [path]
+
+
+def export_live(
+    run: Path, path: Path, scene: "Callable[[RunLog, int], Iterable[SceneMessage]]", wait: float = 0.5
+) -> Iterator[int]:
+    """Writes a run as MCAP while it is still going on; gives the rows so far at every look, until it has ended.
+
+    Its journal is read from beside, so that the program that writes it does nothing for it. When the reading is ended
+    (`close` of the generator, Ctrl-C), the file is ended in order, with the rows of until then.
+
+    Args:
+        run: the run log to be.
+        path: to write.
+        scene: what a viewer draws of the rows from one on, such as `foxglove_scene`.
+        wait: between two looks at the journal, s.
+
+    Raises:
+        LogError: no such run, the file cannot be written, a package is missing, or negative times.
+    """
+    from aerodima.workbench.logs.message_logs import McapFile
+
+    seen, run_log, written = 0, None, None
+    try:
+        with open(path, "xb") as stream:
+            try:
+                for run_log in follow_run(run, wait):
+                    written = written or McapFile(stream, topics_of(list(run_log.table.columns)), TIME)
+                    if len(run_log.table) > seen:
+                        written.add(run_log.table.iloc[seen:], scene(run_log, seen))
+                        seen = len(run_log.table)
+                    yield seen
+            finally:
+                if written is not None and run_log is not None:
+                    written.finish(json.dumps(_exported(run_log), sort_keys=True, indent=1, allow_nan=False))
+    except OSError as cause:
+        raise LogError(f"{path}: cannot be written ({cause.strerror})") from None
 
 
 def topics_of(columns: list[str]) -> dict[str, list[str]]:

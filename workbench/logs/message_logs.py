@@ -191,41 +191,65 @@ def _numbers(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
         yield prefix, float("nan") if value is None else float(value)
 
 
-def write_mcap(
-    path: Path,
-    table: pd.DataFrame,
-    topics: Mapping[str, list[str]],
-    time: str,
-    metadata: str,
-    scene: Iterable[SceneMessage] = (),
-) -> None:
-    """Writes a table as JSON messages, one per row and topic, each with its time; NaN becomes null.
+class McapFile:
+    """An MCAP file that is being written: JSON messages, one per row and topic, each with its time; NaN becomes null.
 
     Args:
-        path: to write.
-        table: float64 columns.
+        stream: of the file, binary.
         topics: topic to the columns of its messages.
         time: name of the column with the times, s; times are kept in the messages too, as nanoseconds round them.
-        metadata: JSON, kept as the metadata record `aerodima`.
-        scene: what a viewer draws, in the order of its times; written as Protobuf.
 
     Raises:
-        LogError: a package is not installed, or a time is negative or not finite.
+        LogError: a package is not installed.
     """
-    _need(path, "MCAP", "mcap", "mcap_protobuf", "foxglove_schemas_protobuf")
-    from mcap.writer import Writer
 
-    times = table[time].to_numpy(dtype=np.float64)
-    if not np.all(np.isfinite(times)) or times[0] < 0.0:
-        raise LogError(f"column {time!r}: MCAP needs finite times from 0 s on")
-    with open(path, "wb") as stream:
-        writer: Any = Writer(stream)
-        writer.start(profile="", library="aerodima")
-        signals = [_signals(writer, topic, table[[time, *names]], times) for topic, names in topics.items()]
-        for stamp, channel, data in merge(*signals, _scene(writer, scene), key=lambda item: item[0]):
-            writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
-        writer.add_metadata(METADATA_RECORD, {"json": metadata})
-        writer.finish()
+    def __init__(self, stream: Any, topics: Mapping[str, list[str]], time: str) -> None:
+        _need(stream.name, "MCAP", "mcap", "mcap_protobuf", "foxglove_schemas_protobuf")
+        from mcap.writer import Writer
+
+        self._writer: Any = Writer(stream)
+        self._writer.start(profile="", library="aerodima")
+        self._time = time
+        self._signals = {self._channel(topic, [time, *names]): [time, *names] for topic, names in topics.items()}
+        self._scenes: dict[str, int] = {}
+
+    def add(self, table: pd.DataFrame, scene: Iterable[SceneMessage] = ()) -> None:
+        """Takes rows, and what a viewer draws (Protobuf), in the order of its times.
+
+        Raises:
+            LogError: a time is negative or not finite.
+        """
+        times = table[self._time].to_numpy(dtype=np.float64)
+        if not np.all(np.isfinite(times)) or times.min(initial=0.0) < 0.0:
+            raise LogError(f"column {self._time!r}: MCAP needs finite times from 0 s on")
+        signals = [_rows(channel, table[names], times) for channel, names in self._signals.items()]
+        for stamp, channel, data in merge(*signals, self._drawn(scene), key=lambda item: item[0]):
+            self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
+
+    def finish(self, metadata: str) -> None:
+        """Ends the file; `metadata` (JSON) is kept as the metadata record `aerodima`."""
+        self._writer.add_metadata(METADATA_RECORD, {"json": metadata})
+        self._writer.finish()
+
+    def _channel(self, topic: str, names: list[str]) -> int:
+        properties = {name: {"type": ["number", "null"]} for name in names}
+        schema = json.dumps({"type": "object", "properties": properties}).encode()
+        schema_id = self._writer.register_schema(
+            name=f"aerodima.{topic.strip('/')}", encoding="jsonschema", data=schema
+        )
+        return int(self._writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id))
+
+    def _drawn(self, scene: Iterable[SceneMessage]) -> Iterator[tuple[int, int, bytes]]:
+        """Stamp, channel and data of messages of Foxglove's schemas."""
+        from mcap_protobuf.schema import register_schema
+
+        for time, topic, message in scene:
+            if topic not in self._scenes:
+                schema = register_schema(self._writer, type(message))
+                self._scenes[topic] = self._writer.register_channel(
+                    topic=topic, message_encoding="protobuf", schema_id=schema
+                )
+            yield stamp_of(time), self._scenes[topic], message.SerializeToString()
 
 
 def stamp_of(time: float) -> int:
@@ -233,36 +257,15 @@ def stamp_of(time: float) -> int:
     return round(time / _NANOSECOND)
 
 
-def _signals(writer: Any, topic: str, table: pd.DataFrame, times: Iterable[float]) -> Iterator[tuple[int, int, bytes]]:
+def _rows(channel: int, table: pd.DataFrame, times: Iterable[float]) -> Iterator[tuple[int, int, bytes]]:
     """Stamp, channel and data of the messages of a topic."""
     names = list(table.columns)
-    properties = {name: {"type": ["number", "null"]} for name in names}
-    schema = json.dumps({"type": "object", "properties": properties}).encode()
-    schema_id = writer.register_schema(name=f"aerodima.{topic.strip('/')}", encoding="jsonschema", data=schema)
-    channel = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
-    rows = table.to_numpy().tolist()
-
-    def messages() -> Iterator[tuple[int, int, bytes]]:
-        for time, row in zip(times, rows, strict=True):
-            numbers = (value if np.isfinite(value) else None for value in row)
-            yield stamp_of(time), channel, json.dumps(dict(zip(names, numbers, strict=True))).encode()
-
-    return messages()
+    for time, row in zip(times, table.to_numpy().tolist(), strict=True):
+        numbers = (value if np.isfinite(value) else None for value in row)
+        yield stamp_of(time), channel, json.dumps(dict(zip(names, numbers, strict=True))).encode()
 
 
-def _scene(writer: Any, scene: Iterable[SceneMessage]) -> Iterator[tuple[int, int, bytes]]:
-    """Stamp, channel and data of messages of Foxglove's schemas."""
-    from mcap_protobuf.schema import register_schema
-
-    channels: dict[str, int] = {}
-    for time, topic, message in scene:
-        if topic not in channels:
-            schema = register_schema(writer, type(message))
-            channels[topic] = writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=schema)
-        yield stamp_of(time), channels[topic], message.SerializeToString()
-
-
-def _need(path: Path, what: str, *packages: str) -> None:
+def _need(path: Path | str, what: str, *packages: str) -> None:
     for package in packages:
         try:
             __import__(package)

@@ -1,7 +1,7 @@
 """A run as Foxglove draws it (https://docs.foxglove.dev/docs/visualization/message-schemas): bodies, poses and forces.
 
 The bodies and the floor are drawn once, each as triangles in the frame of its own body; poses come as transforms to
-`world`, forces as arrows there, of the lengths and colours of the replay. `write_mcap` puts them beside the signals.
+`world`, forces as arrows there, of the lengths and colours of the replay. `McapFile` puts them beside the signals.
 """
 
 from collections.abc import Iterator
@@ -31,8 +31,12 @@ _SHAFT, _HEAD, _HEAD_LENGTH = 0.014, 0.036, 0.05
 """Diameters and length of the parts of an arrow, m."""
 
 
-def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
+def foxglove_scene(run_log: RunLog, first_row: int = 0) -> Iterator[SceneMessage]:
     """The messages of a run in the order of their times, 50 frames a second.
+
+    Args:
+        run_log: the run.
+        first_row: the rows from this one on are drawn: what has been added to a run that is still going on.
 
     Raises:
         LogError: the log cannot be replayed (see `replayable`), or `foxglove_schemas_protobuf` is not installed.
@@ -44,18 +48,20 @@ def foxglove_scene(run_log: RunLog) -> Iterator[SceneMessage]:
     builder = DiagramBuilder()
     logged = add_logged_run(builder, replayable(run_log))
     diagram = builder.Build()
-    return _messages(logged, diagram.CreateDefaultContext())
+    return _messages(logged, diagram.CreateDefaultContext(), first_row)
 
 
-def _messages(logged: LoggedRun, context: Context) -> Iterator[SceneMessage]:
+def _messages(logged: LoggedRun, context: Context, first_row: int) -> Iterator[SceneMessage]:
     time = logged.run_log.time
-    rows, _ = frame_rows(time, 1.0)
+    new = time[first_row:]
+    rows = first_row + (frame_rows(new, 1.0)[0] if len(new) > 1 else np.zeros(1, dtype=np.int64))
     arrows = force_arrows(logged)
     surfaces: dict[str, list[Surface]] = {}
     for surface in visible_surfaces(logged):
         surfaces.setdefault(body_label(logged.plant, surface.body.index()) or WORLD_FRAME, []).append(surface)
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)
-    yield SceneMessage(time[rows[0]], BODIES, _bodies(logged, surfaces, time[rows[0]]))
+    drawn = surfaces if first_row == 0 else {}  # the floor grows with the run
+    yield SceneMessage(time[rows[0]], BODIES, _bodies(logged, drawn, time[rows[0]]))
     for row in rows:
         logged.move(plant_context, row)
         yield SceneMessage(time[row], POSES, _poses(logged, surfaces, plant_context, time[row]))
