@@ -1,11 +1,13 @@
 """Candidate swings on reduced cars (`optimisation/screening`), all at once: the best tenth goes to the full car.
 
 Ranked in the order in which `swing_ranking.score` ranks runs of the full car, headings over that of the published swing
-on the same reduced car. What is claimed of a swing is the full car's alone.
+on the same reduced car. A straight is driven once for all candidates, whose tails wait alike: one released before the
+turn is taken for one that waits. What is claimed of a swing is the full car's alone.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +26,8 @@ from aerodima.workbench.errors import UserError
 
 DRAWN = 10
 """Candidates drawn for each one that the full car drives."""
+STEP = 0.005
+"""Longest of reduced cars, s, as in `optimisation/corner`; a tick of the controller is a whole number of them."""
 
 
 @dataclass(frozen=True)
@@ -55,18 +59,27 @@ class SwingScreen:
             progress(f"refinement: without screening, every candidate is driven on the full car ({error})")
             return None
         there = vehicles.with_friction([car.reference.friction for car in cars])
-        return cls(tuple(cars), turns, vehicles, drive_turns(there, published, duration=_duration(turns)).heading)
+        headings = drive_turns(there, published, duration=_duration(turns), length=_step(turns)).heading
+        return cls(tuple(cars), turns, vehicles, headings)
 
     def costs(self, swings: Sequence[SwingFile], target: float) -> list[float]:
         """Rank of every swing, lower is better, when the first car's friction is to be `target`."""
         count, many = len(self.cars), len(swings)
         common = [car.reference.friction for car in self.cars]
-        frictions = np.tile(np.concatenate([common, shares(self.cars, target)]), many)
-        places = np.tile(np.arange(count), 2 * many)
-        plans = TurnPlans.of(
-            [self.turns[place] for place in places], [swing for swing in swings for _ in range(2 * count)]
+        floors = self.vehicles.take(np.tile(np.arange(count), 2))
+        floors = floors.with_friction(np.concatenate([common, shares(self.cars, target)]))
+        turns = self.turns * 2
+        latest = max(swings, key=lambda swing: swing.trigger.threshold_rad_per_s or 0.0)
+        straight = drive_turns(
+            floors, TurnPlans.of(turns, [latest] * len(turns)), duration=0.0, length=_step(turns)
+        ).last
+        driven = drive_turns(
+            floors.take(np.tile(np.arange(2 * count), many)),
+            TurnPlans.of(turns * many, [swing for swing in swings for _ in turns]),
+            duration=_duration(self.turns),
+            length=_step(turns),
+            begun=np.tile(straight, many),
         )
-        driven = drive_turns(self.vehicles.take(places).with_friction(frictions), plans, duration=_duration(self.turns))
         costs = self._costs(driven, many)
         return [float(cost) for cost in 0.5 * (costs.max(axis=1) + costs.mean(axis=1))]
 
@@ -84,6 +97,11 @@ class SwingScreen:
             [~clean[:, 0], short > 0.0], [5.0 + rolled[:, 0] / np.pi, 4.0 + short], at_target + heading - least
         )
         return costs
+
+
+def _step(turns: Sequence[Scenario]) -> float:
+    rate = turns[0].controller.rate
+    return 1.0 / (rate * math.ceil(1.0 / (rate * STEP) - 1e-9))
 
 
 def _duration(turns: Sequence[Scenario]) -> float:
