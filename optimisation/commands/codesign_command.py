@@ -65,7 +65,7 @@ def tail(
     Example: aerodima optimise tail --budget 0.15 --budget 0.3 --out out/codesign
     """
     from aerodima.optimisation.studies.codesign import MOUNTS, CodesignPlan
-    from aerodima.optimisation.studies.codesign_page import gain_cells, make_codesign
+    from aerodima.optimisation.studies.codesign_page import PARTS, gain_cells, make_codesign
     from aerodima.optimisation.studies.corner_plan import CornerPlan
     from aerodima.optimisation.studies.law_search import LawSearch
     from aerodima.optimisation.studies.steering_search import SteeringSearch
@@ -92,7 +92,8 @@ def tail(
         found, summary, files = make_codesign(
             out, plan, known.best, split.test[:cars], own, engine, force=work.force, progress=progress
         )
-    typer.echo("\n".join(text_table(*gain_cells(summary))))
+    for part in (part for part in PARTS if summary[f"{part}_cases"].any()):
+        typer.echo("\n".join(text_table(*gain_cells(summary, part))))
     for design in found.designs:
         typer.echo(f"{design.name}: {' '.join(design.settings)}")
     typer.echo(f"page: {files[-1]}")

@@ -113,6 +113,7 @@ class Codesign:
         critical: critical friction at full lock on the nominal car, by contestant.
         mounts: a row per tail and place of its joints; empty without.
         sensitivities: Sobol indices of the course (`sobol_table`); empty without.
+        tail_of_thesis: that of the scenario.
         law_of_thesis: the trained law of the thesis' tail, by `LawFamily` numbers, on the training cars.
     """
 
@@ -123,6 +124,7 @@ class Codesign:
     critical: pd.DataFrame
     mounts: pd.DataFrame
     sensitivities: pd.DataFrame
+    tail_of_thesis: TailGeometry
     law_of_thesis: pd.DataFrame
 
 
@@ -163,6 +165,7 @@ def measure_codesign(
         pd.DataFrame({"contestant": names, "critical_friction": np.array(found, float)}),
         _mounts(plan, judging, own_floor, [THESIS, thesis, last.contestant], engine),
         _sensitivities(plan, _reduced(judging, [own_floor]), last.law, engine),
+        tail_geometry(load_scenario(plan.corner.scenario).tail),
         laws,
     )
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from aerodima.optimisation.studies.codesign import Design
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
+from aerodima.workbench.plants.tail_geometry import TailGeometry
 
 
 def pareto(table: pd.DataFrame) -> pd.DataFrame:
@@ -20,13 +24,17 @@ def plot_pareto(tried: pd.DataFrame, finalists: pd.DataFrame) -> Figure:
     with styled():
         image, grid = new_figure(8.5, 4.6)
         axes = grid[0, 0]
-        best = pareto(tried)
-        for table, look in (
-            (tried, {"marker": ".", "linestyle": "none", "color": GREY, "label": "tried, reduced cars"}),
-            (best, {"drawstyle": "steps-post", "color": BLUE, "label": "best of its mass, reduced cars"}),
-            (finalists, {"marker": "s", "linestyle": "none", "color": VERMILION, "label": "finalists, full cars"}),
+        mass, worth = (pareto(tried)[name].to_numpy(float) for name in ("tail.mass", "worth"))
+        for x, y, look in (
+            (tried["tail.mass"], tried["worth"], {"marker": ".", "linestyle": "none", "color": GREY, "label": "tried"}),
+            # Corners of the steps: up to the next mass the lighter tail is the best.
+            (np.repeat(mass, 2)[1:], np.repeat(worth, 2)[:-1], {"color": BLUE, "label": "best of its mass"}),
+            (
+                *(finalists["tail.mass"], finalists["worth"]),
+                {"marker": "s", "linestyle": "none", "color": VERMILION, "label": "finalists, full cars"},
+            ),
         ):
-            axes.plot(1000.0 * table["tail.mass"], 100.0 * (table["worth"] - 1.0), **look)
+            axes.plot(1000.0 * np.asarray(x), 100.0 * (np.asarray(y) - 1.0), **look)
         axes.set_xlabel("mass of rod and sail [g]")
         axes.set_ylabel("course over the published swing [%]")
         axes.legend()
@@ -73,4 +81,18 @@ def plot_sobol(table: pd.DataFrame) -> Figure:
         axes.set_yticks(places, list(ordered["parameter"]))
         axes.set_xlabel("share of the variance of the course")
         axes.legend()
+    return image
+
+
+def plot_outlines(thesis: TailGeometry, designs: Sequence[Design]) -> Figure:
+    """Rod and sail of the thesis' tail and of the designs, broadside, side by side to one scale."""
+    shown = {"thesis": thesis} | {design.name: design.geometry for design in designs}
+    with styled():
+        image, grid = new_figure(2.2 * len(shown) + 0.6, 4.6, 1, len(shown), sharey=True)
+        for axes, (name, geometry) in zip(grid[0], shown.items(), strict=True):
+            for piece in (piece for plate in geometry.plates for piece in plate.pieces):
+                axes.fill(piece.corners[:, 0], piece.corners[:, 2], color=ORANGE, alpha=0.4)
+            axes.plot(geometry.arm.points[:, 0], geometry.arm.points[:, 2], color=GREY, linewidth=2.0)
+            axes.set(title=f"{name}, {1000.0 * geometry.inertial.mass:.0f} g", aspect="equal", xlim=(-0.22, 0.22))
+        grid[0, 0].set_ylabel("from the roll axis [m]")
     return image

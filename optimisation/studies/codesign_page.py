@@ -15,10 +15,9 @@ from aerodima.optimisation.studies.codesign import (
     OWN_LAW,
     Codesign,
     CodesignPlan,
-    Design,
     measure_codesign,
 )
-from aerodima.optimisation.studies.codesign_figures import plot_mounts, plot_pareto, plot_sobol
+from aerodima.optimisation.studies.codesign_figures import plot_mounts, plot_outlines, plot_pareto, plot_sobol
 from aerodima.optimisation.studies.contestants import NO_TAIL, THESIS
 from aerodima.optimisation.studies.corner_page import gains
 from aerodima.optimisation.studies.corner_plan import MOST_ROLL, MOST_SIDESLIP, PULSE
@@ -29,7 +28,6 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngin
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import saying_how_to_go_on
 from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.figures.tail_geometry_figure import plot_tail
 from aerodima.workbench.report.report_page import (
     Finding,
     Folded,
@@ -107,26 +105,24 @@ def summarise(found: Codesign, nominal: Member) -> pd.DataFrame:
     return make_frame(rows)
 
 
-_COLUMNS = {
-    "contestant": "contestant",
-    "nominal_course_rad": "course, nominal car [deg]",
-    "nominal_over_published": "over the thesis' tail, published swing",
-    "nominal_over_own_law": "over the thesis' tail, trained law",
-    "nominal_over_no_tail": "over no tail",
-    "unseen_course_rad": "course, unseen cars [deg]",
-    "unseen_over_published": "unseen: over published",
-    "unseen_worst_over_published": "worst car",
-    "unseen_over_own_law": "unseen: over trained law",
-    "unseen_worst_over_own_law": "worst car",
-    "critical_friction": "critical friction at full lock, nominal car",
+_GAINS = {
+    "course_rad": "course [deg]",
+    "over_published": "over the thesis' tail, published swing",
+    "worst_over_published": "worst car",
+    "over_own_law": "over the thesis' tail, trained law",
+    "worst_over_own_law": "worst car",
+    "over_no_tail": "over no tail",
 }
+PARTS = {"nominal": "Nominal car", "unseen": "Unseen cars"}
 
 
-def gain_cells(summary: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the summary."""
-    return list(_COLUMNS.values()), [
-        [_cell(name, row[name]) for name in _COLUMNS] for row in summary.to_dict("records")
-    ]
+def gain_cells(summary: pd.DataFrame, part: str) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the summary for `nominal` or `unseen` cars."""
+    shown = {f"{part}_{name}": words for name, words in _GAINS.items() if part != "nominal" or "worst" not in name}
+    names = {"contestant": PARTS[part], **shown}
+    if part == "nominal":
+        names["critical_friction"] = "critical friction at full lock"
+    return list(names.values()), [[_cell(name, row[name]) for name in names] for row in summary.to_dict("records")]
 
 
 def _cell(name: str, value: Any) -> str:
@@ -159,8 +155,9 @@ _SIZES = {
 
 def codesign_page(found: Codesign, summary: pd.DataFrame, how: str) -> Page:
     """What was found, as a page."""
+    parts = [part for part in PARTS if summary[f"{part}_cases"].any()]
     sections = [
-        Section("What is gained", [Finding([Table(*gain_cells(summary))]), how]),
+        Section("What is gained", [Finding([Table(*gain_cells(summary, part)) for part in parts]), how]),
         Section("Course against mass", [_pareto_plot(found), PARETO]),
         Section("Designs", _designs(found)),
     ]
@@ -200,25 +197,20 @@ SENSITIVE = (
 
 
 def _designs(found: Codesign) -> list[Part]:
-    shown = {name: key for name, (key, _) in _SIZES.items()}
-    scale = dict(_SIZES.values())
-    header = ["searched for", "chosen for", "worth", *shown]
+    tails = found.finalists.to_dict("records")
+    header = ["searched for", *(str(row["searched_for"]) for row in tails)]
     rows = [
-        [str(row["searched_for"]), str(row["chosen_for"]), f"{row['worth'] - 1.0:+.1%}"]
-        + [f"{scale[key] * row[key]:.4g}" for key in shown.values()]
-        for row in found.finalists.to_dict("records")
+        ["chosen for", *(str(row["chosen_for"]) or "-" for row in tails)],
+        ["course over the published swing, training", *(f"{row['worth'] - 1.0:+.1%}" for row in tails)],
     ]
-    marked = [place for place, row in enumerate(rows) if row[1]]
-    parts: list[Part] = [Table(header, rows, marked)]
-    for design in found.designs:
-        parts += [Folded(f"{design.name}: settings of `aerodima turn`", [Preformatted("\n".join(design.settings))])]
-    parts += [_picture(design) for design in found.designs]
-    return parts
-
-
-def _picture(design: Design) -> Plot:
-    words = f"{design.name}: {design.geometry.area:.4f} m2, {1000 * design.geometry.inertial.mass:.0f} g."
-    return Plot(plot_tail(design.geometry), words, f"Outline of {design.name}", design.name.replace(" ", "_"))
+    rows += [[words, *(f"{scale * row[key]:.4g}" for row in tails)] for words, (key, scale) in _SIZES.items()]
+    parts: list[Part] = [Table(header, rows)]
+    parts += [
+        Folded(f"{design.name}: settings of aerodima turn", [Preformatted("\n".join(design.settings))])
+        for design in found.designs
+    ]
+    words = "Rod and sail from the roll axis on, seen broadside, to one scale."
+    return [*parts, zoomable(plot_outlines(found.tail_of_thesis, found.designs), words, "Outlines of tails", "tails")]
 
 
 def _pareto_plot(found: Codesign) -> Plot:
