@@ -85,7 +85,7 @@ def test_a_candidate_is_screened_as_its_scenario_would_be() -> None:
     """With 4 degrees: the same course with the numbers in the law and in the settings of the case."""
     family = family_of("", "turn_fast")
     law = {**family.starts[0], "swing_speed": 9.0, "delay": 0.1}
-    case = ("car.tyre_friction=0.9", "manoeuvre.turn_hold=0.5")
+    case = ("manoeuvre.speed=4.5", "car.tyre_friction=0.9", "manoeuvre.turn_hold=0.5")
     one = SteeringSearch(math.radians(2.0), math.radians(8.0), runs=1, spread=1)
     task = Screening("turn_fast", (case,), ("",), one, 1.0, 0.5, (law,), family.fixed)
     plain = load_scenario("turn_fast", family.settings(law))
