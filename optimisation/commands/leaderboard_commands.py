@@ -34,8 +34,13 @@ def corner(
         typer.Option(help="Swing file, list of laws, or name of one that ships (best_swing); may be repeated."),
     ] = None,
     other_car: OtherCar = False,
+    disturbed: Annotated[
+        int, typer.Option(help="Runs of each in each case with what may be otherwise than planned.", min=0, max=1000)
+    ] = 0,
     ensemble: Ensemble = "car",
-    seed: Annotated[int, typer.Option(help="Of the split into training and test cars.", min=0)] = 1,
+    seed: Annotated[
+        int, typer.Option(help="Of the split into training and test cars, and of the disturbances.", min=0)
+    ] = 1,
     cars: Annotated[int, typer.Option(help="Test cars.", min=1)] = 4,
     car: Annotated[list[str] | None, typer.Option(help="This test car alone; may be repeated.")] = None,
     training: Annotated[int, typer.Option(help="Training cars, for the laws constant and trained.", min=1)] = 4,
@@ -88,6 +93,7 @@ def corner(
         chosen_cars,
         contestants_of,
     )
+    from aerodima.optimisation.studies.disturbed_turns import survival_cells
     from aerodima.optimisation.studies.law_files import read_laws
     from aerodima.optimisation.studies.law_search import LawSearch
     from aerodima.optimisation.studies.pulse_lengths import pulse_rows
@@ -115,6 +121,8 @@ def corner(
         fixed,
         SteeringSearch(low, high, runs=runs),
         training=LawSearch(laws, generations, finalists, seed),
+        disturbed=disturbed,
+        seed=seed,
     )
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
         measured, summary, files = make_corner(
@@ -132,6 +140,8 @@ def corner(
     several = len(plan.pulses) > 1
     cells = pulse_rows(corner_pulses(measured.cases)) if several else summary_cells(summary)
     typer.echo("\n".join(text_table(*cells)))
+    if len(measured.disturbed):
+        typer.echo("\n".join(["disturbed runs:", *text_table(*survival_cells(measured.survival))]))
     typer.echo(f"page: {files[-1]}")
 
 

@@ -135,7 +135,7 @@ def _row(scenario: Scenario, swing: SwingFile | None) -> dict[str, float]:
         return row | {
             "trigger_yaw_rate": np.inf if yaw_rate is None else yaw_rate,
             "trigger_steering": np.inf if steering is None else steering,
-            "delay": swing.trigger.delay_s,
+            "delay": swing.trigger.delay_s + settings.delay,
             "hold_kp": swing.gains.hold.kp,
             "hold_kd": swing.gains.hold.kd,
             "pitch_angle": swing.knots.pitch_position_rad[0],

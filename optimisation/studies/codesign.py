@@ -21,7 +21,8 @@ from aerodima.optimisation.calibration.identifiability import sobol_table
 from aerodima.optimisation.studies.contestants import NO_TAIL, THESIS, Contestant, raised_gearbox
 from aerodima.optimisation.studies.corner_floors import critical_frictions
 from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
-from aerodima.optimisation.studies.corner_study import Corner, CornerRuns
+from aerodima.optimisation.studies.corner_result import Corner
+from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.law_search import APART
 from aerodima.optimisation.studies.law_training import TRAINED, Screening, course_table, score, screened_finalists
 from aerodima.optimisation.studies.tail_family import (

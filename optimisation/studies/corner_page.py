@@ -20,7 +20,9 @@ from aerodima.optimisation.studies.corner_plan import (
     STEP_BACK,
     CornerPlan,
 )
-from aerodima.optimisation.studies.corner_study import Corner, CornerRuns
+from aerodima.optimisation.studies.corner_result import Corner
+from aerodima.optimisation.studies.corner_study import CornerRuns
+from aerodima.optimisation.studies.disturbed_turns import disturbed_words, survival_cells
 from aerodima.optimisation.studies.law_training import LawFamily
 from aerodima.optimisation.studies.pulse_lengths import WORDS, gains_by_pulse, plot_pulses, pulse_rows
 from aerodima.optimisation.studies.study_report import table_cells
@@ -65,9 +67,8 @@ def make_corner(
             corner = CornerRuns(plan, remembering).measure(chosen, laws, test, training)
         progress(f"{remembering.ran} runs made, the others were there")
     summary = summarise_corner(corner.cases, corner.contestants)
-    tables = {"cases.csv": corner.cases, "summary.csv": summary} | (
-        {"laws.csv": corner.laws} if len(corner.laws) else {}
-    )
+    tables = {"cases.csv": corner.cases, "summary.csv": summary}
+    tables |= {"laws.csv": corner.laws} if len(corner.laws) else {}
     left_out = "".join(f" Left out: {words}." for words in corner.without_floor)
     words = how_measured(plan, test, training) + left_out
     markdown = "\n".join([words, "", *markdown_table(summary_cells(summary)), ""])
@@ -75,6 +76,10 @@ def make_corner(
         table = corner_pulses(corner.cases)
         tables |= {"pulses.csv": table}
         markdown += "\n".join(["", WORDS, "", *markdown_table(pulse_rows(table)), ""])
+    if len(corner.disturbed):
+        tables |= {"disturbed.csv": corner.disturbed, "survival.csv": corner.survival}
+        survival = markdown_table(survival_cells(corner.survival))
+        markdown += "\n".join(["", disturbed_words(corner.disturbed), "", *survival, ""])
     case = case_sections(plan, corner.contestants, test, corner.cases) if show_case and not plan.reduced else []
     page = corner_page(corner, summary, words, case)
     return corner, summary, write_files(out, {**tables, TABLE: markdown, PAGE: page})
@@ -192,6 +197,9 @@ def corner_page(corner: Corner, summary: pd.DataFrame, how: str, case: Sequence[
         *by_part,
         Section("Each case", [Folded("Table", [_whole(corner.cases)])]),
     ]
+    if len(corner.disturbed):
+        survival = Table(*survival_cells(corner.survival))
+        sections.insert(-1, Section("Disturbed runs", [Finding([survival]), disturbed_words(corner.disturbed)]))
     if len(corner.laws):
         sections.append(Section("Laws on the training cars", [TRAINING, _whole(corner.laws)]))
     return Page(

@@ -15,6 +15,7 @@ from aerodima.optimisation.studies.contestants import (
     THESIS,
     Contestant,
 )
+from aerodima.optimisation.studies.disturbances import draw_disturbances
 from aerodima.optimisation.studies.law_search import LawSearch
 from aerodima.optimisation.studies.law_training import CONSTANT_RATE, TRAINED, TRAINED_BY_YAW, LawFamily
 from aerodima.optimisation.studies.steering_search import SteeringSearch
@@ -80,11 +81,13 @@ class CornerPlan:
         search: for the steering.
         friction: climb of the critical friction.
         training: how laws are looked for on the training cars.
-        step, fine_step: of the plant, s: of searches and of claims.
+        disturbed: runs of each contestant in each case with what may be otherwise than planned; 0: none.
+        seed: of these disturbances, the same for all contestants of a car.
+        step, fine_step: of the plant, s: of searches and disturbed runs, and of claims.
 
     Raises:
         UserError: a course that is not measured, a pulse out of range, a scenario without a turn, more steering than
-            the servo has, more than courses of reduced cars.
+            the servo has, more than courses of reduced cars, a number of disturbed runs that is not allowed.
     """
 
     scenario: str = "turn_fast"
@@ -98,6 +101,8 @@ class CornerPlan:
     search: SteeringSearch = field(default_factory=SteeringSearch)
     friction: Search = FRICTION_CLIMB
     training: LawSearch = field(default_factory=LawSearch)
+    disturbed: int = 0
+    seed: int = 1
     step: float = 0.002
     fine_step: float = FINE_STEP
 
@@ -108,8 +113,12 @@ class CornerPlan:
         for pulse in self.pulses:
             if not PULSES[0] <= pulse <= PULSES[1]:
                 raise SweepError(f"pulse {pulse:g} s: allowed: {PULSES[0]:g} to {PULSES[1]:g} s")
-        if self.reduced and (self.courses or self.fixed or len(self.shapes) > 1):
-            raise SweepError("reduced cars: allowed: courses after pulses of one level, steering found on each car")
+        if self.disturbed:
+            draw_disturbances(self.disturbed, self.seed, "")
+        if self.reduced and (self.courses or self.fixed or self.disturbed or len(self.shapes) > 1):
+            raise SweepError(
+                "reduced cars: allowed: courses after pulses of one level as planned, steering found on each car"
+            )
         turn = load_scenario(self.scenario, [f"manoeuvre.steer_angle={self.search.high!r}"]).manoeuvre
         if turn.kind != "turn":
             raise SweepError(f"{self.scenario}: manoeuvre.kind {turn.kind}; allowed: turn")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -38,6 +38,8 @@ from aerodima.optimisation.studies.corner_plan import (
     Turn,
     counts,
 )
+from aerodima.optimisation.studies.corner_result import Corner
+from aerodima.optimisation.studies.disturbed_turns import drive_disturbed
 from aerodima.optimisation.studies.law_training import (
     SOON_OVER,
     LawFamily,
@@ -53,23 +55,6 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
-
-
-@dataclass(frozen=True)
-class Corner:
-    """What was measured.
-
-    Attributes:
-        cases: a row per pulse, floor and contestant.
-        laws: what the finalists of each family, and the published law, came to on the training cars; empty without.
-        contestants: in order.
-        without_floor: cars and speeds that have no floor, since the published swing at full lock is clean on none.
-    """
-
-    cases: pd.DataFrame
-    laws: pd.DataFrame
-    contestants: tuple[Contestant, ...]
-    without_floor: tuple[str, ...]
 
 
 class CornerRuns:
@@ -98,7 +83,11 @@ class CornerRuns:
         floors = self.floors(test)
         cases = self.cases(contestants, floors, self.floors(training) if self._plan.fixed else ())
         table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-        return Corner(cases, table, tuple(contestants), tuple(self._without_floor))
+        disturbed = pd.DataFrame()
+        if self._plan.disturbed:
+            self._engine.stage = "disturbed runs"
+            disturbed = drive_disturbed(self._plan, cases, contestants, test, self.task, self._engine)
+        return Corner(cases, table, tuple(contestants), tuple(self._without_floor), disturbed)
 
     def cases(
         self, contestants: Sequence[Contestant], floors: Sequence[Floor], training: Sequence[Floor] = ()
@@ -184,14 +173,15 @@ class CornerRuns:
         """Rows of the turns at 2 ms with their best steering of one level, impulses too; empty where none counts."""
         self._engine.stage, aim = name, Aim(pulse=self._plan.pulses[0])
         tasks = {
-            place: replace(self._task((*turn, one.place, one.shape), self._plan.step, aim.searching), signals="all")
+            place: replace(self.task((*turn, one.place, one.shape), self._plan.step, aim.searching), signals="all")
             for place, (turn, one) in enumerate(zip(turns, self._search(aim, turns, [ONE_LEVEL]), strict=True))
             if one is not None
         }
         rows = dict(zip(tasks, self._engine.rows(list(tasks.values())), strict=True))
         return [rows.get(place, {}) for place in range(len(turns))]
 
-    def _task(self, run: Run, step: float, times: tuple[float, float]) -> RunTask:
+    def task(self, run: Run, step: float, times: tuple[float, float]) -> RunTask:
+        """A turn with a step of the plant (s), steered, and going on after that, for these times (s)."""
         who, floor, place, (ratio, first) = run
         hold, after = times
         end = load_scenario(self._plan.scenario).manoeuvre.turn_start + hold + after
@@ -208,7 +198,7 @@ class CornerRuns:
         return RunTask(f"{who.name} {floor.member.name} {floor.speed:g}", self._plan.scenario, settings)
 
     def _runs(self, aim: Aim, wanted: Sequence[Run]) -> list[dict[str, Any]]:
-        return self._engine.rows([self._task(run, self._plan.step, aim.searching) for run in wanted])
+        return self._engine.rows([self.task(run, self._plan.step, aim.searching) for run in wanted])
 
     def _search(self, aim: Aim, turns: Sequence[Turn], shapes: Sequence[tuple[float, float]]) -> list[Steering | None]:
         """The best steering of each turn, of all shapes."""
@@ -234,7 +224,7 @@ class CornerRuns:
         for _ in range(MOST_BACK + 1):
             coarse = dict(zip(trying, self._runs(aim, list(trying.values())), strict=True))
             tasks = {
-                which: self._task(trying[which], self._plan.fine_step, aim.proving(row))
+                which: self.task(trying[which], self._plan.fine_step, aim.proving(row))
                 for which, row in coarse.items()
                 if aim.worth(row) is not None
             }
@@ -260,7 +250,7 @@ class CornerRuns:
         self._engine.stage = "fixed steering, fine step"
         places = [trained.get((who.name, floor.speed, floor.share)) for who, floor in turns]
         known = [(*turn, place, ONE_LEVEL) for turn, place in zip(turns, places, strict=True) if place is not None]
-        rows = iter(self._engine.rows([self._task(run, self._plan.fine_step, aim.searching) for run in known]))
+        rows = iter(self._engine.rows([self.task(run, self._plan.fine_step, aim.searching) for run in known]))
         columns = []
         for place in places:
             row = {} if place is None else next(rows)

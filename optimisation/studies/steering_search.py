@@ -50,6 +50,10 @@ class SteeringSearch:
         """Amplitude at a place of the grid, rad."""
         return rounded(self.low * (self.high / self.low) ** (place / self.intervals))
 
+    def place(self, angle: float) -> int:
+        """Place on the grid that is nearest to an amplitude, rad."""
+        return round(self.intervals * math.log(angle / self.low) / math.log(self.high / self.low))
+
     def following(self, found: Mapping[int, float | None]) -> list[int]:
         """Places that are run next; none at the end."""
         if not found:

@@ -60,7 +60,8 @@ class SwingTracker(SwingMachine[TrackerMemory]):
 
     Args:
         reference: the swing and how it is tracked.
-        settings: of the thesis' law, which finishes a swing that left its funnel; its mode is taken as "swing".
+        settings: of the thesis' law, which finishes a swing that left its funnel; its mode is taken as "swing". Its
+            delay is waited on top of the file's.
         filter_settings: of the roll estimate; their rate must be the law's.
 
     Raises:
@@ -98,7 +99,7 @@ class SwingTracker(SwingMachine[TrackerMemory]):
     def _wait(self) -> Wait:
         swing, (roll, pitch) = self.reference.swing, self.reference.start
         delay = 0.0 if swing.trigger.kind == "time" else swing.trigger.delay_s
-        return Wait(roll, pitch, swing.gains.hold.kp, swing.gains.hold.kd, delay)
+        return Wait(roll, pitch, swing.gains.hold.kp, swing.gains.hold.kd, delay + self.settings.delay)
 
     @property
     def waiting(self) -> tuple[Any, ...]:

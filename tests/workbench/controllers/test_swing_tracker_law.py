@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,9 @@ def test_delay_and_time_since_the_announcement() -> None:
     delayed = tracker(trigger={"kind": "yaw_rate", "threshold_rad_per_s": 1.0, "delay_s": 0.05})
     states = [tick[0].name for tick in run(delayed, see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15))]
     assert states == ["HOLD", "DELAY", "DELAY", "SWING"]
+    later = replace(delayed, settings=delayed.settings.model_copy(update={"delay": 0.02}))
+    states = [tick[0].name for tick in run(later, see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17))]
+    assert states == ["HOLD", "DELAY", "DELAY", "SWING"], "the controller's delay comes on top of the file's"
     steered = tracker(trigger={"kind": "steering", "threshold_rad": 0.1})
     looks = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
     assert [tick[0].name for tick in run(steered, *looks)] == ["HOLD", "HOLD", "SWING"]

@@ -60,7 +60,7 @@ def test_a_run_has_the_scenario_that_the_study_proved(table: ShortTurn, name: st
     car = next(member for member in load_ensemble(entries.ensemble).members if member.name == table.shown[0])
     floor = Floor(car, float(table.shown[1]), float(table.shown[2]), float(row["critical_friction"]))
     who = short_turn_contestant(table, name)
-    task = CornerRuns(plan, None)._task((who, floor, place, ONE_LEVEL), plan.fine_step, (0.5, 1.5))
+    task = CornerRuns(plan, None).task((who, floor, place, ONE_LEVEL), plan.fine_step, (0.5, 1.5))
     assert table.scenario(name).resolved() == load_scenario(entries.scenario, task.settings).resolved()
 
 
