@@ -10,7 +10,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 PYTEST_ARGS ?= -q -n 2
 
-.PHONY: demo test realtime emulated soak bench docs lint clean install
+.PHONY: demo test realtime emulated soak bench docs notebooks lint clean install
 .DEFAULT_GOAL := install
 
 install: $(STAMP)
@@ -58,6 +58,11 @@ docs: $(STAMP)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]' -c constraints.txt
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "open out/docs/index.html"
+
+# Executes all notebooks, some five minutes, and stores what they show.
+notebooks: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[notebooks]' -c constraints.txt
+	@$(BIN)/python -m tests.notebook_runs
 
 lint: $(STAMP)
 	@$(BIN)/ruff check --quiet .

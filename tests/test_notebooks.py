@@ -1,25 +1,44 @@
-"""Notebooks as they are stored: a story without outputs. `.ci/run` executes them."""
+"""Notebooks as they are stored: a story with the outputs of its code, small; `.ci/run` executes them again."""
 
 from __future__ import annotations
 
 import ast
+import base64
+import io
 import json
 import re
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Any
 
 import pytest
+from PIL import Image
 
-FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
+from tests.notebook_runs import (
+    COLOURS,
+    FOLDER,
+    SIGNATURE,
+    SOLUTION,
+    cleaned,
+    code_cells,
+    differences,
+    shown,
+    signature,
+    source,
+)
+from tests.notebook_runs import tags as tags_of
+
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+LARGEST, TOGETHER = 1_000_000, 5_000_000
+"""Bytes of a notebook, and of all."""
 
 
 def content(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def source(cell: dict[str, Any]) -> str:
-    return "".join(cell["source"])
+def prose(path: Path) -> list[str]:
+    return [source(cell) for cell in content(path)["cells"] if cell["cell_type"] == "markdown"]
 
 
 def test_seven_notebooks_are_numbered_from_01_without_a_gap() -> None:
@@ -28,11 +47,37 @@ def test_seven_notebooks_are_numbered_from_01_without_a_gap() -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_is_stored_without_outputs(path: Path) -> None:
-    for cell in content(path)["cells"]:
-        if cell["cell_type"] == "code":
-            assert cell["outputs"] == [], f"{path.name}: clear the outputs before committing"
-            assert cell["execution_count"] is None
+def test_stored_outputs_are_those_of_the_code(path: Path) -> None:
+    notebook = content(path)
+    assert notebook["metadata"].get(SIGNATURE) == signature(notebook), f"{path.name}: run `make notebooks`"
+    cells = code_cells(notebook)
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert [output for cell in cells for output in cell["outputs"] if output["output_type"] == "error"] == []
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_stored_outputs_are_small_and_of_no_machine(path: Path) -> None:
+    assert path.stat().st_size <= LARGEST
+    assert sum(one.stat().st_size for one in NOTEBOOKS) <= TOGETHER
+    pictures = 0
+    for cell in code_cells(content(path)):
+        pictures += "image/" in shown(cell)
+        for output in cell["outputs"]:
+            kinds = set(output.get("data", {}))
+            assert kinds <= {"image/png", "image/svg+xml", "text/html", "text/plain"}, kinds
+            text = json.dumps({**output, "data": {k: v for k, v in output.get("data", {}).items() if k != "image/png"}})
+            assert not re.search(r"<iframe|<script| at 0x|/home/|/tmp/tmp|/work/", text), cell["id"]
+    assert pictures >= 3
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_reader_is_asked_to_change_something_and_finds_a_folded_solution(path: Path) -> None:
+    cells = content(path)["cells"]
+    (asked,) = (place for place, cell in enumerate(cells) if "## Now change this\n" in source(cell))
+    solution = cells[asked + 1]
+    assert SOLUTION in tags_of(solution)
+    assert solution["metadata"]["jupyter"] == {"source_hidden": True, "outputs_hidden": True}
+    assert solution["outputs"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -43,10 +88,16 @@ def test_notebook_begins_with_its_number_and_title(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_links_to_pages_that_exist(path: Path) -> None:
+    targets = [target for text in prose(path) for target in re.findall(r"\]\(([^)#]+)", text)]
+    assert targets == [target for target in targets if (FOLDER / target).is_file()]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_is_short_and_imports_only_public_names(path: Path) -> None:
-    code = [source(cell) for cell in content(path)["cells"] if cell["cell_type"] == "code"]
+    code = [source(cell) for cell in code_cells(content(path)) if SOLUTION not in tags_of(cell)]
     text = "\n".join(line for cell in code for line in cell.splitlines() if not line.startswith("%"))
-    assert len(text.splitlines()) <= 120
+    assert len(text.splitlines()) <= 130
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom):
             assert not any(part.startswith("_") for part in (node.module or "").split("."))
@@ -55,7 +106,61 @@ def test_notebook_is_short_and_imports_only_public_names(path: Path) -> None:
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_axes_of_the_notebooks_own_plots_are_labelled(path: Path) -> None:
-    for cell in content(path)["cells"]:
-        if cell["cell_type"] == "code" and "plt.subplots" in source(cell):
+    for cell in code_cells(content(path)):
+        if "plt.subplots" in source(cell):
             assert "xlabel" in source(cell), source(cell)
             assert "ylabel" in source(cell), source(cell)
+
+
+def picture() -> str:
+    stream = io.BytesIO()
+    Image.radial_gradient("L").save(stream, "PNG")
+    return base64.b64encode(stream.getvalue()).decode()
+
+
+def executed(**changes: Any) -> dict[str, Any]:
+    """A notebook as nbclient leaves it: a slider with a picture, a page, a stream in two pieces, an address."""
+    view = {"application/vnd.jupyter.widget-view+json": {"model_id": "box"}, "text/plain": "interactive()"}
+    drawn = {"output_type": "display_data", "metadata": {}, "data": {"image/png": picture(), "text/plain": "<Figure>"}}
+    pieces = [{"output_type": "stream", "name": "stdout", "text": text} for text in ("peak 1.", "50 rad\n")]
+    frame = {"text/html": "<iframe srcdoc='...'></iframe>", "text/plain": f"live at 0x7f00 in {gettempdir()}/tmpab12/x"}
+    outputs = [
+        {"output_type": "display_data", "metadata": {}, "data": view},
+        *pieces,
+        {"output_type": "execute_result", "execution_count": 7, "metadata": {}, "data": frame},
+    ]
+    state = {"box": {"state": {"children": ["IPY_MODEL_out"]}}, "out": {"state": {"outputs": [drawn]}}}
+    cell = {"cell_type": "code", "id": "a", "metadata": {"execution": {"x": 1}}, "execution_count": 7} | changes
+    return {
+        "cells": [{"source": ["sliders(f)"], "outputs": outputs, **cell}],
+        "metadata": {"widgets": {"application/vnd.jupyter.widget-state+json": {"state": state}}},
+    }
+
+
+def test_what_is_stored_is_the_same_each_time() -> None:
+    (cell,) = cleaned(executed())["cells"]
+    slider, text, frame = cell["outputs"]
+    assert set(slider["data"]) == {"image/png", "text/plain"}
+    with Image.open(io.BytesIO(base64.b64decode(slider["data"]["image/png"]))) as stored:
+        assert len(stored.getcolors()) <= COLOURS
+    assert text["text"] == "peak 1.50 rad\n"
+    assert frame["data"] == {"text/plain": "live in /tmp/folder/x"}
+    assert cell["execution_count"] == frame["execution_count"] == 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "seen"),
+    [("1.505", False), ("1.6", True), ("1.5 1.5", True)],
+)
+def test_an_execution_that_gives_something_else_is_seen(changed: str, seen: bool) -> None:
+    stored, found = cleaned(executed()), cleaned(executed())
+    found["cells"][0]["outputs"][1]["text"] = f"peak {changed} rad\n"
+    assert bool(differences(stored, found)) is seen
+    stored["cells"][0]["metadata"]["tags"] = ["varies"]
+    assert differences(stored, found) == []
+
+
+def test_a_picture_that_is_gone_is_seen() -> None:
+    stored, found = cleaned(executed()), cleaned(executed())
+    del found["cells"][0]["outputs"][0]
+    assert differences(stored, found)

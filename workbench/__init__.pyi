@@ -31,6 +31,8 @@ from .controllers.tail_law import Observation as Observation
 from .controllers.tail_law import TailLaw as TailLaw
 from .errors import UserError as UserError
 from .figures.coefficient_figures import plot_coefficients as plot_coefficients
+from .figures.diagram_picture import DiagramPicture as DiagramPicture
+from .figures.diagram_picture import draw_diagram as draw_diagram
 from .figures.run_figures import plot_overlay as plot_overlay
 from .figures.run_figures import plot_turn as plot_turn
 from .figures.tail_figures import plot_range_of_motion as plot_range_of_motion
@@ -39,6 +41,8 @@ from .logs.schema import RunLog as RunLog
 from .logs.schema import read_run_log as read_run_log
 from .metrics.plant_metrics import plant_metrics as plant_metrics
 from .metrics.plant_metrics import plant_outcome as plant_outcome
+from .metrics.turn_course import TurnCourse as TurnCourse
+from .metrics.turn_course import turn_course as turn_course
 from .metrics.turn_metrics import RunMetrics as RunMetrics
 from .metrics.turn_metrics import metrics_of as metrics_of
 from .plants.clearance import RangeOfMotion as RangeOfMotion
@@ -59,7 +63,13 @@ from .replay.strip import write_strip as write_strip
 from .replay.tail_drawing import draw_tail as draw_tail
 from .replay.video import Filmed as Filmed
 from .replay.video import write_video as write_video
+from .report.notebook_cells import live_frame as live_frame
+from .report.notebook_cells import sliders as sliders
 from .report.replay_page import write_replay_html as write_replay_html
+from .report.short_turn import ShortTurn as ShortTurn
+from .report.short_turn import load_short_turn as load_short_turn
+from .report.short_turn_chapter import plot_courses as plot_courses
+from .sensors.roll_estimator import RollEstimator as RollEstimator
 from .simulate.car_run import assemble as assemble
 from .simulate.simulation import simulate as simulate
 from .stations.car_station import make_car_station as make_car_station

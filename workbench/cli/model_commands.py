@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -210,25 +209,20 @@ def diagram(
 ) -> None:
     """Draw the block diagram of a scenario; as text (.dot) where Graphviz is not installed."""
     from aerodima.workbench.config.scenario import load_scenario
+    from aerodima.workbench.figures.diagram_picture import draw_diagram
     from aerodima.workbench.simulate.car_run import assemble
 
     kinds = (".svg", ".png", ".pdf", ".dot")
     if out.suffix not in kinds:
         raise UserError(f"--out {out}: ending {out.suffix!r}; allowed: {', '.join(kinds)}")
-    text = assemble(load_scenario(scenario, settings or ())).builder.Build().GetGraphvizString(max_depth=depth)
-    program = shutil.which("dot")
-    if program is None and out.suffix != ".dot":
+    picture = draw_diagram(assemble(load_scenario(scenario, settings or ())).builder.Build(), depth)
+    if out.suffix != ".dot" and shutil.which("dot") is None:
         out = out.with_suffix(".dot")
         typer.echo("Graphviz is not installed: writing text that `dot -Tsvg` draws elsewhere", err=True)
 
     def write(temporary: Path) -> None:
-        if out.suffix == ".dot":
-            temporary.write_text(text, encoding="utf-8")
-            return
-        command = [str(program), f"-T{out.suffix[1:]}", "-o", str(temporary)]
-        done = subprocess.run(command, input=text, text=True, capture_output=True, check=False)
-        if done.returncode != 0:
-            raise UserError(f"--out {out}: Graphviz failed: {done.stderr.strip()}")
+        kind = out.suffix[1:]
+        temporary.write_bytes(picture.text.encode() if kind == "dot" else picture.render(kind))
 
     write_atomically(out, write, force, UserError)
     typer.echo(f"diagram: {out}")

@@ -1,0 +1,52 @@
+"""The block diagram as a picture: Graphviz draws it, a line stands for it where Graphviz is missing."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Gain
+
+from aerodima.workbench import DiagramPicture, UserError, draw_diagram
+
+needs_graphviz = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+
+
+@pytest.fixture
+def diagram() -> Diagram:
+    builder = DiagramBuilder()
+    source, gain = builder.AddSystem(ConstantVectorSource([1.0])), builder.AddSystem(Gain(2.0, 1))
+    source.set_name("wind")
+    gain.set_name("tail")
+    builder.Connect(source.get_output_port(), gain.get_input_port())
+    return builder.Build()
+
+
+@needs_graphviz
+def test_a_notebook_shows_the_systems_by_name(diagram: Diagram) -> None:
+    drawn = draw_diagram(diagram)._repr_svg_()
+    assert drawn is not None
+    assert "name=wind" in drawn
+    assert "name=tail" in drawn
+    assert '<svg width="100%"' in drawn
+
+
+@needs_graphviz
+def test_a_text_that_graphviz_refuses_is_one_line() -> None:
+    with pytest.raises(UserError, match=r"Graphviz failed: Error: .*syntax error"):
+        DiagramPicture("digraph {").render("png")
+
+
+def test_without_graphviz_a_line_says_so(diagram: Diagram, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda program: None)
+    picture = draw_diagram(diagram)
+    assert picture._repr_svg_() is None
+    assert repr(picture) == "block diagram: not drawn, Graphviz is not installed"
+    with pytest.raises(UserError, match="aerodima doctor"):
+        picture.render()
+
+
+def test_a_diagram_cannot_be_opened_less_than_one_level(diagram: Diagram) -> None:
+    with pytest.raises(UserError, match="depth is 0; allowed: 1 and more"):
+        draw_diagram(diagram, 0)

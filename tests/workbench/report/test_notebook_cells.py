@@ -1,0 +1,77 @@
+"""What a notebook shows live: frames that a stored notebook replaces by their line, sliders that start as asked."""
+
+from __future__ import annotations
+
+import html
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from aerodima.workbench import RunLog, UserError, live_frame, sliders
+from aerodima.workbench.replay import captions
+from aerodima.workbench.report import replay_page
+
+
+class Meshcat:
+    def web_url(self) -> str:
+        return "http://localhost:7000?a=1&b=2"
+
+
+def test_meshcat_stands_in_a_frame() -> None:
+    frame = live_frame(Meshcat(), height=300)  # type: ignore[arg-type]
+    assert 'src="http://localhost:7000?a=1&amp;b=2"' in frame._repr_html_()
+    assert 'height="300"' in frame._repr_html_()
+    assert repr(frame) == "live when this cell runs: Meshcat"
+
+
+def test_a_replay_stands_in_a_frame_whole_and_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+    page = '<p title="a & b">replay</p>'
+    monkeypatch.setattr(replay_page, "replay_page", lambda run_log: page)
+    monkeypatch.setattr(captions, "caption_of", lambda run_log: SimpleNamespace(text="turn: survived"))
+    frame = live_frame(object.__new__(RunLog))
+    inside = frame._repr_html_().partition('srcdoc="')[2].partition('"')[0]
+    assert html.unescape(inside) == page
+    assert repr(frame) == "live when this cell runs: the replay with its signals, turn: survived"
+
+
+@pytest.mark.parametrize("height", [0, 99, 4001])
+def test_a_frame_that_nobody_could_see_is_refused(height: int) -> None:
+    with pytest.raises(UserError, match=f"height is {height}; allowed: 100 to 4000 pixels"):
+        live_frame(Meshcat(), height)  # type: ignore[arg-type]
+
+
+def test_what_cannot_be_shown_is_named() -> None:
+    with pytest.raises(UserError, match="live_frame: a str; allowed: a run log, or an open Meshcat"):
+        live_frame("swing.parquet")  # type: ignore[arg-type]
+
+
+def test_sliders_begin_where_they_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: dict[str, Any] = {}
+
+    def slider(value: float, **settings: Any) -> dict[str, Any]:
+        return {"value": value, **settings}
+
+    widgets = SimpleNamespace(FloatSlider=slider, interact=lambda function, **given: made.update(given))
+    monkeypatch.setitem(sys.modules, "ipywidgets", widgets)
+    sliders(print, friction=(0.5, 0.9, 0.6))
+    assert made["friction"] == {
+        "value": 0.6, "min": 0.5, "max": 0.9, "step": pytest.approx(0.02), "continuous_update": False
+    }  # fmt: skip
+
+
+def test_without_ipywidgets_the_function_is_called_once_and_a_line_says_why(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
+    called: list[dict[str, float]] = []
+    sliders(lambda **values: called.append(values), friction=(0.5, 0.9, 0.6), speed=(1.0, 2.0, 1.5))
+    assert called == [{"friction": 0.6, "speed": 1.5}]
+    assert capsys.readouterr().out.count("\n") == 1
+
+
+@pytest.mark.parametrize("given", [(0.5, 0.9, 1.0), (0.9, 0.5, 0.6), (0.5, 0.5, 0.5), (0.5, 0.9, float("nan"))])
+def test_a_start_outside_the_range_is_refused(given: tuple[float, float, float]) -> None:
+    with pytest.raises(UserError, match=r"sliders: friction starts at .*; allowed:"):
+        sliders(print, friction=given)
