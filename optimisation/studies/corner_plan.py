@@ -139,8 +139,6 @@ class Floor:
         return float(f"{self.share * self.critical:.6g}")
 
 
-REDUCED = 160
-"""Turns of reduced cars that a worker drives at once; in batches of two dozen each takes several times as long."""
 Turn = tuple[Contestant, Floor]
 PulsedTurn = tuple[float, Contestant, Floor]
 """With the length of its pulse, s."""

@@ -25,7 +25,6 @@ from aerodima.optimisation.studies.corner_plan import (
     MOST_ROLL,
     MOST_SIDESLIP,
     ONE_LEVEL,
-    REDUCED,
     SHOWN,
     STEP_BACK,
     Aim,
@@ -41,6 +40,7 @@ from aerodima.optimisation.studies.corner_plan import (
 from aerodima.optimisation.studies.corner_result import Corner
 from aerodima.optimisation.studies.disturbed_turns import drive_disturbed
 from aerodima.optimisation.studies.law_training import (
+    CHUNK,
     SOON_OVER,
     LawFamily,
     Screening,
@@ -116,7 +116,7 @@ class CornerRuns:
 
     def _reduced(self, turns: Sequence[PulsedTurn]) -> list[dict[str, Any]]:
         """Rows of reduced cars: the course alone."""
-        parts = [self._screening(turns[k : k + REDUCED]) for k in range(0, len(turns), REDUCED)]
+        parts = [self._screening(turns[k : k + CHUNK]) for k in range(0, len(turns), CHUNK)]
         courses = [course for (found,) in run_screenings(self._engine, parts) for course in found]
         rows = [self._row(who, floor, {Aim(pulse=pulse): Steered(None)}) for pulse, who, floor in turns]
         return [row | {"course_change_rad": course or math.nan} for row, course in zip(rows, courses, strict=True)]
