@@ -1,7 +1,7 @@
 """AK70-10 tail motors in MIT mode (design section 6)."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -48,9 +48,9 @@ def mit_torque(
     position: float,
     speed: float,
     command: Sequence[float],
-    motor: TailMotorParameters,
+    motor: Any,
     line: tuple[float, float],
-    ahead: StepAhead = NOW,
+    ahead: tuple[float, float, float] = NOW,
 ) -> float:
     """Torque (N m) of one motor in MIT mode, positive along the joint axis.
 
@@ -66,9 +66,9 @@ def mit_torque(
         position: joint angle, rad.
         speed: joint rate, rad/s.
         command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
-        motor: limits.
+        motor: limits, `TailMotorParameters` or its numbers under the same names.
         line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
-        ahead: step of the plant; by default the law holds at this instant.
+        ahead: step of the plant, as `StepAhead`; by default the law holds at this instant.
     """
     q_d, qd_d, kp, kd, feedforward = command
     scale = 1.0 + motor.torque_error
@@ -82,6 +82,32 @@ def mit_torque(
     upper = min(motor.torque_limit, max(0.0, stall * (1.0 - speed / no_load)))
     lower = max(-motor.torque_limit, min(0.0, -stall * (1.0 + speed / no_load)))
     return min(max(torque, lower), upper)
+
+
+def loaded_torque(
+    motion: tuple[float, float, float],
+    last_torque: float,
+    friction: float,
+    command: Sequence[float],
+    motor: Any,
+    line: tuple[float, float],
+    step: float,
+    inertia: float,
+) -> float:
+    """Torque (N m) of one motor against a load that is taken from the plant's last step; 0 for a NaN in the command.
+
+    Args:
+        motion: angle, rad, and rate, rad/s, of the joint, and its acceleration in the last step, rad/s2.
+        last_torque: motor and friction together, of the last step, N m.
+        friction: of this instant, N m.
+        command, motor, line: as for `mit_torque`.
+        step: of the plant, s.
+        inertia: of the joint with the reflected rotor, kg m2.
+    """
+    angle, rate, acceleration = motion
+    load = inertia * acceleration - last_torque + friction
+    torque = mit_torque(angle, rate, command, motor, line, (step, inertia, load))
+    return torque if torque == torque else 0.0
 
 
 class TailJoints:
@@ -130,11 +156,11 @@ class TailJoints:
         torques = []
         for joint, about_joint in enumerate(self._arm.about_joints(angles[ROLL])):
             rate, inertia = rates[joint], about_joint + self._rotor
-            friction = self._friction(rate)
-            load = inertia * accelerations[joint] - last_torques[joint] + friction
-            ahead = StepAhead(self._step, inertia, load)
-            torque = mit_torque(angles[joint], rate, commands[joint], self._motor, self._line, ahead)
-            torques.append((torque if torque == torque else 0.0, friction))
+            friction, motion = self._friction(rate), (angles[joint], rate, accelerations[joint])
+            torque = loaded_torque(
+                motion, last_torques[joint], friction, commands[joint], self._motor, self._line, self._step, inertia
+            )
+            torques.append((torque, friction))
         return torques
 
 

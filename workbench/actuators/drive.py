@@ -1,5 +1,7 @@
 """Brushless drive on the rear differential (design section 6)."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -7,7 +9,7 @@ from aerodima.workbench.config.car_parameters import CarParameters, DriveParamet
 from aerodima.workbench.systems.port_values import vector_of
 
 
-def steady_speed(throttle: float, drive: DriveParameters) -> float:
+def steady_speed(throttle: float, drive: Any) -> float:
     """Speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero inside its dead band.
 
     Without governor the motor does not overcome its load below `breakaway_throttle` (thesis 6.2).
@@ -25,7 +27,7 @@ def shaft_gain(drive: DriveParameters, car: CarParameters) -> float:
     return (car.mass * car.tyre_radius**2 + drive.rotor_inertia) / drive.time_constant
 
 
-def shaft_torque(throttle: float, shaft_speed: float, drive: DriveParameters, gain: float, radius: float) -> float:
+def shaft_torque(throttle: float, shaft_speed: float, drive: Any, gain: float, radius: float) -> float:
     """Torque (N m) on the differential's shaft: clip(k (w_target - w), +-limit).
 
     The throttle sets the target through the line of section 6.2. With governor k is stiff, so the wheel speed is held
@@ -35,7 +37,7 @@ def shaft_torque(throttle: float, shaft_speed: float, drive: DriveParameters, ga
     Args:
         throttle: -1..1.
         shaft_speed: rad/s, positive forward.
-        drive: line, torque limit.
+        drive: line, torque limit: `DriveParameters` or its numbers under the same names.
         gain: k, N m s/rad, from `shaft_gain`.
         radius: m, of the loaded rear tyres as they roll.
     """

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
@@ -22,7 +23,7 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
     return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
 
 
-def knuckle_angles(steering_angle: float, servo: ServoParameters, car: CarParameters) -> tuple[float, float]:
+def knuckle_angles(steering_angle: float, servo: Any, car: Any) -> tuple[float, float]:
     """Angles (rad) of the left and right front wheel for a steering angle, as the linkage makes them."""
     if servo.linkage == "parallel":
         return steering_angle, steering_angle
@@ -45,10 +46,11 @@ def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[f
     return start + side * travel, side * rate
 
 
-def knuckle_motion(
-    angle: float, rate: float, servo: ServoParameters, car: CarParameters
-) -> tuple[float, float, float, float]:
-    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the bicycle."""
+def knuckle_motion(angle: float, rate: float, servo: Any, car: Any) -> tuple[float, float, float, float]:
+    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the bicycle.
+
+    `servo` and `car` are `ServoParameters` and `CarParameters` or their numbers under the same names.
+    """
     left, right = knuckle_angles(angle, servo, car)
     if servo.linkage == "parallel":
         return left, right, rate, rate

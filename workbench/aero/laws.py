@@ -11,18 +11,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from pydrake.math import arctan2
 
+from aerodima.workbench.aero.plates import STILL, Plates, Scalar, Vector, plate_force, plates_force
 from aerodima.workbench.errors import ModelError
-
-Scalar = Any  # float or AutoDiffXd
-Vector = Sequence[Any]
-
-# Below this squared speed (m2/s2) a section feels nothing: both laws are quadratic, so value and gradient are zero
-# there.
-STILL = 1e-60
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
@@ -43,6 +37,11 @@ class SectionLaw(ABC):
     """
 
     knows_normal: ClassVar[bool] = True
+
+    @property
+    def plates(self) -> Plates | None:
+        """The law as numbers for `plates_force`; None where its coefficients are functions, or it is another law."""
+        return None
 
     @abstractmethod
     def line_force(
@@ -93,12 +92,14 @@ def wind_direction(
     The direction of the sum of area |v_p| v_p over the sections, with v_p their relative velocity across the axis.
     """
     b = cross(a, n)
-    along_normal = across = 0.0
+    u_n, k_n, u_b, k_b = dot(u, n), dot(k, n), dot(u, b), dot(k, b)
+    along_normal = across = 0.0 * u_n + 0.0  # never -0.0, of which atan2 would make half a turn
     for s, area in zip(distances, areas, strict=True):
-        v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
-        v_n, v_b = dot(v, n), dot(v, b)
-        weight = area * length((v_n, v_b, 0.0 * v_n))
-        along_normal, across = along_normal + weight * v_n, across + weight * v_b
+        v_n, v_b = u_n + s * k_n, u_b + s * k_b
+        squared = v_n * v_n + v_b * v_b
+        if squared > STILL:
+            weight = area * squared**0.5
+            along_normal, across = along_normal + weight * v_n, across + weight * v_b
     still = float_of(along_normal) == 0.0 and float_of(across) == 0.0
     return 0.0 * across if still else arctan2(across, along_normal)
 
@@ -128,6 +129,11 @@ class NormalForceLaw(SectionLaw):
             if not math.isfinite(value) or value < 0.0:
                 raise ModelError(f"normal-force law: the coefficient is {value}, but it must be a finite number from 0")
 
+    @property
+    def plates(self) -> Plates | None:
+        """See `SectionLaw.plates`."""
+        return None if callable(self.coefficient) else Plates(float(self.coefficient), float(self.coefficient))
+
     def line_force(
         self,
         u: Vector,
@@ -139,38 +145,12 @@ class NormalForceLaw(SectionLaw):
         density: float,
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
-        ax, ay, az = a
-        nx, ny, nz = n
-        ux, uy, uz = u
-        kx, ky, kz = k
-        cx, cy, cz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax  # chord direction n x a
-        u_n, k_n = ux * nx + uy * ny + uz * nz, kx * nx + ky * ny + kz * nz
-        u_c, k_c = ux * cx + uy * cy + uz * cz, kx * cx + ky * cy + kz * cz
         coefficient = self.coefficient
-        total = moment = 0.0
-        if callable(coefficient):
-            u_a = ux * ax + uy * ay + uz * az
-            spanwise = u_a * u_a
-            for s, area in zip(distances, areas, strict=True):
-                v_n, v_c = u_n + s * k_n, u_c + s * k_c
-                squared = v_n * v_n + v_c * v_c
-                if squared > STILL:
-                    f = area * coefficient((squared + spanwise) ** 0.5) * squared**0.5 * v_n
-                    total += f
-                    moment += s * f
-            scale = 0.5 * density
-        else:
-            for s, area in zip(distances, areas, strict=True):
-                v_n, v_c = u_n + s * k_n, u_c + s * k_c
-                squared = v_n * v_n + v_c * v_c
-                if squared > STILL:
-                    f = area * squared**0.5 * v_n
-                    total += f
-                    moment += s * f
-            scale = 0.5 * density * coefficient
-        total, moment = scale * total, scale * moment
-        # The moment s a x (f n) lies along a x n = -c.
-        return (total * nx, total * ny, total * nz, -moment * cx, -moment * cy, -moment * cz)
+        if not callable(coefficient):
+            return plate_force(u, k, a, n, distances, areas, density, coefficient, coefficient)
+        speeds = (length((u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])) for s in distances)
+        weighted = [area * coefficient(speed) for area, speed in zip(areas, speeds, strict=True)]
+        return plate_force(u, k, a, n, distances, weighted, density, 1.0, 1.0)
 
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`; a plain number covers everything."""
@@ -196,6 +176,11 @@ class TwoSidedLaw(SectionLaw):
             if not math.isfinite(value) or value < 0.0:
                 raise ModelError(f"two-sided law: {name} is {value}, but it must be a finite number from 0")
 
+    @property
+    def plates(self) -> Plates:
+        """See `SectionLaw.plates`."""
+        return Plates(float(self.along_normal), float(self.against_normal))
+
     def line_force(
         self,
         u: Vector,
@@ -207,12 +192,7 @@ class TwoSidedLaw(SectionLaw):
         density: float,
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows to the wind."""
-        u_n, k_n = dot(u, n), dot(k, n)
-        weighted = [
-            area * (self.along_normal if u_n + s * k_n > 0.0 else self.against_normal)
-            for s, area in zip(distances, areas, strict=True)
-        ]
-        return NormalForceLaw(1.0).line_force(u, k, a, n, distances, weighted, density)
+        return plates_force(u, k, a, n, distances, areas, density, self.plates)
 
     def covers(self, speed: float, angle: float) -> bool:
         """Two numbers cover everything."""
@@ -234,6 +214,14 @@ class CrossedPlatesLaw(SectionLaw):
     normal: SectionLaw
     side: SectionLaw
 
+    @property
+    def plates(self) -> Plates | None:
+        """See `SectionLaw.plates`."""
+        normal, side = self.normal.plates, self.side.plates
+        if normal is None or side is None or normal.side or side.side or side.along_normal != side.against_normal:
+            return None
+        return normal._replace(side=side.along_normal)
+
     def line_force(
         self,
         u: Vector,
@@ -245,6 +233,8 @@ class CrossedPlatesLaw(SectionLaw):
         density: float,
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
+        if (plates := self.plates) is not None:
+            return plates_force(u, k, a, n, distances, areas, density, plates)
         normal = self.normal.line_force(u, k, a, n, distances, areas, density)
         side = self.side.line_force(u, k, a, cross(n, a), distances, areas, density)
         return tuple(one + other for one, other in zip(normal, side, strict=True))

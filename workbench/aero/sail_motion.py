@@ -88,7 +88,7 @@ def sail_motion(
     )
 
 
-def generalised_force(motion: SailMotion, force: Sequence[float], moment: Sequence[float]) -> list[float]:
+def generalised_force(motion: SailMotion, force: Sequence[float], moment: Sequence[float]) -> tuple[float, ...]:
     """A wrench on the sail as forces on the coordinates of chassis and joints.
 
     Args:
@@ -103,5 +103,15 @@ def generalised_force(motion: SailMotion, force: Sequence[float], moment: Sequen
     fx, fy, fz = force
     mx, my, mz = moment
     dx, dy, dz = motion.p_BoSo_W
-    torques = [a[0] * mx + a[1] * my + a[2] * mz for a in motion.axes_W]
-    return [mx + dy * fz - dz * fy, my + dz * fx - dx * fz, mz + dx * fy - dy * fx, fx, fy, fz, *torques]
+    (px, py, pz), (rx, ry, rz), (sx, sy, sz) = motion.axes_W
+    return (
+        mx + dy * fz - dz * fy,
+        my + dz * fx - dx * fz,
+        mz + dx * fy - dy * fx,
+        fx,
+        fy,
+        fz,
+        px * mx + py * my + pz * mz,
+        rx * mx + ry * my + rz * mz,
+        sx * mx + sy * my + sz * mz,
+    )

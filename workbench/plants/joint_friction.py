@@ -13,6 +13,11 @@ FrictionLaw = Callable[[Any], Any]
 """Joint rate (rad/s) to friction torque (N m), which opposes it."""
 
 
+def friction_torque(rate: Any, tanh_of_rate: Any, coulomb: Any, viscous: Any) -> Any:
+    """tau = -(Cf tanh(k w) + Vf w), N m; see `smooth_friction`."""
+    return -(coulomb * tanh_of_rate + viscous * rate)
+
+
 def smooth_friction(
     coulomb: Any, viscous: Any, tanh_gain: float, stribeck: Sequence[float] = (), tanh: Callable[[Any], Any] = math.tanh
 ) -> FrictionLaw:
@@ -27,10 +32,10 @@ def smooth_friction(
     """
     if stribeck:
         excess, speed = stribeck
-        return lambda rate: (
-            -((coulomb + excess * math.exp(-((rate / speed) ** 2))) * tanh(tanh_gain * rate) + viscous * rate)
+        return lambda rate: friction_torque(
+            rate, tanh(tanh_gain * rate), coulomb + excess * math.exp(-((rate / speed) ** 2)), viscous
         )
-    return lambda rate: -(coulomb * tanh(tanh_gain * rate) + viscous * rate)
+    return lambda rate: friction_torque(rate, tanh(tanh_gain * rate), coulomb, viscous)
 
 
 class JointFriction(LeafSystem):

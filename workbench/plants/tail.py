@@ -6,7 +6,7 @@ welded there, since its angle follows from the wind at every instant (`TailForce
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
@@ -39,8 +39,7 @@ LEAST_INERTIA_LEFT = 0.03
 at steps of 2 ms and 0.5 ms, with less than 1 % Drake's solver gives up."""
 
 
-@dataclass(frozen=True)
-class ArmInertia:
+class ArmInertia(NamedTuple):
     """Inertia (kg m2) of the moving arm about its joints with the added mass of the air, without the rotors.
 
     Args:
@@ -57,9 +56,14 @@ class ArmInertia:
 
     def about_joints(self, roll_angle: float) -> tuple[float, float]:
         """About the pitch and the roll axis at a roll angle (rad), the diagonal of the arm's mass matrix."""
-        sideways = math.sin(roll_angle) ** 2
-        pitch = self.pitch_upright + sideways * (self.pitch_sideways - self.pitch_upright)
-        return pitch - self.pitch_product * math.sin(2.0 * roll_angle), self.roll
+        return inertia_about_joints(self, roll_angle)
+
+
+def inertia_about_joints(arm: ArmInertia, roll_angle: float) -> tuple[float, float]:
+    """See `ArmInertia.about_joints`."""
+    sideways = math.sin(roll_angle) ** 2
+    pitch = arm.pitch_upright + sideways * (arm.pitch_sideways - arm.pitch_upright)
+    return pitch - arm.pitch_product * math.sin(2.0 * roll_angle), arm.roll
 
 
 def arm_inertia(tail: TailParameters, motor: TailMotorParameters, car: CarParameters) -> ArmInertia:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
-from pydrake.systems.framework import Context, DiagramBuilder, State
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.sampled import SampledSensor
@@ -113,12 +113,12 @@ class SailEncoder(SampledSensor):
         angle = state[self._position_index] + self._deviation * self._noise.at(index)[0]
         return float(np.floor(angle / TURN * self._steps) % self._steps * (TURN / self._steps))
 
-    def _sample(self, context: Context, state: State) -> None:
-        super()._sample(context, state)
+    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+        """See `SampledSensor.take`; keeps the angle for the rate of later samples."""
+        row = super().take(context, discrete_state)
         past = self._past.read(context)
-        self._past.write(
-            state.get_mutable_discrete_state(), np.append(past[1:], self._reading(context, self.sample_index(context)))
-        )
+        self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
+        return row
 
 
 @dataclass(frozen=True)

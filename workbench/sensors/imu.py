@@ -1,6 +1,7 @@
 """The BNO055 inertial measurement unit: attitude, angular velocity and linear acceleration of the car body."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,8 @@ from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.sensors.chassis_motion import CHASSIS_MOTION_SIZE, ChassisMotion, chassis_motion
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
+
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,11 @@ PLANT_PORTS = {
 def motion_of(X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration) -> ChassisMotion:
     """Motion of a body B from its pose, its spatial velocity and acceleration at Bo, W axes."""
     R_WB: Any = X_WB.rotation().matrix()
-    return ChassisMotion(R_WB, V_WB.rotational(), A_WB.rotational(), A_WB.translational())
+    w, alpha, a = (vector.tolist() for vector in (V_WB.rotational(), A_WB.rotational(), A_WB.translational()))
+    return ChassisMotion(R_WB.tolist(), w, alpha, a)
 
 
-def motion_at_imu(motion: ChassisMotion, p_BoImu_B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def motion_at_imu(motion: ChassisMotion, p_BoImu_B: Any) -> tuple[Vector, Vector, Vector]:
     """True motion that an IMU fixed to body B feels.
 
     a_WImu = a_WBo + alpha x p + omega x (omega x p), all turned into B axes. The acceleration is that of the point:
@@ -67,30 +71,25 @@ def motion_at_imu(motion: ChassisMotion, p_BoImu_B: np.ndarray) -> tuple[np.ndar
         Roll-pitch-yaw (3) of B in W, rad, yaw in (-pi, pi]; angular velocity (3), rad/s, and acceleration (3), m/s2,
         both in B axes.
     """
-    R_WB = motion.R_WB
-    roll_pitch_yaw = np.array(
-        [
-            math.atan2(R_WB[2, 1], R_WB[2, 2]),
-            math.asin(max(-1.0, min(1.0, -R_WB[2, 0]))),
-            math.atan2(R_WB[1, 0], R_WB[0, 0]),
-        ]
-    )
-    R_BW = R_WB.T
-    omega = R_BW @ motion.w_WB
-    alpha = R_BW @ motion.alpha_WB
-    wx, wy, wz = omega.tolist()
-    ax, ay, az = alpha.tolist()
-    px, py, pz = p_BoImu_B.tolist()
+    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = motion.R_WB
+
+    def in_body(vector: Sequence[float]) -> Vector:
+        x, y, z = vector
+        return r00 * x + r10 * y + r20 * z, r01 * x + r11 * y + r21 * z, r02 * x + r12 * y + r22 * z
+
+    wx, wy, wz = omega = in_body(motion.w_WB)
+    ax, ay, az = in_body(motion.alpha_WB)
+    x, y, z = in_body(motion.a_WB)
+    px, py, pz = p_BoImu_B
     along = wx * px + wy * py + wz * pz
     square = wx * wx + wy * wy + wz * wz
-    relative = np.array(
-        [
-            ay * pz - az * py + wx * along - square * px,
-            az * px - ax * pz + wy * along - square * py,
-            ax * py - ay * px + wz * along - square * pz,
-        ]
+    acceleration = (
+        x + ay * pz - az * py + wx * along - square * px,
+        y + az * px - ax * pz + wy * along - square * py,
+        z + ax * py - ay * px + wz * along - square * pz,
     )
-    return roll_pitch_yaw, omega, R_BW @ motion.a_WB + relative
+    roll_pitch_yaw = (math.atan2(r21, r22), math.asin(max(-1.0, min(1.0, -r20))), math.atan2(r10, r00))
+    return roll_pitch_yaw, omega, acceleration
 
 
 class Imu(SampledSensor):
@@ -145,7 +144,7 @@ class Imu(SampledSensor):
             discrete=discrete,
         )
         self._body, self._step = body_index, step
-        self._p_BoImu_B = np.array(p_BoImu_B, dtype=float)
+        self._p_BoImu_B = np.array(p_BoImu_B, dtype=float).tolist()
         self._gravity = gravity
         self._limit = np.repeat([math.inf, limits.gyro, limits.specific_force], 3)
         if body_index is None:
@@ -196,9 +195,9 @@ class Imu(SampledSensor):
         """One sample (9,) of the body's motion."""
         motion = self._body_motion(context)
         roll_pitch_yaw, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
-        sample = np.concatenate((roll_pitch_yaw, omega, acceleration))
+        sample = np.array((*roll_pitch_yaw, *omega, *acceleration))
         sample += self._bias + self._deviation * self._noise.at(index)
-        reaction = self._gravity * motion.R_WB[2]
+        reaction = self._gravity * np.array(motion.R_WB[2])
         sample[6:] += reaction
         sample = np.minimum(np.maximum(sample, -self._limit), self._limit)
         sample[6:] -= reaction

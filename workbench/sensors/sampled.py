@@ -130,11 +130,17 @@ class SampledSensor(LeafSystem):
         self._set_outputs(row, discrete_state)
 
     def _sample(self, context: Context, state: State) -> None:
-        discrete_state = state.get_mutable_discrete_state()
-        queue = np.concatenate((self._queue.read(context)[self._row_size :], self._row(context)))
+        self.take(context, state.get_mutable_discrete_state())
+
+    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+        """Takes a sample; the new row of the queue."""
+        queue = row = self._row(context)
+        if self._queue_length > 1:
+            queue = np.concatenate((self._queue.read(context)[self._row_size :], row))
         self._queue.write(discrete_state, queue)
         if self._shows_at_once:
             self._set_outputs(queue[: self._row_size], discrete_state)
+        return row
 
     def _show(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._set_outputs(self._queue.read(context)[: self._row_size], discrete_state)

@@ -25,14 +25,9 @@ from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEnc
 from aerodima.workbench.sensors.gps import GpsSpeed
 from aerodima.workbench.sensors.imu import Imu
 from aerodima.workbench.stations.car_air import SailForce, add_sail_force, add_wind_source
-from aerodima.workbench.stations.fused_step import (
-    MOTION_SIZE,
-    MOTOR_TORQUES,
-    TAIL_COMMANDS,
-    add_chassis_motion,
-    add_fused_step,
-)
+from aerodima.workbench.stations.fused_step import TAIL_COMMANDS, add_chassis_motion, add_fused_step
 from aerodima.workbench.stations.ground_truth import CarTruth
+from aerodima.workbench.stations.step_drives import MOTION_SIZE, MOTOR_TORQUES
 from aerodima.workbench.systems.connections import (
     add_status,
     constant,
@@ -41,6 +36,7 @@ from aerodima.workbench.systems.connections import (
     refuse_other_ports,
     select,
     stacked,
+    time_since,
     transformed,
 )
 
@@ -124,7 +120,7 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
     )
     tail_fault = constant(builder, "tail_fault", [tail.fault])
     ages = {"tail_pitch_age": tail.motor_age, "tail_roll_age": tail.motor_age, "sail_age": tail.sail_age}
-    ages |= {"imu_age": imu.GetOutputPort("age"), "speed_age": gps.GetOutputPort("age")}
+    ages |= {"imu_age": _age(builder, imu), "speed_age": _age(builder, gps)}
     faults = {f"{part}_fault": tail_fault for part in ("tail_pitch", "tail_roll", "sail")}
     healthy = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
     export_outputs(
@@ -240,15 +236,20 @@ def _add_tail(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant
         roll_joint=plant.GetJointByName("tail_roll"),
         reply=MotorReply(scenario.tail_motor.position_range, scenario.tail_motor.speed_range),
     )
-    age = encoders.GetOutputPort("age")
+    age = _age(builder, encoders)
     if scenario.tail.sail == "locked":
         angle = rate = constant(builder, "sail_locked", [0.0])
         sail_age = age
     else:
         encoder = _add_sail_encoder(builder, scenario, plant, driven.wind_direction)
-        angle, rate, sail_age = (encoder.GetOutputPort(name) for name in ("angle", "rate", "age"))
+        angle, rate, sail_age = *map(encoder.GetOutputPort, ("angle", "rate")), _age(builder, encoder)
     parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
     return _TailPorts(stacked(builder, "tail_state", parts), driven.torque, age, sail_age)
+
+
+def _age(builder: DiagramBuilder, sensor: System) -> OutputPort:
+    """As its port `age`, which would be computed in Python at every tick of the controller."""
+    return time_since(builder, f"{sensor.get_name()}_age", sensor.GetOutputPort("sample_time"))
 
 
 def _add_sail_encoder(
@@ -259,7 +260,7 @@ def _add_sail_encoder(
     if scenario.tail.sail == "free":
         joint = plant.GetJointByName("tail_sail_turn")
         return SailEncoder.add_to_builder(builder, settings, plant=plant, joint=joint, seed=seed)
-    encoder = builder.AddSystem(SailEncoder(settings, seed=seed, step=plant.time_step()))
+    encoder = builder.AddSystem(SailEncoder(settings, seed=seed, step=plant.time_step(), discrete=True))
     builder.Connect(wind_direction, encoder.GetInputPort("plant_state"))
     return encoder
 

@@ -13,34 +13,39 @@ from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
 from pydrake.systems.primitives import Multiplexer, ZeroOrderHold
 
-from aerodima.workbench.actuators.ak70 import TailJoints
-from aerodima.workbench.actuators.drive import shaft_gain, shaft_torque
-from aerodima.workbench.actuators.servo import knuckle_motion, steering_motion
-from aerodima.workbench.aero.laws import cross, dot, wind_direction
-from aerodima.workbench.aero.sail_motion import SailMotion, generalised_force, sail_motion
+from aerodima.workbench.aero.laws import wind_direction
+from aerodima.workbench.aero.sail_motion import generalised_force
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.car import CarPlant
-from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_air import sail_strips
+from aerodima.workbench.stations.step_drives import (
+    AIR_ON_CHASSIS,
+    AIR_ON_JOINTS,
+    ANGLES,
+    DRIVES_SIZE,
+    JOINT_TORQUES,
+    KNUCKLES,
+    MOTION_SIZE,
+    MOTOR_TORQUES,
+    RATES,
+    SHAFT,
+    SHAFT_TORQUE,
+    VELOCITY,
+    TailNumbers,
+    about_origin,
+    car_numbers,
+    sail_of,
+    step_drives,
+    tail_numbers,
+    wind_of,
+)
 from aerodima.workbench.systems.connections import constant, select, stacked, transformed
 from aerodima.workbench.systems.port_values import vector_of
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll", "tail_sail_turn")
 TAIL_COMMANDS = ("tail_pitch_command", "tail_roll_command")
-
-CHASSIS = slice(0, 13)
-QUATERNION, VELOCITY, ANGLES, RATES, SHAFT = slice(0, 4), slice(7, 13), slice(13, 16), slice(16, 19), 19
-MOTION_SIZE = 20
-"""What the laws take of the plant's state: quaternion, position, angular velocity and velocity of the chassis in W,
-angles and rates of the tail's joints (0 where there are none), rate of the drive's shaft."""
-
-SHAFT_TORQUE, KNUCKLES, JOINT_TORQUES, AIR_ON_CHASSIS, AIR_ON_JOINTS = 0, slice(1, 5), slice(5, 7), slice(7, 13), 13
-MOTOR_TORQUES, DRIVES_SIZE = 16, 18
-"""What drives the plant: torque on the shaft, N m; angles, rad, then rates, rad/s, of left and right knuckle; torques
-on pitch and roll joint, N m; of the air, its moment on the chassis about its origin, N m, its force, N, in W, and its
-torques on pitch, roll and sail joint, N m; torques of the tail motors alone, N m, which those on the joints include.
-Without a tail all behind the knuckles is 0."""
 
 
 class FusedStep(LeafSystem):
@@ -64,80 +69,44 @@ class FusedStep(LeafSystem):
     def __init__(self, scenario: Scenario, p_BoSo_B: np.ndarray | None, windy: bool = False) -> None:
         super().__init__()
         self.set_name("fused_step")
-        self._scenario = scenario
-        self._gain = shaft_gain(scenario.drive, scenario.car)
-        self._radius = axle_statics(scenario.car, scenario.environment.gravity, "rear").wheel_height
+        self._car, self._tail = car_numbers(scenario), None
         self.input_sizes = {"motion": MOTION_SIZE, "throttle": 1, "frame": 3}
-        self._has_tail = p_BoSo_B is not None
         if p_BoSo_B is not None:
             self.input_sizes["last"] = 1 + MOTION_SIZE + DRIVES_SIZE
             self.input_sizes |= dict.fromkeys(TAIL_COMMANDS, TAIL_COMMAND.size)
             self.input_sizes |= {"wind_velocity": 3} if windy else {}
-        ends = np.cumsum([*self.input_sizes.values()]).tolist()
-        places = zip(self.input_sizes.items(), ends, strict=True)
-        self._places = {name: slice(end - size, end) for (name, size), end in places}
-        self._inputs = self.DeclareVectorInputPort("inputs", ends[-1])
+        self._inputs = self.DeclareVectorInputPort("inputs", sum(self.input_sizes.values()))
         tickets = {self.time_ticket(), self.all_input_ports_ticket()}
         self.DeclareVectorOutputPort("drives", DRIVES_SIZE, self._calc, prerequisites_of_calc=tickets)
         if p_BoSo_B is not None:
-            self._p_BoSo_B, self._step = p_BoSo_B.tolist(), scenario.simulation.step
-            self._joints = TailJoints.of_scenario(scenario)
-            self._strips, self._density = sail_strips(scenario.tail), scenario.environment.air_density
+            self._tail, self._other_lines = tail_numbers(scenario, p_BoSo_B.tolist(), windy)
+            self._first_line, _ = sail_strips(scenario.tail)[0]
             inputs = {self.all_input_ports_ticket()}
             self.DeclareVectorOutputPort("wind_direction", 1, self._calc_wind_direction, prerequisites_of_calc=inputs)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        inputs = vector_of(self._inputs, context)
-        inputs = inputs.tolist()
-        drives = self._car_drives(context.get_time(), inputs)
-        drives += self._tail_drives(inputs) if self._has_tail else [0.0] * (DRIVES_SIZE - len(drives))
-        output.SetFromVector(np.array(drives))
+        inputs = vector_of(self._inputs, context).tolist()
+        drives = np.array(step_drives(context.get_time(), inputs, self._car, self._tail))
+        if self._tail is not None and self._other_lines:
+            drives[AIR_ON_CHASSIS:MOTOR_TORQUES] += self._other_force(inputs, self._tail)
+        output.SetFromVector(drives)
 
-    def _car_drives(self, time: float, inputs: list[float]) -> list[float]:
-        """Torque on the shaft, N m; angles, rad, and rates, rad/s, of the knuckles."""
-        scenario = self._scenario
-        (throttle,) = inputs[self._places["throttle"]]
-        torque = shaft_torque(throttle, inputs[SHAFT], scenario.drive, self._gain, self._radius)
-        angle, rate = steering_motion(inputs[self._places["frame"]], time, scenario.servo.rate)
-        return [torque, *knuckle_motion(angle, rate, scenario.servo, scenario.car)]
-
-    def _tail_drives(self, inputs: list[float]) -> list[float]:
-        """Torques on the joints, N m; the air's force on the coordinates of chassis and joints, N m and N."""
-        angles, rates = inputs[ANGLES], inputs[RATES]
-        stepped, *before = inputs[self._places["last"]]
-        accelerations = [stepped * (now - then) / self._step for now, then in zip(rates, before[RATES], strict=True)]
-        commands = [inputs[self._places[name]] for name in TAIL_COMMANDS]
-        torques = self._joints.torques(angles, rates, accelerations, before[MOTION_SIZE:][JOINT_TORQUES], commands)
-        force = self._air_force(self._sail(inputs), self._wind(inputs))
-        return [motor + friction for motor, friction in torques] + force + [motor for motor, _ in torques]
-
-    def _sail(self, inputs: list[float]) -> SailMotion:
-        return sail_motion(inputs[QUATERNION], inputs[VELOCITY], inputs[ANGLES], inputs[RATES], self._p_BoSo_B)
-
-    def _wind(self, inputs: list[float]) -> list[float] | None:
-        place = self._places.get("wind_velocity")
-        return None if place is None else inputs[place]
+    def _other_force(self, inputs: list[float], tail: TailNumbers) -> FloatArray:
+        """Of the lines whose law is no numbers, see `generalised_force`."""
+        sail, wind, total = sail_of(inputs, tail.p_BoSo_B), wind_of(inputs, tail.windy), np.zeros(9)
+        for layout, law in self._other_lines:
+            a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
+            wrench = law.line_force(u, k, a, n, layout.distances, layout.areas, tail.density)
+            total += generalised_force(sail, *about_origin(wrench, sail.R_WS, layout.p_BoRo_B))
+        return total
 
     def _calc_wind_direction(self, context: Context, output: BasicVector) -> None:
-        inputs = vector_of(self._inputs, context)
-        inputs = inputs.tolist()
-        sail, (layout, _) = self._sail(inputs), self._strips[0]
-        a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, self._wind(inputs))
+        tail, layout = self._tail, self._first_line
+        assert tail is not None
+        inputs = vector_of(self._inputs, context).tolist()
+        sail = sail_of(inputs, tail.p_BoSo_B)
+        a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind_of(inputs, tail.windy))
         output[0] = wind_direction(u, k, a, n, layout.distances, layout.areas)
-
-    def _air_force(self, sail: SailMotion, wind: list[float] | None) -> list[float]:
-        """Of all strips of the sail together, see `generalised_force`."""
-        force, moment = [0.0] * 3, [0.0] * 3
-        for layout, law in self._strips:
-            a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
-            wrench = law.line_force(u, k, a, n, layout.distances, layout.areas, self._density)
-            about_origin = list(wrench[3:])
-            if any(layout.p_BoRo_B):
-                arm = [dot(row, layout.p_BoRo_B) for row in sail.R_WS]
-                about_origin = [m + shift for m, shift in zip(about_origin, cross(arm, wrench), strict=True)]
-            force = [one + other for one, other in zip(force, wrench[:3], strict=True)]
-            moment = [one + other for one, other in zip(moment, about_origin, strict=True)]
-        return generalised_force(sail, force, moment)
 
 
 class FusedPorts(NamedTuple):
@@ -191,8 +160,8 @@ def add_fused_step(
 
 def add_chassis_motion(builder: DiagramBuilder, ports: FusedPorts) -> OutputPort:
     """Motion of the chassis for its sensors, see `chassis_motion`."""
-    before = [1 + index for index in range(*VELOCITY.indices(MOTION_SIZE))]
-    now = select(builder, "chassis", ports.motion, range(*CHASSIS.indices(MOTION_SIZE)))
+    before = [1 + index for index in range(VELOCITY, ANGLES)]
+    now = select(builder, "chassis", ports.motion, range(ANGLES))
     last = select(builder, "chassis_before", ports.last, [*before, 0])
     return stacked(builder, "chassis_motion", [now, last])
 
@@ -204,8 +173,8 @@ def _motion_of_state(plant: MultibodyPlant) -> np.ndarray:
     place = np.zeros((MOTION_SIZE, plant.num_multibody_states()))
     place[range(13), [*range(q, q + 7), *range(v, v + 6)]] = 1.0
     for index, joint in enumerate(_tail_joints(plant)):
-        place[ANGLES.start + index, joint.position_start()] = 1.0
-        place[RATES.start + index, nq + joint.velocity_start()] = 1.0
+        place[ANGLES + index, joint.position_start()] = 1.0
+        place[RATES + index, nq + joint.velocity_start()] = 1.0
     place[SHAFT, nq + plant.GetJointByName("drive_shaft_spin").velocity_start()] = 1.0
     return place
 
@@ -222,7 +191,7 @@ def _driven_ports(car: CarPlant) -> list[tuple[str, InputPort, np.ndarray]]:
     count, steered = len(names), [names.index(f"front_{side}_steering") for side in ("left", "right")]
     torque, knuckles = np.zeros((count, DRIVES_SIZE)), np.zeros((2 * count, DRIVES_SIZE))
     torque[names.index("drive_shaft_spin"), SHAFT_TORQUE] = 1.0
-    knuckles[[*steered, *(count + index for index in steered)], range(KNUCKLES.start, KNUCKLES.stop)] = 1.0
+    knuckles[[*steered, *(count + index for index in steered)], range(KNUCKLES, JOINT_TORQUES)] = 1.0
     ports = [
         ("car_actuation", plant.get_actuation_input_port(car.car), torque),
         ("desired_steering", plant.get_desired_state_input_port(car.car), knuckles),
@@ -230,9 +199,9 @@ def _driven_ports(car: CarPlant) -> list[tuple[str, InputPort, np.ndarray]]:
     if car.tail is None:
         return ports
     joints, air = np.zeros((2, DRIVES_SIZE)), np.zeros((plant.num_velocities(), DRIVES_SIZE))
-    joints[range(2), range(JOINT_TORQUES.start, JOINT_TORQUES.stop)] = 1.0
+    joints[range(2), range(JOINT_TORQUES, AIR_ON_CHASSIS)] = 1.0
     v = plant.GetBodyByName("chassis").floating_velocities_start_in_v()
-    air[range(v, v + 6), range(AIR_ON_CHASSIS.start, AIR_ON_CHASSIS.stop)] = 1.0
+    air[range(v, v + 6), range(AIR_ON_CHASSIS, AIR_ON_JOINTS)] = 1.0
     for index, joint in enumerate(_tail_joints(plant)):
         air[joint.velocity_start(), AIR_ON_JOINTS + index] = 1.0
     return [

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.symbolic import Variable
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer, SymbolicVectorSystem
 
 from aerodima.workbench.config.signal_table import PortFields
 from aerodima.workbench.errors import UserError
@@ -30,6 +31,15 @@ def stacked(builder: DiagramBuilder, name: str, sources: Sequence[OutputPort]) -
     system = builder.AddNamedSystem(name, Multiplexer([source.size() for source in sources]))
     for index, source in enumerate(sources):
         builder.Connect(source, system.get_input_port(index))
+    return system.get_output_port()
+
+
+def time_since(builder: DiagramBuilder, name: str, instant: OutputPort) -> OutputPort:
+    """A port (1): time since the instant (s) that another port (1) gives, s; adds one system of that name."""
+    time, then = Variable("time"), Variable("then")
+    inputs, outputs = np.array([then]), np.array([time - then])
+    system = builder.AddNamedSystem(name, SymbolicVectorSystem(time=time, input=inputs, output=outputs))
+    builder.Connect(instant, system.get_input_port())
     return system.get_output_port()
 
 

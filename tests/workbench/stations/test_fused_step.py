@@ -10,7 +10,7 @@ from aerodima.workbench.config.signal_table import STATION_OUTPUTS
 from aerodima.workbench.controllers.manoeuvre import run_time
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
-from aerodima.workbench.stations.fused_step import AIR_ON_CHASSIS, AIR_ON_JOINTS
+from aerodima.workbench.stations.step_drives import AIR_ON_CHASSIS, AIR_ON_JOINTS
 from aerodima.workbench.systems.event_order import Stage, period_of
 
 WIND = ["wind.mean_x=-1.0", "wind.mean_y=2.0", "wind.gust_amplitude=1.0", "wind.turbulence=0.5"]
@@ -19,6 +19,7 @@ RUNS = {
     "no tail": ("turn_none", []),
     "no tail, flips": ("turn_none", ["manoeuvre.speed=3.61"]),
     "locked sail": ("turn_swing", ["tail.sail=locked"]),
+    "coefficients over speed": ("turn_swing", ["tail.coefficients=robot_tail_line", "manoeuvre.duration=2.7"]),
     "free sail through the turn": ("turn_swing", ["tail.sail=free", "manoeuvre.duration=2.7"]),
     "added mass in wind": ("turn_swing", ["tail.added_mass=0.003", *WIND]),
     "held, to the right, smaller step": ("turn_held", ["manoeuvre.direction=right", "simulation.step=0.001"]),
@@ -74,7 +75,9 @@ def test_air_on_a_free_sail_in_wind_is_that_of_the_separate_systems_at_every_sta
         force, moment, p_WSo = np.split(wrench.Eval(wrench.get_system().GetMyContextFromRoot(root)), 3)
         found = drives.Eval(drives.get_system().GetMyContextFromRoot(context))
         arm = p_WSo - plant.EvalBodyPoseInWorld(plant_context, chassis).translation()
-        np.testing.assert_allclose(found[AIR_ON_CHASSIS], [*moment + np.cross(arm, force), *force], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(
+            found[AIR_ON_CHASSIS:AIR_ON_JOINTS], [*moment + np.cross(arm, force), *force], rtol=0.0, atol=1e-9
+        )
         axis = plant.EvalBodyPoseInWorld(plant_context, sail).rotation().matrix()[:, 2]
         assert found[AIR_ON_JOINTS + 2] == pytest.approx(axis @ moment, abs=1e-9)
         strongest = max(strongest, np.linalg.norm(force))
