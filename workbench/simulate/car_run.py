@@ -25,7 +25,7 @@ from aerodima.workbench.simulate.live_view import LiveView
 from aerodima.workbench.simulate.rolling_start import RollingStart
 from aerodima.workbench.stations.car_station import InterfaceFactory, Systems, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
-from aerodima.workbench.systems.event_order import LEAD, Stage
+from aerodima.workbench.systems.event_order import LEAD, Stage, step_instant
 
 _TIME_MARGIN = 1e-9
 """s."""
@@ -135,7 +135,7 @@ def run_outcome(
         if outcome.is_certain(simulator.get_context(), stop_after):
             break
     else:
-        simulator.AdvanceTo(run_time(scenario))
+        simulator.AdvanceTo(_behind_rows(scenario, run_time(scenario)))
     table, ended = outcome.table(simulator.get_context(), stop_after)
     metadata["extra"] |= ended
     return run_log_from_metadata(table, metadata)
@@ -174,7 +174,13 @@ def _looks(scenario: Scenario, first: float) -> Iterator[float]:
     """When a trial is looked at, s: behind the rows of that instant, before the plant's step."""
     rate, end = min(LOOKS, scenario.simulation.log_rate), run_time(scenario)
     if first < end:
-        yield from (k / rate * (1.0 - 0.5 * LEAD) for k in range(math.ceil(first * rate), math.ceil(end * rate)))
+        yield from (_behind_rows(scenario, k / rate) for k in range(math.ceil(first * rate), math.ceil(end * rate)))
+
+
+def _behind_rows(scenario: Scenario, time: float) -> float:
+    """When the rows of an instant are written and the plant has not yet stepped, s."""
+    instant = step_instant(time, scenario.simulation.step)
+    return time * (1.0 - 0.5 * LEAD) if instant is None else instant
 
 
 def _metadata(car: CarDiagram, scenario: Scenario, law: TailLaw | None) -> dict[str, Any]:

@@ -5,6 +5,7 @@ the tail's joints. All else is computed from them after the run, for all rows at
 the ground, whether and when the car has flipped.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -110,13 +111,19 @@ class OutcomeRecord:
         self._scenario, self._station = scenario, station
         self._car = simulated_car(station)
         self._plant = self._car.plant
-        self._rate, steps = scenario.simulation.log_rate, 1.0 / scenario.simulation.step
+        self._rate, step = scenario.simulation.log_rate, scenario.simulation.step
+        # A row with an instant of its own makes Drake look for the next event twice a step.
+        period = step if math.isclose(self._rate * step, 1.0) else period_of(self._rate, Stage.RECORD)
         self._sinks: list[tuple[VectorLogSink, Sequence[str]]] = [
-            (_log(builder, port, self._rate), names) for port, names in signals if _is_cheap(names)
+            (LogVectorOutput(port, builder, publish_period=period), names)
+            for port, names in signals
+            if _is_cheap(names)
         ]
-        self._state = _log(builder, station.GetOutputPort("plant_state_truth"), steps)
-        port = "last_tail_torque_truth"
-        self._torques = _log(builder, station.GetOutputPort(port), steps) if station.HasOutputPort(port) else None
+        self._state = LogVectorOutput(station.GetOutputPort("plant_state_truth"), builder, publish_period=step)
+        self._torques: VectorLogSink | None = None
+        if station.HasOutputPort("last_tail_torque_truth"):
+            port = station.GetOutputPort("last_tail_torque_truth")
+            self._torques = LogVectorOutput(port, builder, publish_period=step)
         self._loads = GroundLoads(self._car)
         chassis = self._plant.GetBodyByName("chassis")
         q = chassis.floating_positions_start()
@@ -249,10 +256,6 @@ class OutcomeRecord:
         forces = self._loads.forces(positions[:, np.maximum(steps - 1, 0)], positions[:, steps])
         forces[:, steps == 0] = 0.0
         return dict(zip(CONTACT_COLUMNS, forces, strict=True))
-
-
-def _log(builder: DiagramBuilder, port: Any, rate: float) -> VectorLogSink:
-    return LogVectorOutput(port, builder, publish_period=period_of(rate, Stage.RECORD))
 
 
 def _is_cheap(names: Sequence[str]) -> bool:

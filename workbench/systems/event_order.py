@@ -14,6 +14,7 @@ A plant that moves continuously has no step to come before: there, and on the re
 same times anyway, in Drake's own order (publish, unrestricted updates, discrete updates).
 """
 
+import math
 from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
@@ -47,6 +48,15 @@ def period_of(rate: float, stage: Stage) -> float:
 def nominal_time(time: float, rate: float) -> float:
     """The instant k / rate that an event at `time` s stands for, s."""
     return round(time * rate) / rate
+
+
+def step_instant(time: float, step: float) -> float | None:
+    """The instant (s) of the plant's step at `time`, with the bits that Drake computes; None between two steps.
+
+    What publishes at the same bits shows what a row of `Stage.RECORD` would: the plant before its step.
+    """
+    instant = round(time / step) * step
+    return instant if math.isclose(instant, time, rel_tol=LEAD) else None
 
 
 def declare_ticks(

@@ -18,7 +18,7 @@ from aerodima.workbench.sensors.imu import Imu
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.systems.event_order import LEAD, Stage, nominal_time, period_of
+from aerodima.workbench.systems.event_order import LEAD, Stage, nominal_time, period_of, step_instant
 
 STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
 """s; the last one divides no frame, and no power of ten."""
@@ -117,6 +117,13 @@ def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step)
     swing = np.flatnonzero(log.signal("controller_state") == SwingState.SWING)[0]
     torque = log.signal("tail_roll_torque_n_m")
     assert abs(torque[swing] - torque[swing - 1]) > 1.0, "the motor follows the command within the row of the tick"
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_the_instant_of_a_step_has_the_bits_with_which_drake_computes_it(step):
+    for k in (1, 7, 1450, 19_999):
+        assert step_instant(round(k * step, 9), step) == k * step
+        assert step_instant((k + 0.5) * step, step) is None
 
 
 def test_stages_are_further_apart_than_rounding_and_closer_than_anything_physical():
