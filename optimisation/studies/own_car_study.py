@@ -20,7 +20,8 @@ import yaml
 from aerodima.optimisation.studies.contestants import Contestant
 from aerodima.optimisation.studies.corner_floors import critical_frictions
 from aerodima.optimisation.studies.corner_plan import PULSE, CornerPlan, contestants_of
-from aerodima.optimisation.studies.corner_study import Corner, CornerRuns
+from aerodima.optimisation.studies.corner_result import Corner
+from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.law_search import LawSearch
 from aerodima.optimisation.studies.law_training import CHUNK, CONSTANT_RATE, TRAINED
 from aerodima.optimisation.studies.steering_search import SteeringSearch
