@@ -92,8 +92,8 @@ def tail(
         found, summary, files = make_codesign(
             out, plan, known.best, split.test[:cars], own, engine, force=work.force, progress=progress
         )
-    for part in (part for part in PARTS if summary[f"{part}_cases"].any()):
-        typer.echo("\n".join(text_table(*gain_cells(summary, part))))
+    for judged in (name for name in PARTS if summary[f"{name}_cases"].any()):
+        typer.echo("\n".join(text_table(*gain_cells(summary, judged))))
     for design in found.designs:
         typer.echo(f"{design.name}: {' '.join(design.settings)}")
     typer.echo(f"page: {files[-1]}")
