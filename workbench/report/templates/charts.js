@@ -76,6 +76,11 @@ function axisOf(label, ticks, log, size) {
   return axis;
 }
 
+function longest(ticks) { return Math.max(0, ...(ticks || []).flatMap(([, words]) => words.split("\n").map((line) => line.length))); }
+
+// Width of a vertical axis, px.
+function acrossNames(ticks) { return ticks ? 22 + 7 * longest(ticks) : 58; }
+
 // The options of uPlot that all charts have; `own` adds cursor, legend and hooks.
 function optionsOf(panel, own) {
   const drawn = panel.series.map((series) => ({
@@ -85,7 +90,6 @@ function optionsOf(panel, own) {
     ...(series.mark && !series.joined ? { paths: () => null } : {}),
     value: (chart, value) => (value === null || value === undefined ? "–" : Number(value.toPrecision(5)).toString()),
   }));
-  const longest = (ticks) => Math.max(0, ...(ticks || []).flatMap(([, words]) => words.split("\n").map((line) => line.length)));
   const slanted = panel.x_ticks && longest(panel.x_ticks) * panel.x_ticks.length > 60;
   const below = axisOf(panel.x_label, panel.x_ticks, panel.x_log,
     { scale: "x", across: slanted ? 24 + 4 * longest(panel.x_ticks) : panel.x_ticks ? 40 : 28, space: 46 });
@@ -102,7 +106,7 @@ function optionsOf(panel, own) {
     axes: [
       below,
       axisOf(panel.y_label, panel.y_ticks, panel.y_log,
-        { scale: "y", across: panel.y_ticks ? 22 + 7 * longest(panel.y_ticks) : 58, space: 20 }),
+        { scale: "y", across: acrossNames(panel.y_ticks), space: 20 }),
       ...right,
     ],
     series: [{ label: panel.x_name || panel.x_label || "x", value: (chart, value) => (value === null ? "–" : Number(value.toPrecision(6)).toString()) },

@@ -31,10 +31,15 @@ function drawFigure(figure, data) {
     }
   }
   const grid = element("div", "grid", "", place);
-  grid.style.gridTemplateColumns = `repeat(${data.columns}, minmax(0, 1fr))`;
+  // Panels wrap where names of ticks and 200 px of chart do not fit side by side; a grid with holes stays as it is.
+  const wraps = data.cells.every((cell, index) => cell.row * data.columns + cell.column === index);
+  const narrowest = 200 + Math.max(...data.cells.flatMap((cell) => cell.panels.map((panel) => acrossNames(panel.y_ticks))));
+  grid.style.gridTemplateColumns = wraps
+    ? `repeat(auto-fit, minmax(min(100%, max(${narrowest}px, ${Math.floor(90 / data.columns)}%)), 1fr))`
+    : `repeat(${data.columns}, minmax(0, 1fr))`;
   for (const cell of data.cells) {
     const box = element("div", "cell", "", grid);
-    box.style.gridArea = `${cell.row + 1} / ${cell.column + 1}`;
+    if (!wraps) { box.style.gridArea = `${cell.row + 1} / ${cell.column + 1}`; }
     for (const panel of cell.panels) {
       if (panel.title) { element("p", "title", panel.title, box); }
       if (panel.note) { element("p", "note", panel.note, box); }
