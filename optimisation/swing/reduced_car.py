@@ -177,11 +177,9 @@ def lift_roll(car: ReducedCar) -> float:
 
 def lift_state(roll: Array, car: ReducedCar) -> tuple[Array, Array, Array]:
     """Compression of the outer side (m), share of the lift (0 inner tyres loaded, 1 lifted) and its slope (1/rad)."""
-    x = (roll - lift_roll(car)) / LIFT_WIDTH
-    small = np.exp(-np.where(x.real > 0, x, -x))
-    above = np.where(x.real > 0, x, 0.0) + np.log(1.0 + small)
-    share = np.where(x.real > 0, 1.0, small) / (1.0 + small)
-    return car.half_track * (roll - LIFT_WIDTH * above), share, share * (1.0 - share) / LIFT_WIDTH
+    x = np.exp((roll - lift_roll(car)) / LIFT_WIDTH)  # up to e^260 for a car on its roof
+    share = 1.0 - 1.0 / (1.0 + x)
+    return car.half_track * (roll - LIFT_WIDTH * np.log(1.0 + x)), share, share * (1.0 - share) / LIFT_WIDTH
 
 
 def wheel_height(s: Array, c: Array, car: ReducedCar) -> tuple[Array, Array, Array]:

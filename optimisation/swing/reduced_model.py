@@ -27,6 +27,7 @@ roll -90 degrees inside. A right turn is the mirror image; callers mirror the si
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aerodima.optimisation.swing.reduced_car import ReducedCar, lift_state, suspension_moment, wheel_height
+from aerodima.optimisation.swing.straight_line import written_out
 from aerodima.workbench.plants.joint_friction import smooth_friction
 
 Array = NDArray  # float64, or complex128 in a complex step
@@ -55,55 +57,34 @@ COMPLEX_STEP = 1e-30
 
 @dataclass(slots=True)
 class Vector:
-    """Three components, numbers or arrays; what is exactly the number 0 or 1 stays out of the arithmetic.
-
-    So a tail whose pitch is the number 0 costs little more than equations that know no pitch.
-    """
+    """Three components, numbers or symbols of a calculation that is written out."""
 
     x: Any = 0.0
     y: Any = 0.0
     z: Any = 0.0
 
-    __array_ufunc__ = None  # array * Vector is a Vector
+    __array_ufunc__ = None  # a NumPy number * Vector is a Vector
 
     def __add__(self, other: Vector) -> Vector:
-        return Vector(_plus(self.x, other.x), _plus(self.y, other.y), _plus(self.z, other.z))
+        return Vector(self.x + other.x, self.y + other.y, self.z + other.z)
 
     def __sub__(self, other: Vector) -> Vector:
-        return Vector(_minus(self.x, other.x), _minus(self.y, other.y), _minus(self.z, other.z))
+        return Vector(self.x - other.x, self.y - other.y, self.z - other.z)
 
     def __rmul__(self, k: Any) -> Vector:
-        return Vector(_times(k, self.x), _times(k, self.y), _times(k, self.z))
+        return Vector(k * self.x, k * self.y, k * self.z)
 
     def dot(self, other: Vector) -> Any:
         """Scalar product."""
-        return _plus(_plus(_times(self.x, other.x), _times(self.y, other.y)), _times(self.z, other.z))
+        return self.x * other.x + self.y * other.y + self.z * other.z
 
     def cross(self, other: Vector) -> Vector:
         """Vector product."""
         return Vector(
-            _minus(_times(self.y, other.z), _times(self.z, other.y)),
-            _minus(_times(self.z, other.x), _times(self.x, other.z)),
-            _minus(_times(self.x, other.y), _times(self.y, other.x)),
+            self.y * other.z - self.z * other.y,
+            self.z * other.x - self.x * other.z,
+            self.x * other.y - self.y * other.x,
         )
-
-
-def _times(a: Any, b: Any) -> Any:
-    if isinstance(a, float) and a in (0.0, 1.0):
-        return a and b  # 0, or the other factor
-    if isinstance(b, float) and b in (0.0, 1.0):
-        return b and a
-    return a * b
-
-
-def _plus(a: Any, b: Any) -> Any:
-    if isinstance(a, float) and a == 0.0:
-        return b
-    return a if isinstance(b, float) and b == 0.0 else a + b
-
-
-def _minus(a: Any, b: Any) -> Any:
-    return a if isinstance(b, float) and b == 0.0 else a - b
 
 
 def motion(
@@ -120,8 +101,19 @@ def motion(
     Returns:
         Roll acceleration, rad/s2, (...), and motor torques of the joints, N m, (..., joints).
     """
-    (q, p), (q_rate, p_rate), (q_acc, p_acc) = (_joints(values) for values in tail)
-    ratio, yaw_force, speed, lateral_speed, yaw_rate, unexplained = np.moveaxis(inputs, -1, 0)
+    joints = tail[0].shape[-1]
+    columns = [roll, roll_rate, *np.moveaxis(inputs, -1, 0)]
+    for values in tail:
+        columns.extend(np.moveaxis(values, -1, 0))
+    acceleration, *torques = written_out(_motion, 8 + 3 * joints, car)(*columns)
+    return acceleration, np.stack(np.broadcast_arrays(*torques), axis=-1)
+
+
+def _motion(car: ReducedCar, *numbers: Any) -> tuple[Any, ...]:
+    """As `motion`, of numbers: roll acceleration and torques."""
+    roll, roll_rate, ratio, yaw_force, speed, lateral_speed, yaw_rate, unexplained, *tail = numbers
+    joints = len(tail) // 3
+    (q, p), (q_rate, p_rate), (q_acc, p_acc) = (_joints(tail[k * joints : (k + 1) * joints]) for k in range(3))
     s, c = np.sin(roll), np.cos(roll)
     X, N, e = _tail_axes(s, c, p, q)
     Y, Z = Vector(0.0, c, s), Vector(0.0, -s, c)
@@ -132,7 +124,7 @@ def motion(
 
     turning = Vector(roll_rate) + p_rate * Y
     w = turning + q_rate * X
-    bias = p_acc * Y + q_acc * X + (_times(p_rate, roll_rate) * Z + q_rate * turning.cross(X))
+    bias = p_acc * Y + q_acc * X + (p_rate * roll_rate * Z + q_rate * turning.cross(X))
     velocity = Vector(speed, lateral_speed) + roll_rate * B
     F_air, M_air = _air(velocity, w + Vector(z=yaw_rate), X, N, e, car)
     # The wrench of car on tail, at the joints: for no sideways and roll acceleration, and per unit of each.
@@ -141,7 +133,7 @@ def motion(
     def inertia(turn: Vector) -> Vector:
         total = Vector()
         for moment, axis in zip(car.tail_inertia, (X, N, e), strict=True):
-            total = total + _times(moment, axis.dot(turn)) * axis
+            total = total + moment * axis.dot(turn) * axis
         return total
 
     def wrench(a_o: Vector, alpha: Vector, spin: Vector) -> tuple[Vector, Vector]:
@@ -182,9 +174,9 @@ def motion(
     friction = smooth_friction(car.coulomb, car.viscous, car.tanh_gain, tanh=np.tanh)
     moment = M0 + (sideways * My + acceleration * Mr)
     torques = [moment.dot(X) + car.rotor_inertia * q_acc - friction(q_rate)]
-    if tail[0].shape[-1] == 2:
+    if joints == 2:
         torques.append(moment.dot(Y) + (car.rotor_inertia + car.hub_inertia) * p_acc - friction(p_rate))
-    return acceleration, np.stack(np.broadcast_arrays(*torques), axis=-1)
+    return acceleration, *torques
 
 
 def tip_height(roll: Array, angles: Array, car: ReducedCar) -> Array:
@@ -195,12 +187,16 @@ def tip_height(roll: Array, angles: Array, car: ReducedCar) -> Array:
         angles: tail roll and pitch, (..., 2), or roll alone, (..., 1).
         car: numbers.
     """
+    return np.asarray(written_out(_tip_height, 1 + angles.shape[-1], car)(roll, *np.moveaxis(angles, -1, 0))[0])
+
+
+def _tip_height(car: ReducedCar, roll: Any, *angles: Any) -> tuple[Any]:
     q, p = _joints(angles)
     s, c = np.sin(roll), np.cos(roll)
     X, _, e = _tail_axes(s, c, p, q)
-    corner = 0.0 if angles.shape[-1] == 1 else car.sail_half_width * np.sqrt(X.z * X.z + CORNER_ROUNDING)
+    corner = 0.0 if len(angles) == 1 else car.sail_half_width * np.sqrt(X.z * X.z + CORNER_ROUNDING)
     above = car.axis_height - car.tyre_radius - lift_state(roll, car)[0]
-    return wheel_height(s, c, car)[0] + car.half_track * s + above * c + car.tail_length * e.z - corner
+    return (wheel_height(s, c, car)[0] + car.half_track * s + above * c + car.tail_length * e.z - corner,)
 
 
 def derivative(state: Array, torque: Array, inputs: Array, car: ReducedCar) -> Array:
@@ -253,10 +249,9 @@ def point_slopes(
     )
 
 
-def _joints(values: Array) -> tuple[Any, Any]:
+def _joints(values: Sequence[Any]) -> tuple[Any, Any]:
     """Of roll and pitch; the number 0 for a pitch that is not there."""
-    parts = np.moveaxis(values, -1, 0)
-    return parts[0], parts[1] if len(parts) == 2 else 0.0
+    return values[0], values[1] if len(values) == 2 else 0.0
 
 
 def _tail_axes(s: Array, c: Array, p: Any, q: Any) -> tuple[Vector, Vector, Vector]:
@@ -277,7 +272,7 @@ def _air(velocity: Vector, w: Vector, X: Vector, N: Vector, e: Vector, car: Redu
 
     normal, chord = sail_forces(component(N), component(X), car)
     F = normal.sum(-1) * N + chord.sum(-1) * X
-    return F, (chord * distance).sum(-1) * N - (normal * distance).sum(-1) * X
+    return F, chord @ distance * N - normal @ distance * X
 
 
 def sail_forces(across: Array, along: Array, car: ReducedCar) -> tuple[Array, Array]:

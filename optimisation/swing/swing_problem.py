@@ -48,7 +48,8 @@ class SwingLimits:
         tail_rate: joint rate at which a motor still gives its full torque.
         angles: range of each joint to either side.
         clearance: of the tail above the ground; `car_clearance` of it from the car.
-        roll: largest roll of the car outwards, and `roll_inwards` inwards.
+        roll: largest roll of the car outwards, and `roll_inwards` inwards, where the reduced model ends at the latest:
+            its outer wheels stay on the ground, so it holds up to the roll that unloads them (`lift_roll`).
         end_roll, end_roll_rate: at the last knot.
     """
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from aerodima.optimisation.swing.reduced_car import lift_roll
 from aerodima.optimisation.swing.reduced_model import COMPLEX_STEP, motion, tip_height
 from aerodima.optimisation.swing.swing_problem import (
     ACCELERATION,
@@ -158,8 +159,9 @@ def bounds(problem: SwingProblem) -> list[Rows]:
         bound(words, "rad/s2", ACCELERATION, tail.acceleration, -np.inf, np.inf, (resting, 0.0, 0.0))
     for member, car in zip(problem.members, layout.cars, strict=True):
         roll, rate = member.profile.state_at(0.0)
-        end = (-limits.roll_inwards, min(limits.roll, limits.end_roll))
-        bound("car roll", "rad", ROLL, car.roll, -limits.roll_inwards, limits.roll, (0, roll, roll), (-1, *end))
+        inwards = -min(limits.roll_inwards, lift_roll(member.car))  # beyond it the outer wheels have left the ground
+        end = (inwards, min(limits.roll, limits.end_roll))
+        bound("car roll", "rad", ROLL, car.roll, inwards, limits.roll, (0, roll, roll), (-1, *end))
         end = (-limits.end_roll_rate, limits.end_roll_rate)
         bound("car roll rate", "rad/s", ROLL_RATE, car.rate, -10.0, 10.0, (0, rate, rate), (-1, *end))
         for name, torque in zip(JOINTS, car.torque, strict=False):
@@ -201,7 +203,7 @@ class _Dynamics:
     """Defects of a car's roll and roll rate over every interval, and the torques that the tail motion asks for.
 
     What the model takes at each knot are its arguments: roll, roll rate, angles, rates and accelerations of the tail,
-    parameter. An array of values with their slopes behind them, (..., 1 + slopes), is added and scaled as one.
+    parameter. It is asked twice, for all knots and for all midpoints; the rest of the slopes is the chain rule.
     """
 
     def __init__(self, problem: SwingProblem, member: ReducedMember, car: CarVariables) -> None:
@@ -209,10 +211,10 @@ class _Dynamics:
         knots, joints = problem.knots, problem.joints
         tail = np.moveaxis(np.array(problem.layout.tail), 1, 0).reshape(3 * joints, -1)
         self._columns = np.column_stack([car.roll, car.rate, *tail, np.full(len(knots), problem.layout.size - 1)])
-        self._width = self._columns.shape[1]
         self._curves = [member.profile.curve(time) for time in (knots, 0.5 * (knots[1:] + knots[:-1]))]
-        self._rates = np.eye(self._width, k=joints)  # time derivative of an argument that has one among the others
-        self._rates[0], self._rates[1], self._rates[2 + 2 * joints :] = np.eye(self._width)[1], 0.0, 0.0
+        width = self._columns.shape[1]
+        self._rates = np.eye(width, k=joints)  # time derivative of an argument that has one among the others
+        self._rates[0], self._rates[1], self._rates[2 + 2 * joints :] = np.eye(width)[1], 0.0, 0.0
 
     def block(self) -> Block:
         """The constraint."""
@@ -226,21 +228,30 @@ class _Dynamics:
         return Block(tuple(rows), self._values, self._problem.units)
 
     def _values(self, z: FloatArray) -> list[Slopes]:
-        h = np.diff(self._problem.knots)[:, None, None]
-        own = np.tile(np.eye(self._width), (len(self._columns), 1, 1))
-        knots = np.concatenate([z[self._columns][..., None], own], axis=-1)
-        found = self._model(knots, self._curves[0])
-        (z0, z1), (rate0, rate1) = self._ends(knots), self._ends(self._derivative(knots, found))
-        middle = 0.5 * (z0 + z1) + h / 8 * (rate0 - rate1)
-        rate_m = self._derivative(middle, self._model(middle, self._curves[1]))
-        defects = z1 - z0 - h / 6 * (rate0 + 4 * rate_m + rate1)
-        pieces = [(values[:, 0], self._one_parameter(values[:, 1:])) for values in (defects[:, 0], defects[:, 1])]
-        for places, asked in zip(self._car.torque, np.moveaxis(found[:, 1:], 1, 0), strict=True):
-            pieces.append((z[places] - asked[:, 0], np.insert(-asked[:, 1:], 0, 1.0, axis=1)))
+        knots, h = z[self._columns], np.diff(self._problem.knots)[:, None]
+        (g, *asked), (dg, *dasked) = self._model(knots, self._curves[0])
+        rates = knots @ self._rates.T
+        rates[:, 1] = g
+        middle = 0.5 * (knots[1:] + knots[:-1]) - h / 8 * np.diff(rates, axis=0)
+        (gm, *_), (dgm, *_) = self._model(middle, self._curves[1])
+        between = np.column_stack([middle[:, 1], gm])
+        defects = np.diff(knots[:, :2], axis=0) - h / 6 * (rates[:-1, :2] + 4 * between + rates[1:, :2])
+        # Slopes of gm with both ends of its interval: those of the midpoint are 0.5 +- h/8 of the rates' slopes.
+        along, by_rate = dgm @ self._rates, dgm[:, 1:2]
+        first = 0.5 * dgm + h / 8 * (along + by_rate * dg[:-1])
+        last = 0.5 * dgm - h / 8 * (along + by_rate * dg[1:])
+        roll, rate = np.eye(knots.shape[1])[:2]
+        slopes_of = [
+            _ends(-roll - h / 2 * rate - h**2 / 12 * dg[:-1], roll - h / 2 * rate + h**2 / 12 * dg[1:]),
+            _ends(-rate - h / 6 * (dg[:-1] + 4 * first), rate - h / 6 * (dg[1:] + 4 * last)),
+        ]
+        pieces = list(zip(defects.T, slopes_of, strict=True))
+        for places, value, slopes in zip(self._car.torque, asked, dasked, strict=True):
+            pieces.append((z[places] - value, np.column_stack([np.ones(len(value)), -slopes])))
         return pieces
 
-    def _model(self, arguments: FloatArray, curve: FloatArray) -> FloatArray:
-        """Roll acceleration and torques, (points, 1 + joints, 1 + slopes)."""
+    def _model(self, arguments: FloatArray, curve: FloatArray) -> Slopes:
+        """Roll acceleration and torques (1 + joints, points), and their slopes (1 + joints, points, arguments)."""
         joints = self._problem.joints
 
         def values(moved: Any) -> Any:
@@ -249,24 +260,13 @@ class _Dynamics:
             acceleration, torques = motion(moved[..., 0], moved[..., 1], tail, inputs, self._member.car)
             return np.concatenate([acceleration[..., None], torques], axis=-1)
 
-        value, slopes = _with_slopes(values, arguments[..., 0])
-        return np.concatenate([value[..., None], slopes @ arguments[..., 1:]], axis=-1)
+        value, slopes = _with_slopes(values, arguments)
+        return value.T, np.moveaxis(slopes, 1, 0)
 
-    def _derivative(self, arguments: FloatArray, found: FloatArray) -> FloatArray:
-        """Of the arguments with time; that of the roll rate is what the model found."""
-        return self._rates @ arguments + np.eye(self._width)[1][:, None] * found[:, :1]
 
-    def _ends(self, knots: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Both ends of the intervals, with slopes for the arguments of the first and then of the second end."""
-        values, slopes = knots[..., :1], knots[..., 1:]
-        other = np.zeros_like(slopes[1:])
-        first = np.concatenate([values[:-1], slopes[:-1], other], axis=-1)
-        return first, np.concatenate([values[1:], other, slopes[1:]], axis=-1)
-
-    def _one_parameter(self, slopes: FloatArray) -> FloatArray:
-        """Both ends have the same parameter."""
-        first, last = np.split(slopes, 2, axis=1)
-        return np.column_stack([first[:, :-1], last[:, :-1], first[:, -1] + last[:, -1]])
+def _ends(first: FloatArray, last: FloatArray) -> FloatArray:
+    """Slopes with the arguments of both ends of the intervals, which have the same parameter."""
+    return np.column_stack([first[:, :-1], last[:, :-1], first[:, -1] + last[:, -1]])
 
 
 def _above_ground(problem: SwingProblem, member: ReducedMember, car: CarVariables) -> Block:

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +33,15 @@ KNOTS, STARTS, DIRECT_STARTS = 41, 7, 3
 
 
 def bench_planar_swing() -> Iterator[BenchRow]:
-    """Median wall time over the same starts; peer: CasADi's IPOPT, without the time to build its functions."""
+    """Wall times over the same starts; peer: CasADi's IPOPT, without and with the time to build its functions.
+
+    What our side sets up (written-out model, programme) is in both rows: in its first solve, and in every one.
+    """
     posed = problem(knots=KNOTS)
+    import_module("casadi")  # is no part of building
+    begun = time.perf_counter()
     peer = CasadiProblem(posed)
+    building = time.perf_counter() - begun
     ours, theirs, costs = [], [], []
     converged = 0
     for number in range(STARTS):
@@ -46,6 +53,8 @@ def bench_planar_swing() -> Iterator[BenchRow]:
             theirs.append(other.wall_time)
             costs.append((solution.cost, cost_of(posed, other.x)))
     yield BenchRow("planar swing, N = 41, one solve", float(np.median(ours)), "s", "<= 0.7", float(np.median(theirs)))
+    name = f"planar swing, N = 41, {STARTS} starts with what both set up"
+    yield BenchRow(name, sum(ours), "s", "<= 0.7", building + sum(theirs))
     gap = max(abs(own - other) / abs(other) for own, other in costs)
     yield BenchRow("planar swing, objective against CasADi", gap, "1", "<= 0.01")
     yield BenchRow("planar swing, share of random starts converged", converged / STARTS, "1", ">= 0.95")

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.swing import reduced_car
-from aerodima.optimisation.swing import reduced_model as model_module
+from aerodima.optimisation.swing import reduced_model
 from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY, bounds_of
 from aerodima.optimisation.swing.swing_problem import ROLL, ROLL_RATE, TORQUE, SwingProblem
 from aerodima.optimisation.swing.transcription import constraints
-
-reduced_model: Any = model_module  # a name that it imports is replaced below
 
 
 @dataclass(frozen=True)
@@ -34,8 +29,7 @@ class CasadiProblem:
     def __init__(self, problem: SwingProblem) -> None:
         import casadi as ca  # type: ignore[import-not-found, unused-ignore]  # of the extra `bench`
 
-        with _traceable(ca):
-            self._build(ca, problem)
+        self._build(ca, problem)
 
     def _build(self, ca: Any, problem: SwingProblem) -> None:
         layout, knots = problem.layout, problem.knots
@@ -104,25 +98,3 @@ class CasadiProblem:
         found = self._solver(x0=start, lbx=lower, ubx=upper, lbg=low, ubg=high)
         wall_time = time.perf_counter() - begun
         return CasadiResult(np.array(found["x"]).ravel(), wall_time, bool(self._solver.stats()["success"]))
-
-
-@contextmanager
-def _traceable(ca: Any) -> Iterator[None]:
-    """`reduced_car.lift_state` without its branch against overflow, which a traced symbol has no value for."""
-
-    def lift_state(roll: Any, car: Any) -> tuple[Any, Any, Any]:
-        x = (roll - reduced_car.lift_roll(car)) / reduced_car.LIFT_WIDTH
-        share = 0.5 * (1.0 + np.tanh(0.5 * x))
-        above = np.array([ca.fmax(value, 0) + ca.log1p(ca.exp(-ca.fabs(value))) for value in x], dtype=object)
-        return (
-            car.half_track * (roll - reduced_car.LIFT_WIDTH * above),
-            share,
-            share * (1.0 - share) / reduced_car.LIFT_WIDTH,
-        )
-
-    original = reduced_model.lift_state
-    reduced_model.lift_state = lift_state
-    try:
-        yield
-    finally:
-        reduced_model.lift_state = original

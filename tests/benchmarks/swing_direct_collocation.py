@@ -18,6 +18,7 @@ from pydrake.solvers import SnoptSolver, SolverOptions
 from pydrake.systems import framework, scalar_conversion
 from pydrake.trajectories import PiecewisePolynomial
 
+from aerodima.optimisation.swing.reduced_car import lift_roll
 from aerodima.optimisation.swing.reduced_model import COMPLEX_STEP, motion
 from aerodima.optimisation.swing.solver import FEASIBLE, OPTIMALITY
 from aerodima.optimisation.swing.swing_problem import (
@@ -114,7 +115,8 @@ def solve_directly(problem: SwingProblem, start: np.ndarray, iterations: int = 3
     first_roll, first_rate = member.profile.state_at(0.0)
     first = [first_roll, problem.start[0], first_rate, 0.0, 0.0]
     prog.AddBoundingBoxConstraint(first, first, direct.initial_state()[:5])
-    low = [-limits.roll_inwards, -limits.angles[0], -10.0, -limits.tail_rate, 0.0, problem.parameter_range[0]]
+    inwards = -min(limits.roll_inwards, lift_roll(member.car))
+    low = [inwards, -limits.angles[0], -10.0, -limits.tail_rate, 0.0, problem.parameter_range[0]]
     high = [limits.roll, limits.angles[0], 10.0, limits.tail_rate, float(knots[-1]) + step, problem.parameter_range[1]]
     for number in range(len(knots)):
         state, control = direct.state(number), direct.input(number)

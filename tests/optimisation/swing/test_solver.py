@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.swing.mesh_refinement import collocation_error, refined, tail_at
+from aerodima.optimisation.swing.reduced_car import lift_roll
 from aerodima.optimisation.swing.solver import best_of, bounds_of, multi_start, solve, violations_of
-from aerodima.optimisation.swing.swing_problem import ANGLE, RATE, TORQUE, SwingLimits, random_start
+from aerodima.optimisation.swing.swing_problem import ANGLE, RATE, ROLL, TORQUE, SwingLimits, random_start
 from aerodima.optimisation.swing.transcription import constraints
 from aerodima.workbench.errors import SwingError
 from tests.optimisation.swing.turn import car, problem
@@ -42,6 +43,20 @@ def test_solution_keeps_to_every_limit_and_ends_at_rest() -> None:
     assert angle[0] == pytest.approx(-np.pi / 2)
     assert rate[-1] == pytest.approx(0.0, abs=1e-6)
     assert np.max(rate) > 1.0  # it swings, and to the outside
+
+
+def test_the_car_leans_inwards_only_while_its_outer_wheels_bear_load() -> None:
+    c = car()
+    weight = (c.mass + c.tail_mass) * c.gravity
+    most = lift_roll(c)
+    assert 0.5 * weight - c.half_track * c.side_stiffness * most == pytest.approx(0.0, abs=1e-9)  # load of one side
+    for asked, allowed in ((0.25, most), (0.02, 0.02)):
+        posed = problem(limits={"roll_inwards": asked})
+        roll = posed.layout.cars[0].roll[1:]
+        assert np.allclose(bounds_of(posed)[0][roll] * ROLL, -allowed)
+    over = random_start(posed, np.random.default_rng(0))
+    over[roll[5]] = -1.05 * most / ROLL
+    assert any(found.name == "car roll" for found in violations_of(problem(), over))
 
 
 def test_snopt_and_ipopt_find_the_same() -> None:
