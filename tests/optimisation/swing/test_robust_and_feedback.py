@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from aerodima.optimisation.sweep.study_engine import SerialRunEngine
-from aerodima.optimisation.swing import full_car
-from aerodima.optimisation.swing import swing_search as optimise
+from aerodima.optimisation.swing import feedback_gains, full_car
 from aerodima.optimisation.swing.full_car import DriveOutcome, drive_all, varied
-from aerodima.optimisation.swing.search_state import SearchOptions
+from aerodima.optimisation.swing.search_state import SearchOptions, cars_of
 from aerodima.optimisation.swing.swing_search import optimise_swing
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
@@ -30,7 +29,7 @@ def turn(*settings: str) -> Scenario:
 def test_every_car_has_as_many_times_its_own_friction() -> None:
     own = turn().car.tyre_friction
     scenario = turn(f"car.tyre_friction={1.2 * own!r}")
-    cars = optimise._cars(scenario, SearchOptions(members=3))
+    cars = cars_of(scenario, SearchOptions(members=3))
     members = load_ensemble().drawn(3)
     assert len(cars) == 1 + len(members)
     for car, member in zip(cars[1:], members, strict=True):
@@ -69,9 +68,9 @@ def test_gains_are_made_where_the_swing_was_seen_to_hold(monkeypatch: pytest.Mon
         asked.append(scenario)
         return swing.model_copy(update={"name": "with gains"})
 
-    monkeypatch.setattr(optimise, "with_feedback", make)
+    monkeypatch.setattr(feedback_gains, "with_feedback", make)
     swing = with_figures(survived_friction=0.72, survived_speed_m_per_s=4.2)
-    assert optimise._with_gains(swing, turn(), print).name == "with gains"
+    assert feedback_gains.with_gains(swing, turn(), print).name == "with gains"
     assert (asked[0].car.tyre_friction, asked[0].manoeuvre.speed) == (0.72, 4.2)
 
 
@@ -79,10 +78,10 @@ def test_a_swing_without_gains_is_kept_and_said_to_be(monkeypatch: pytest.Monkey
     def refuse(*_: object) -> SwingFile:
         raise SwingError("the car rolls over")
 
-    monkeypatch.setattr(optimise, "with_feedback", refuse)
+    monkeypatch.setattr(feedback_gains, "with_feedback", refuse)
     told: list[str] = []
     swing = with_figures()
-    assert optimise._with_gains(swing, turn(), told.append) == swing
+    assert feedback_gains.with_gains(swing, turn(), told.append) == swing
     assert told == ["no feedback: the car rolls over"]
 
 
@@ -91,7 +90,7 @@ def test_two_cars_get_one_swing_with_gains_that_both_survive() -> None:
     scenario = turn("controller.swing_speed=6.0", "car.tyre_friction=0.65")
     options = SearchOptions(members=1, rounds=1, starts=1, knots=21, threshold=0.5, bound=0.02, feedback=True)
     swing = optimise_swing(scenario, options, name="both")
-    cars = optimise._cars(varied(scenario, tail={"mode": "swing"}), options)
+    cars = cars_of(varied(scenario, tail={"mode": "swing"}), options)
     assert len(cars) == 2
     facts = swing.provenance.found
     place = float(facts["survived_friction"]), float(facts["survived_speed_m_per_s"])
