@@ -56,6 +56,10 @@ def tail(
         list[float] | None,
         typer.Option(help="Place of the tail's joints ahead of the rear axle to compare, m; may be repeated."),
     ] = None,
+    start: Annotated[
+        list[Path] | None,
+        typer.Option(help="Folder of an earlier search whose finalists this one begins with, too; may be repeated."),
+    ] = None,
     mounts: Annotated[bool, typer.Option(help="Compare places of the tail's joints.")] = True,
 ) -> None:
     """Design size, mass and mount of a tail with its law, for several budgets of mass, and judge them.
@@ -69,6 +73,7 @@ def tail(
     from aerodima.optimisation.studies.corner_plan import CornerPlan
     from aerodima.optimisation.studies.law_search import LawSearch
     from aerodima.optimisation.studies.steering_search import SteeringSearch
+    from aerodima.optimisation.studies.tail_family import read_tails
     from aerodima.workbench.config.ensemble import load_ensemble
     from aerodima.workbench.errors import SweepError
     from aerodima.workbench.text_table import text_table
@@ -86,6 +91,7 @@ def tail(
         tuple(judge_floor or floors),
         samples,
         tuple(mount or MOUNTS) if mounts else (),
+        tuple(law for folder in start or () for law in read_tails(folder)),
     )
     own = split.training[:training] or (known.best,)
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):

@@ -48,6 +48,8 @@ MOUNTS = (-0.10, -0.05, 0.0, 0.065, 0.13, 0.195, 0.26)
 """Of the tail's joints ahead of the rear axle, m: from before the anti-ramp board to the front axle."""
 MOST_REDUCED = math.radians(12.0)
 """Largest amplitude that reduced cars try, about twice what any contestant has been found to steer best with."""
+BOARD_MARGIN = 0.005
+"""Over the ground, m, of a reduced car's anti-ramp board in a turn that counts: on other cars it may come lower."""
 AROUND = 0.1
 """Sensitivities: every number moves by this share of its range to either side of the design's."""
 
@@ -62,9 +64,10 @@ class CodesignPlan:
         judged: floors of the nominal and the unseen cars.
         samples: of the Sobol indices, a power of two; 0 leaves them out.
         mounts: places of the tail's joints that are compared, m; none leaves them out.
+        first: tails with their laws, by `TailFamily` numbers, that every search begins with.
 
     Raises:
-        UserError: no budget, or one that nothing fits; more than one speed.
+        UserError: no budget, one that nothing fits, or as heavy as the car; more than one speed; a mount off the car.
     """
 
     corner: CornerPlan
@@ -72,6 +75,7 @@ class CodesignPlan:
     judged: tuple[float, ...] = (1.1, 1.3)
     samples: int = 64
     mounts: tuple[float, ...] = MOUNTS
+    first: tuple[Mapping[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.budgets or len(self.corner.speeds) != 1:
@@ -79,8 +83,14 @@ class CodesignPlan:
             raise SweepError(f"co-design: {given}; allowed: at least one budget and one speed")
         if self.samples and (self.samples < 2 or self.samples & (self.samples - 1)):
             raise SweepError(f"{self.samples} samples: allowed: 0, or a power of two from 2 on")
+        car = load_scenario(self.corner.scenario).car
         for budget in self.budgets:
             family_of("", self.corner.scenario, budget)
+            if car.mass <= budget < math.inf:
+                raise SweepError(f"budget {budget:g} kg: allowed: less than the car, {car.mass:g} kg, or free")
+        for mount in self.mounts:
+            if not abs(mount) <= (most := 2.0 * car.wheelbase):
+                raise SweepError(f"mount {mount:g} m ahead of the rear axle: allowed: {-most:g} to {most:g} m")
 
 
 @dataclass(frozen=True)
@@ -180,7 +190,7 @@ def find_designs(
     finals: list[tuple[str, Mapping[str, float]]] = []
     for budget in sorted(set(plan.budgets)):
         name = budget_name(budget)
-        family = replace(family_of(name, scenario, budget), first=tuple(law for _, law in finals))
+        family = replace(family_of(name, scenario, budget), first=(*plan.first, *(law for _, law in finals)))
         found = screened_finalists(family, plan.corner.training, cases, engine)
         tried += [
             {"budget": name, "worth": worth, **law} for law, worth in zip(found.laws, found.worth.tolist(), strict=True)
@@ -188,8 +198,7 @@ def find_designs(
         finals += [(name, law) for law in found.finalists if _differs(family, law, [other for _, other in finals])]
         if not finals:
             raise SweepError(
-                f"{name}: none of the tails that were tried keeps the limits of its car; allowed: more mass, or more "
-                "candidates"
+                f"{name}: none of the tails tried keeps the limits of its car; allowed: more mass, more candidates"
             )
     free = family_of("", scenario)
     engine.stage = "finalists"
@@ -212,7 +221,7 @@ def find_designs(
 
 def _reduced(runs: CornerRuns, floors: Sequence[Floor]) -> Screening:
     cases = runs.reduced_cases(floors)
-    return replace(cases, steering=replace(cases.steering, high=MOST_REDUCED))
+    return replace(cases, steering=replace(cases.steering, high=MOST_REDUCED), board_margin=BOARD_MARGIN)
 
 
 def _design(name: str, scenario: str, family: TailFamily, law: Mapping[str, float]) -> Design:
@@ -237,11 +246,9 @@ def _facts(plan: CodesignPlan, law: Mapping[str, float]) -> dict[str, float]:
     scenario = plan.corner.scenario
     made = scenario_with(scenario, family_of("", scenario).settings(law), law["tail.mount_height"])
     demand = swing_demand(made, tail_geometry(made.tail))
-    asked = {
-        name: getattr(demand, name) for name in ("inertia", "weight_torque", "peak_torque", "rms_torque", "overload")
-    }
+    names = ("inertia", "weight_torque", "peak_torque", "rms_torque", "overload")
     area = law["tail.sail_length"] * law["tail.sail_width"]
-    return {**law, "area": area, "areal_mass": areal_mass(law), **asked}
+    return {**law, "area": area, "areal_mass": areal_mass(law), **{name: getattr(demand, name) for name in names}}
 
 
 def _mounts(

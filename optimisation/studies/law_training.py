@@ -139,6 +139,7 @@ class Screening:
         laws: numbers by name; none: the published one.
         fixed: settings of all of them.
         duration: how long the cars are driven from their steering on, s.
+        board_margin: least height of the anti-ramp board over the ground in a turn that counts, m.
     """
 
     scenario: str
@@ -150,6 +151,7 @@ class Screening:
     laws: tuple[Mapping[str, float], ...] = ({},)
     fixed: tuple[str, ...] = ()
     duration: float = DELAYS[1] + SOON_OVER
+    board_margin: float = 0.0
 
 
 def screened_courses(task: Screening) -> list[list[float]]:
@@ -180,6 +182,7 @@ def screened_courses(task: Screening) -> list[list[float]]:
             begun=straight.last[:, places],
         )
         counted = turns.clean & (turns.peak_roll <= task.most_roll) & (np.abs(turns.sideslip) <= task.most_sideslip)
+        counted &= turns.lowest_board >= task.board_margin
         return [float(course) if ok else None for course, ok in zip(turns.course, counted & waits[places], strict=True)]
 
     found = search_steering(task.steering, len(which), run)

@@ -11,8 +11,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from aerodima.optimisation.studies.contestants import Contestant, raised_gearbox
 from aerodima.optimisation.studies.law_training import TRAINED, LawFamily
@@ -140,6 +142,23 @@ def family_of(name: str, scenario: str, budget: float = math.inf) -> TailFamily:
     """
     fixed = (*TRAINED.fixed, "tail.sail=facing", "tail.geometry=none", "tail.name=co-designed")
     return TailFamily(name, {**SIZES, **TRAINED.ranges}, fixed, scenario, budget)
+
+
+def read_tails(folder: Path) -> list[dict[str, float]]:
+    """Tails with their laws of `finalists.csv` in the folder of an earlier search.
+
+    Raises:
+        SweepError: there is none, or a number is missing.
+    """
+    path, names = folder / "finalists.csv", [*SIZES, *TRAINED.ranges, "tail.mass", "tail.sail_mass_fraction"]
+    names.remove(AREAL)
+    try:
+        table = pd.read_csv(path)[names].astype(float)
+    except (OSError, ValueError, KeyError) as error:
+        raise SweepError(f"{path}: {error}; allowed: the folder of an earlier `aerodima optimise tail`") from None
+    if not np.isfinite(table.to_numpy()).all():
+        raise SweepError(f"{path}: a number is missing; allowed: the folder of an earlier `aerodima optimise tail`")
+    return [{str(name): float(value) for name, value in row.items()} for row in table.to_dict("records")]
 
 
 def areal_mass(law: Mapping[str, float]) -> float:

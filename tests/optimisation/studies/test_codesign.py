@@ -13,7 +13,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aerodima.optimisation.studies.codesign import CodesignPlan, budget_name
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import drive_turns
+from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.optimisation.studies.codesign import BOARD_MARGIN, CodesignPlan, budget_name
 from aerodima.optimisation.studies.codesign_figures import pareto
 from aerodima.optimisation.studies.codesign_page import make_codesign
 from aerodima.optimisation.studies.contestants import raised_gearbox
@@ -29,6 +32,7 @@ from aerodima.optimisation.studies.tail_family import (
     areal_mass,
     family_of,
     limits_broken,
+    read_tails,
     scenario_with,
 )
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
@@ -95,6 +99,22 @@ def test_a_candidate_is_screened_as_its_scenario_would_be() -> None:
     assert course[0] > 0.0
 
 
+def test_a_turn_counts_while_the_board_keeps_its_margin() -> None:
+    """Of 0.1 mm less and of 0.1 mm more than the height that the same turn leaves it."""
+    family = family_of("", "turn_fast")
+    law = {**family.starts[0], "swing_speed": 9.0, "delay": 0.1}
+    plain = load_scenario("turn_fast", family.settings(law))
+    case = (*family.settings(law), *raised_gearbox(plain, law["tail.mount_height"]))
+    case += ("manoeuvre.speed=4.5", "car.tyre_friction=0.9", "manoeuvre.turn_hold=0.5")
+    one = SteeringSearch(math.radians(2.0), math.radians(8.0), runs=1, spread=1)
+    task = Screening("turn_fast", (case,), ("",), one, 1.0, 0.5)
+    turn = load_scenario("turn_fast", [*case, f"manoeuvre.steer_angle={one.angle(one.intervals // 2)!r}"])
+    driven = drive_turns(Vehicles.of([turn]), TurnPlans.of([turn]), duration=task.duration)
+    (height,) = driven.lowest_board.tolist()
+    assert screened_courses(replace(task, board_margin=height - 1e-4)) == [[pytest.approx(driven.course[0], abs=1e-9)]]
+    assert screened_courses(replace(task, board_margin=height + 1e-4)) == [[0.0]]
+
+
 def test_what_forbids_a_tail_is_what_the_findings_say() -> None:
     family = family_of("", "turn_fast")
     law = dict(family.starts[0])
@@ -115,6 +135,7 @@ class MadeUp:
 
     def __init__(self) -> None:
         self.tasks: list[RunTask] = []
+        self.margins: set[float] = set()
 
     def rows(self, tasks: Sequence[RunTask], done: Any = None) -> list[dict[str, Any]]:
         rows = []
@@ -131,6 +152,7 @@ class MadeUp:
         if not isinstance(items[0], Screening):
             masses = [float(dict(s.partition("=")[::2] for s in settings)["tail.mass"]) for _, settings, _ in items]
             return [0.0 if mass <= 0.5 else 1.0 for mass in masses]
+        self.margins |= {item.board_margin for item in items if item.laws != ({},)}
         return [[[math.radians(8.0 * limit_of(law)) for _ in item.cases] for law in item.laws] for item in items]
 
     def row(self, given: dict[str, str]) -> dict[str, Any]:
@@ -161,7 +183,7 @@ def codesigned(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def test_a_lighter_budget_is_never_better(codesigned: Any) -> None:
-    found, *_ = codesigned
+    found, _, _, engine, _ = codesigned
     assert [design.name for design in found.designs] == ["design 100 g", "design 200 g", "design free"]
     for design, budget in zip(found.designs, PLAN.budgets, strict=True):
         assert design.geometry.inertial.mass <= budget
@@ -176,6 +198,7 @@ def test_a_lighter_budget_is_never_better(codesigned: Any) -> None:
     assert (np.diff(line["worth"]) > 0.0).all()
     assert line["worth"].max() == found.tried["worth"].max()
     assert found.tried["tail.mass"].max() <= 0.5  # what is not allowed is never driven
+    assert BOARD_MARGIN in engine.margins
 
 
 def test_designs_are_judged_on_cars_that_they_were_not_made_on(codesigned: Any) -> None:
@@ -198,6 +221,27 @@ def test_designs_are_judged_on_cars_that_they_were_not_made_on(codesigned: Any) 
     assert {path.name for path in files} >= {"codesign.html", "sensitivities.csv", *pictures}
 
 
+def test_a_search_begins_with_the_finalists_of_an_earlier_one(codesigned: Any, tmp_path: Path) -> None:
+    """No generation beside the first one: the best earlier tail is there again, and the new one is not worse."""
+    found, *_, folder = codesigned
+    first = tuple(read_tails(folder))
+    assert len(first) == len(found.finalists)
+    search = replace(PLAN.corner, training=replace(SEARCH, generations=0))
+    plan = replace(PLAN, corner=search, budgets=(math.inf,), samples=0, mounts=(), first=first)
+    again, *_ = make_codesign(tmp_path, plan, NOMINAL, CARS[:1], CARS[1:], MadeUp())
+    lengths = again.tried["tail.length"].to_numpy()
+    assert all(np.abs(lengths - law["tail.length"]).min() < 2e-3 for law in first)
+    assert again.tried["worth"].max() >= found.tried["worth"].max() * 0.99
+
+
+def test_what_is_no_earlier_search_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"finalists\.csv: .*allowed: the folder of an earlier"):
+        read_tails(tmp_path)
+    (tmp_path / "finalists.csv").write_text("tail.length,tail.mass\n1,0.2\n")
+    with pytest.raises(UserError, match=r"finalists\.csv: .*not in index"):
+        read_tails(tmp_path)
+
+
 def test_asked_again_it_runs_nothing(codesigned: Any) -> None:
     found, _, _, _, folder = codesigned
     again = MadeUp()
@@ -214,6 +258,9 @@ def test_asked_again_it_runs_nothing(codesigned: Any) -> None:
         (lambda: replace(PLAN, budgets=()), "0 budgets, 1 speeds; allowed: at least one budget and one speed"),
         (lambda: replace(PLAN, samples=12), "12 samples: allowed: 0, or a power of two"),
         (lambda: replace(PLAN, budgets=(0.3, 0.01)), "budget 0.01 kg: the lightest"),
+        (lambda: replace(PLAN, budgets=(150.0,)), r"budget 150 kg: allowed: less than the car, 6\.\d+ kg, or free"),
+        (lambda: replace(PLAN, mounts=(0.0, 13.0)), r"mount 13 m ahead of the rear axle: allowed: -0\.\d+ to 0\.\d+ m"),
+        (lambda: replace(PLAN, mounts=(math.nan,)), "mount nan m ahead of the rear axle"),
     ],
 )
 def test_wrong_input_names_what_is_allowed(wrong: Any, words: str) -> None:
