@@ -149,10 +149,22 @@ class TurnDriver(LeafSystem):
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, schedule: Schedule, rate: float = 100.0, *, station: System
+        cls,
+        builder: DiagramBuilder,
+        schedule: Schedule,
+        rate: float = 100.0,
+        *,
+        station: System,
+        controller_rate: float | None = None,
     ) -> "TurnDriver":
-        """Adds a driver and connects steering and throttle to the station."""
-        driver = cls(schedule, rate, stage_before(station, Stage.DRIVER))
+        """Adds a driver and connects steering and throttle to the station.
+
+        Beside a tail controller of the same rate, Hz, it ticks at the controller's instant: that sees the driver as it
+        was before, and one instant is cheaper than two.
+        """
+        driver = cls(
+            schedule, rate, stage_before(station, Stage.CONTROLLER if controller_rate == rate else Stage.DRIVER)
+        )
         builder.AddSystem(driver)
         for port in ("steering_angle", "throttle"):
             builder.Connect(driver.GetOutputPort(port), station.GetInputPort(port))

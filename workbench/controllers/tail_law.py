@@ -1,6 +1,7 @@
 """What every control law for the tail sees, from the station's signals on, and what it gives. No Drake."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -96,27 +97,28 @@ def observe(
     A GPS is late by nature: its speed counts until its fault code is set. `speed` is None where there is none.
     `steering_angle` is the driver's command, rad.
     """
-    roll_known, pitch_known, imu_valid = (_fresh(status, age, age_limit) for age in (ROLL_AGE, PITCH_AGE, IMU_AGE))
-    speed_known = speed is not None and status[SPEED_FAULT] == 0.0
+    tail, motion, health = tail_state.tolist(), tuple(imu.tolist()), status.tolist()  # floats are quicker to read
+    roll_known, pitch_known, imu_valid = (_fresh(health, age, age_limit) for age in (ROLL_AGE, PITCH_AGE, IMU_AGE))
+    speed_known = speed is not None and health[SPEED_FAULT] == 0.0
     known: Any = speed
     return Observation(
         time=time,
-        yaw_rate=float(imu[GYRO_Z]),
-        roll_angle=float(tail_state[ROLL_ANGLE]) if roll_known else math.nan,
-        pitch_angle=float(tail_state[PITCH_ANGLE]) if pitch_known else math.nan,
+        yaw_rate=motion[GYRO_Z],
+        roll_angle=tail[ROLL_ANGLE] if roll_known else math.nan,
+        pitch_angle=tail[PITCH_ANGLE] if pitch_known else math.nan,
         planned_turn=planned_turn,
         imu_valid=imu_valid,
-        roll_rate=float(tail_state[ROLL_RATE]) if roll_known else math.nan,
-        pitch_rate=float(tail_state[PITCH_RATE]) if pitch_known else math.nan,
-        imu=tuple(imu.tolist()) if imu_valid else UNKNOWN_IMU,
+        roll_rate=tail[ROLL_RATE] if roll_known else math.nan,
+        pitch_rate=tail[PITCH_RATE] if pitch_known else math.nan,
+        imu=motion if imu_valid else UNKNOWN_IMU,
         speed=float(known[0]) if speed_known else math.nan,
         steering_angle=steering_angle,
     )
 
 
-def _fresh(status: np.ndarray, age_index: int, age_limit: float) -> bool:
+def _fresh(status: Sequence[float], age_index: int, age_limit: float) -> bool:
     """False for NaN too; the fault code stands right behind the age."""
-    return bool(status[age_index] <= age_limit and status[age_index + 1] == 0.0)
+    return status[age_index] <= age_limit and status[age_index + 1] == 0.0
 
 
 GYRO_Z = IMU.index("gyro_z")

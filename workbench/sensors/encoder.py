@@ -110,8 +110,8 @@ class SailEncoder(SampledSensor):
 
     def _reading(self, context: Context, index: int) -> float:
         state = vector_of(self._plant_state, context)
-        angle = state[self._position_index] + self._deviation * self._noise.at(index)[0]
-        return float(np.floor(angle / TURN * self._steps) % self._steps * (TURN / self._steps))
+        angle = float(state[self._position_index]) + self._deviation * float(self._noise.at(index)[0])
+        return angle / TURN * self._steps // 1.0 % self._steps * (TURN / self._steps)
 
     def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
         """See `SampledSensor.take`; keeps the angle for the rate of later samples."""

@@ -146,7 +146,7 @@ class Imu(SampledSensor):
         self._body, self._step = body_index, step
         self._p_BoImu_B = np.array(p_BoImu_B, dtype=float).tolist()
         self._gravity = gravity
-        self._limit = np.repeat([math.inf, limits.gyro, limits.specific_force], 3)
+        self._limits = limits
         if body_index is None:
             self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         else:
@@ -194,14 +194,15 @@ class Imu(SampledSensor):
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (9,) of the body's motion."""
         motion = self._body_motion(context)
-        roll_pitch_yaw, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
-        sample = np.array((*roll_pitch_yaw, *omega, *acceleration))
-        sample += self._bias + self._deviation * self._noise.at(index)
-        reaction = self._gravity * np.array(motion.R_WB[2])
-        sample[6:] += reaction
-        sample = np.minimum(np.maximum(sample, -self._limit), self._limit)
-        sample[6:] -= reaction
-        return np.rint(sample * self._counts) / self._counts
+        angles, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
+        error = (self._bias + self._deviation * self._noise.at(index)).tolist()
+        gyro, force = self._limits.gyro, self._limits.specific_force
+        sample = [true + off for true, off in zip(angles, error[:3], strict=True)]
+        sample += [min(max(true + off, -gyro), gyro) for true, off in zip(omega, error[3:6], strict=True)]
+        for true, off, upwards in zip(acceleration, error[6:], motion.R_WB[2], strict=True):
+            reaction = self._gravity * upwards
+            sample.append(min(max(true + off + reaction, -force), force) - reaction)
+        return np.rint(np.array(sample) * self._counts) / self._counts
 
     def _body_motion(self, context: Context) -> ChassisMotion:
         if self._body is None:

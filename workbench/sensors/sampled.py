@@ -137,9 +137,10 @@ class SampledSensor(LeafSystem):
         queue = row = self._row(context)
         if self._queue_length > 1:
             queue = np.concatenate((self._queue.read(context)[self._row_size :], row))
-        self._queue.write(discrete_state, queue)
         if self._shows_at_once:
             self._set_outputs(queue[: self._row_size], discrete_state)
+        if not self._shows_at_once or self._queue_length > 1:  # else nobody reads the queue
+            self._queue.write(discrete_state, queue)
         return row
 
     def _show(self, context: Context, discrete_state: DiscreteValues) -> None:

@@ -14,7 +14,7 @@ from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, CAR_TRUTH, names_of, plant_position_columns
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
-from aerodima.workbench.controllers.law_of_scenario import swing_facts
+from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, swing_facts
 from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straighten, make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
@@ -64,10 +64,11 @@ def assemble(
     builder = DiagramBuilder()
     station = make_car_station(scenario, interface, meshcat, systems)
     builder.AddSystem(station)
+    law, rate = tail_law or law_of_scenario(scenario), scenario.controller.rate
     driver = TurnDriver.add_to_builder(
-        builder, schedule or make_schedule(scenario), scenario.controller.rate, station=station
+        builder, schedule or make_schedule(scenario), rate, station=station, controller_rate=law.rate
     )
-    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=tail_law)
+    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=law)
     sources = [driver, controller, station]
     if estimator:
         settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)

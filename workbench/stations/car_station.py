@@ -36,12 +36,15 @@ from aerodima.workbench.systems.connections import (
     refuse_other_ports,
     select,
     stacked,
-    time_since,
     transformed,
 )
 
 NOT_FITTED = 1.0
 """Fault code on `status` of a part that this car does not have, such as the motors of a car without tail arm."""
+
+TAIL_PARTS = ("tail_pitch", "tail_roll", "sail")
+HEALTHY = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
+"""Fields of `status` that are 0 in simulation."""
 
 Systems = Literal["separate", "fused"]
 
@@ -81,13 +84,11 @@ def make_car_station(
 
 @dataclass
 class _TailPorts:
-    """Ports that exist with a tail arm and have constant stand-ins without."""
+    """Ports that exist with a tail arm and have constant stand-ins without; who reports, by field of its age."""
 
     state: OutputPort
     torque: OutputPort
-    motor_age: OutputPort
-    sail_age: OutputPort
-    fault: float = 0.0
+    reports: dict[str, System]
 
 
 def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None, systems: Systems) -> None:
@@ -118,11 +119,6 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
     gps = GpsSpeed.add_to_builder(
         builder, scenario.gps, plant=car.plant, body=chassis, seed=seed, motion=driven.chassis_motion
     )
-    tail_fault = constant(builder, "tail_fault", [tail.fault])
-    ages = {"tail_pitch_age": tail.motor_age, "tail_roll_age": tail.motor_age, "sail_age": tail.sail_age}
-    ages |= {"imu_age": _age(builder, imu), "speed_age": _age(builder, gps)}
-    faults = {f"{part}_fault": tail_fault for part in ("tail_pitch", "tail_roll", "sail")}
-    healthy = ("imu_fault", "speed_fault", "operator_age", "operator_fault")
     export_outputs(
         builder,
         {
@@ -130,7 +126,7 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
             "tail_torque": tail.torque,
             "imu": imu.GetOutputPort("imu"),
             "speed": gps.GetOutputPort("speed"),
-            "status": add_status(builder, STATUS, ages | faults, healthy),
+            "status": _add_status(builder, {"imu_age": imu, "speed_age": gps}, tail.reports),
             "plant_state_truth": car.plant.get_state_output_port(),
             **driven.truth,
             **({} if driven.drive is None else _add_truth(builder, scenario, car, driven)),
@@ -236,20 +232,27 @@ def _add_tail(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant
         roll_joint=plant.GetJointByName("tail_roll"),
         reply=MotorReply(scenario.tail_motor.position_range, scenario.tail_motor.speed_range),
     )
-    age = _age(builder, encoders)
+    sail: System = encoders
     if scenario.tail.sail == "locked":
         angle = rate = constant(builder, "sail_locked", [0.0])
-        sail_age = age
     else:
-        encoder = _add_sail_encoder(builder, scenario, plant, driven.wind_direction)
-        angle, rate, sail_age = *map(encoder.GetOutputPort, ("angle", "rate")), _age(builder, encoder)
+        sail = _add_sail_encoder(builder, scenario, plant, driven.wind_direction)
+        angle, rate = map(sail.GetOutputPort, ("angle", "rate"))
     parts = [encoders.GetOutputPort("angles"), angle, encoders.GetOutputPort("rates"), rate]
-    return _TailPorts(stacked(builder, "tail_state", parts), driven.torque, age, sail_age)
+    reports = {f"{part}_age": sail if part == "sail" else encoders for part in TAIL_PARTS}
+    return _TailPorts(stacked(builder, "tail_state", parts), driven.torque, reports)
 
 
-def _age(builder: DiagramBuilder, sensor: System) -> OutputPort:
-    """As its port `age`, which would be computed in Python at every tick of the controller."""
-    return time_since(builder, f"{sensor.get_name()}_age", sensor.GetOutputPort("sample_time"))
+def _add_status(builder: DiagramBuilder, reports: dict[str, System], tail: dict[str, System]) -> OutputPort:
+    """From the sensors by field of their age; those of the tail are none without one."""
+    return add_status(
+        builder,
+        STATUS,
+        {},
+        [*HEALTHY, *([] if tail else (f"{part}_age" for part in TAIL_PARTS))],
+        samples={name: sensor.GetOutputPort("sample_time") for name, sensor in (reports | tail).items()},
+        faults={f"{part}_fault": 0.0 if tail else NOT_FITTED for part in TAIL_PARTS},
+    )
 
 
 def _add_sail_encoder(
@@ -269,9 +272,8 @@ def _stand_in_for_tail(builder: DiagramBuilder) -> _TailPorts:
     for name in TAIL_COMMANDS:
         ignored = builder.AddNamedSystem(f"{name}_ignored", MatrixGain(np.eye(STATION_INPUTS[name].size)))
         builder.ExportInput(ignored.get_input_port(), name)
-    age = constant(builder, "no_tail_age", [0.0])
     state = constant(builder, "no_tail_state", np.zeros(TAIL_STATE.size))
-    return _TailPorts(state, constant(builder, "no_tail_torque", np.zeros(2)), age, age, NOT_FITTED)
+    return _TailPorts(state, constant(builder, "no_tail_torque", np.zeros(2)), {})
 
 
 def _add_truth(builder: DiagramBuilder, scenario: Scenario, car: CarPlant, driven: _Driven) -> dict[str, OutputPort]:

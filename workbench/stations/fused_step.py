@@ -160,10 +160,9 @@ def add_fused_step(
 
 def add_chassis_motion(builder: DiagramBuilder, ports: FusedPorts) -> OutputPort:
     """Motion of the chassis for its sensors, see `chassis_motion`."""
-    before = [1 + index for index in range(VELOCITY, ANGLES)]
-    now = select(builder, "chassis", ports.motion, range(ANGLES))
-    last = select(builder, "chassis_before", ports.last, [*before, 0])
-    return stacked(builder, "chassis_motion", [now, last])
+    both, last = stacked(builder, "motion_now_and_before", [ports.motion, ports.last]), MOTION_SIZE
+    before = [last + 1 + index for index in range(VELOCITY, ANGLES)]
+    return select(builder, "chassis_motion", both, [*range(ANGLES), *before, last])
 
 
 def _motion_of_state(plant: MultibodyPlant) -> np.ndarray:
@@ -189,23 +188,26 @@ def _driven_ports(car: CarPlant) -> list[tuple[str, InputPort, np.ndarray]]:
     """Input ports of the plant, each with a name and the matrix from the drives to it."""
     plant, names = car.plant, car.actuated_joints
     count, steered = len(names), [names.index(f"front_{side}_steering") for side in ("left", "right")]
-    torque, knuckles = np.zeros((count, DRIVES_SIZE)), np.zeros((2 * count, DRIVES_SIZE))
-    torque[names.index("drive_shaft_spin"), SHAFT_TORQUE] = 1.0
+    torques, knuckles = np.zeros((plant.num_actuators(), DRIVES_SIZE)), np.zeros((2 * count, DRIVES_SIZE))
+    torques[_actuation_start(plant, "drive_shaft_spin"), SHAFT_TORQUE] = 1.0
     knuckles[[*steered, *(count + index for index in steered)], range(KNUCKLES, JOINT_TORQUES)] = 1.0
     ports = [
-        ("car_actuation", plant.get_actuation_input_port(car.car), torque),
+        ("actuation", plant.get_actuation_input_port(), torques),
         ("desired_steering", plant.get_desired_state_input_port(car.car), knuckles),
     ]
     if car.tail is None:
         return ports
-    joints, air = np.zeros((2, DRIVES_SIZE)), np.zeros((plant.num_velocities(), DRIVES_SIZE))
-    joints[range(2), range(JOINT_TORQUES, AIR_ON_CHASSIS)] = 1.0
+    motors = [_actuation_start(plant, name) for name in TAIL_JOINTS[:2]]
+    torques[motors, range(JOINT_TORQUES, AIR_ON_CHASSIS)] = 1.0
+    air = np.zeros((plant.num_velocities(), DRIVES_SIZE))
     v = plant.GetBodyByName("chassis").floating_velocities_start_in_v()
     air[range(v, v + 6), range(AIR_ON_CHASSIS, AIR_ON_JOINTS)] = 1.0
     for index, joint in enumerate(_tail_joints(plant)):
         air[joint.velocity_start(), AIR_ON_JOINTS + index] = 1.0
-    return [
-        *ports,
-        ("tail_actuation", plant.get_actuation_input_port(car.tail), joints),
-        ("air_force", plant.get_applied_generalized_force_input_port(), air),
-    ]
+    return [*ports, ("air_force", plant.get_applied_generalized_force_input_port(), air)]
+
+
+def _actuation_start(plant: MultibodyPlant, joint: str) -> int:
+    """Where the actuation of all actuators has that of a joint."""
+    actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
+    return next(int(actuator.input_start()) for actuator in actuators if actuator.joint().name() == joint)

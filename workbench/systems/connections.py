@@ -1,10 +1,11 @@
 """Connections between ports of a diagram."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.symbolic import Variable
+from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer, SymbolicVectorSystem
 
@@ -34,34 +35,42 @@ def stacked(builder: DiagramBuilder, name: str, sources: Sequence[OutputPort]) -
     return system.get_output_port()
 
 
-def time_since(builder: DiagramBuilder, name: str, instant: OutputPort) -> OutputPort:
-    """A port (1): time since the instant (s) that another port (1) gives, s; adds one system of that name."""
-    time, then = Variable("time"), Variable("then")
-    inputs, outputs = np.array([then]), np.array([time - then])
-    system = builder.AddNamedSystem(name, SymbolicVectorSystem(time=time, input=inputs, output=outputs))
-    builder.Connect(instant, system.get_input_port())
-    return system.get_output_port()
-
-
 def constant(builder: DiagramBuilder, name: str, value: ArrayLike) -> OutputPort:
     """A vector port that never changes; adds one system of that name."""
     return builder.AddNamedSystem(name, ConstantVectorSource(np.array(value, dtype=float))).get_output_port()
 
 
 def add_status(
-    builder: DiagramBuilder, fields: PortFields, sources: Mapping[str, OutputPort], healthy: Sequence[str]
+    builder: DiagramBuilder,
+    fields: PortFields,
+    sources: Mapping[str, OutputPort],
+    healthy: Sequence[str],
+    *,
+    samples: Mapping[str, OutputPort] | None = None,
+    faults: Mapping[str, float] | None = None,
 ) -> OutputPort:
-    """The port `status` of a simulated station: armed, ages and faults from `sources`, 0 for the `healthy` fields.
+    """The port `status` of a simulated station, computed in C++: armed, what follows, and 0 for the `healthy` fields.
+
+    Args:
+        sources: ports (1) with the value of a field.
+        samples: fields that are the time since an instant, s, each with the port (1) of that instant, s.
+        faults: fault codes that never change.
 
     Raises:
-        ValueError: a field of the port is in neither, or in both; names it.
+        ValueError: a field of the port is in none of these, or in two; names it.
     """
-    known = ["armed", *sources, *healthy]
+    samples, faults = samples or {}, faults or {}
+    known = ["armed", *sources, *samples, *faults, *healthy]
     if wrong := [name for name in {*fields.fields, *known} if known.count(name) != 1 or name not in fields.fields]:
         raise ValueError(f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}")
-    ports = {"armed": constant(builder, "armed", [1.0]), **sources}
-    zero = constant(builder, "no_fault", [0.0])
-    return stacked(builder, "status", [ports.get(name, zero) for name in fields.fields])
+    ports = {**sources, **samples}
+    time, values = Variable("time"), {name: Variable(name) for name in ports}
+    terms: dict[str, Any] = {"armed": 1.0, **faults, **values, **{name: time - values[name] for name in samples}}
+    outputs = np.array([Expression(0.0) + terms.get(name, 0.0) for name in fields.fields])
+    inputs = np.array([*values.values()])
+    system = builder.AddNamedSystem("status", SymbolicVectorSystem(time=time, input=inputs, output=outputs))
+    builder.Connect(stacked(builder, "status_inputs", [*ports.values()]), system.get_input_port())
+    return system.get_output_port()
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:

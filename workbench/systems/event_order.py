@@ -28,8 +28,9 @@ LEAD = 1e-9
 class Stage(IntEnum):
     """Who acts at one instant before the plant steps; the larger, the earlier.
 
-    The controller comes before the driver: it sees what the driver did one tick before, as on the car, where both read
-    first and write afterwards.
+    The controller does not come after the driver: it sees what the driver did one tick before, as on the car, where
+    both read first and write afterwards. At one rate both act in the controller's stage: Drake computes all discrete
+    updates of an instant from the state before it.
     """
 
     WIND = 6

@@ -29,11 +29,11 @@ TRACED = [
     (GpsSpeed, "_sample", "sensor"),
     (TailController, "_tick", "controller"),
     (RollEstimator, "_tick", "controller"),
-    (TurnDriver, "_tick", "driver"),
+    (TurnDriver, "_tick", "controller"),  # at one rate
     (SteeringServo, "_read_frame", "servo"),
     (RunRecorder, "_record", "row"),
 ]
-ORDER = ["sensor", "controller", "driver", "servo", "row", "step"]
+ORDER = ["sensor", "controller", "servo", "row", "step"]
 
 
 class Ticker(LeafSystem):
@@ -82,7 +82,7 @@ def test_all_that_happens_at_one_instant_happens_in_one_order_at_every_frame(ste
     """Times apart by more than rounding are two instants; within one, stages follow each other and the step is last."""
     trace = trace_of(step, monkeypatch)
     start = [who for who, time in trace if time == 0.0]
-    assert {"controller", "driver", "servo", "row"} <= set(start[: start.index("step")])
+    assert {"controller", "servo", "row"} <= set(start[: start.index("step")])
     trace = trace[len(start) :]
     while trace[-1][0] != "step":  # the run ends before the last instant's step
         trace.pop()
@@ -117,6 +117,31 @@ def test_steering_and_swing_act_on_the_step_of_the_tick_that_commands_them(step)
     swing = np.flatnonzero(log.signal("controller_state") == SwingState.SWING)[0]
     torque = log.signal("tail_roll_torque_n_m")
     assert abs(torque[swing] - torque[swing - 1]) > 1.0, "the motor follows the command within the row of the tick"
+
+
+class Watching:
+    """A law of some rate that notes when it saw which steering command."""
+
+    memory_size = 1
+
+    def __init__(self, rate):
+        self.rate, self.seen = rate, []
+
+    def start(self):
+        return np.zeros(1)
+
+    def step(self, memory, observation):
+        self.seen.append((observation.time, observation.steering_angle))
+        return memory, np.zeros(5), np.zeros(5), 0
+
+
+@pytest.mark.parametrize(("rate", "later"), [(100.0, 0.01), (50.0, 0.02), (333.0, 1 / 333)])
+def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_two(rate, later):
+    law, scenario = Watching(rate), scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0})
+    simulator = Simulator(assemble(scenario, tail_law=law, systems="fused", estimator=False).builder.Build())
+    simulator.AdvanceTo(1.05)
+    first = next(time for time, angle in law.seen if angle != 0.0)
+    assert first == pytest.approx(1.0 + later, abs=1e-9)
 
 
 @pytest.mark.parametrize("step", STEPS)
