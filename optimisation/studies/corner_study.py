@@ -51,7 +51,8 @@ from aerodima.optimisation.studies.law_training import (
 from aerodima.optimisation.studies.steering_search import best_place, search_steering
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask, scenario_content
+from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
@@ -160,7 +161,8 @@ class CornerRuns:
             settings.append((*own, f"{FRICTION}={floor.friction!r}", f"manoeuvre.turn_hold={hold!r}"))
         cars, longest = tuple(floor.member.name for *_, floor in turns), max(pulse for pulse, *_ in turns)
         numbers = (plan.search, MOST_ROLL, MOST_SIDESLIP)
-        return Screening(plan.scenario, tuple(settings), cars, *numbers, duration=longest + SOON_OVER)
+        content = content_key([scenario_content(plan.scenario, own) for own in settings])
+        return Screening(plan.scenario, tuple(settings), cars, *numbers, duration=longest + SOON_OVER, content=content)
 
     def courses(self, drivers: Sequence[Contestant], floors: Sequence[Floor]) -> FloatArray:
         """Course at 2 ms (drivers, floors), rad, with the best steering of one level; 0 where no turn counts."""

@@ -140,6 +140,8 @@ class Screening:
         fixed: settings of all of them.
         duration: how long the cars are driven from their steering on, s.
         board_margin: least height of the anti-ramp board over the ground in a turn that counts, m.
+        content: key of what the files behind the cases hold (`scenario_content`); with another nothing remembered is
+            taken.
     """
 
     scenario: str
@@ -152,6 +154,7 @@ class Screening:
     fixed: tuple[str, ...] = ()
     duration: float = DELAYS[1] + SOON_OVER
     board_margin: float = 0.0
+    content: str = ""
 
 
 def screened_courses(task: Screening) -> list[list[float]]:
@@ -162,7 +165,8 @@ def screened_courses(task: Screening) -> list[list[float]]:
     """
     count = len(task.cases)
     which = np.tile(np.arange(count), len(task.laws))
-    scenarios, all_cars, all_plans = _reduced(task.scenario, tuple((*case, *task.fixed) for case in task.cases))
+    cases = tuple((*case, *task.fixed) for case in task.cases)
+    scenarios, all_cars, all_plans = _reduced(task.scenario, cases, task.content)
     numbers: dict[str, Any] = {
         name: np.repeat([law[name] for law in task.laws], count) for name in task.laws[0] if "." not in name
     }
@@ -191,7 +195,9 @@ def screened_courses(task: Screening) -> list[list[float]]:
 
 
 @lru_cache(maxsize=4)
-def _reduced(scenario: str, cases: tuple[tuple[str, ...], ...]) -> tuple[list[Scenario], Vehicles, TurnPlans]:
+def _reduced(
+    scenario: str, cases: tuple[tuple[str, ...], ...], _content: str
+) -> tuple[list[Scenario], Vehicles, TurnPlans]:
     scenarios = [load_scenario(scenario, settings) for settings in cases]
     return scenarios, Vehicles.of(scenarios), TurnPlans.of(scenarios)
 

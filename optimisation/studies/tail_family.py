@@ -18,7 +18,7 @@ import pandas as pd
 
 from aerodima.optimisation.studies.contestants import Contestant, raised_gearbox
 from aerodima.optimisation.studies.law_training import TRAINED, LawFamily
-from aerodima.optimisation.sweep.study_engine import RememberingEngine
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, scenario_content
 from aerodima.optimisation.swing.tail_design import design_numbers, straight_tail, swing_demand
 from aerodima.workbench.batch.row_store import content_key
 from aerodima.workbench.config.array_types import FloatArray
@@ -130,7 +130,8 @@ class TailFamily(LawFamily):
     def beyond(self, laws: Sequence[Mapping[str, float]], engine: RememberingEngine) -> FloatArray:
         """As `LawFamily.beyond`: a whole for each finding, and the share by which its motor works too hard."""
         items = [(self.scenario, self.settings(law), law["tail.mount_height"]) for law in laws]
-        found = engine.call_once(_beyond, items, [content_key("tail limits", *item) for item in items])
+        content = scenario_content(self.scenario)
+        found = engine.call_once(_beyond, items, [content_key("tail limits", *item, content) for item in items])
         return np.array(found, float)
 
 

@@ -365,13 +365,18 @@ class RememberingEngine:
 
 def run_key(task: RunTask) -> str:
     """The same for the same run, whatever it is called: of everything that determines its row, swing file included."""
-    try:
-        scenario = load_scenario(task.scenario, task.settings)
-        content = [scenario.resolved(), _swing(scenario.controller.swing_file)]
-    except UserError as error:
-        content = [str(error)]
+    content = scenario_content(task.scenario, task.settings)
     rolling = ["rolling"] if task.rolling else []
     return content_key(task.scenario, task.settings, task.signals, _versions(), content, *rolling)
+
+
+def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:
+    """What the files behind a scenario with overrides hold, its swing among them: for keys of what is remembered."""
+    try:
+        scenario = load_scenario(name, settings)
+        return [scenario.resolved(), _swing(scenario.controller.swing_file)]
+    except UserError as error:
+        return [str(error)]
 
 
 @cache

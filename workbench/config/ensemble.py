@@ -227,6 +227,11 @@ def _checked(path: Path, member: _MemberEntry) -> dict[str, Value]:
     return dict(member.values)
 
 
-@lru_cache(maxsize=32)
 def _tail_name(scenario: str) -> str:
+    path = Path(scenario)
+    return _read_tail_name(scenario, path.stat().st_mtime_ns if path.is_file() else 0)
+
+
+@lru_cache(maxsize=32)
+def _read_tail_name(scenario: str, _changed: int) -> str:
     return load_scenario(scenario).tail.name

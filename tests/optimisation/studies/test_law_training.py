@@ -4,20 +4,29 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
+from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
+from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.law_search import APART, LawSearch, is_gaining, search_laws
-from aerodima.optimisation.studies.law_training import TRAINED, Screening, score, screened_courses
+from aerodima.optimisation.studies.law_training import TRAINED, Screening, course_table, score, screened_courses
 from aerodima.optimisation.studies.steering_search import SteeringSearch
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, SerialRunEngine
+from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.config.checked_files import read_yaml
+from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import UserError
+from aerodima.workbench.resources import model_path
 
 ONE_AMPLITUDE = SteeringSearch(math.radians(2.0), math.radians(8.0), runs=1, spread=1)
 
@@ -60,6 +69,21 @@ def test_a_search_gains_while_its_last_generations_bring_better_laws() -> None:
     assert not is_gaining(early, generation=2)
     assert is_gaining(late, generation=2)
     assert not is_gaining(late, generation=3), "no generation before the last three"
+
+
+def test_a_scenario_file_with_another_content_is_screened_anew(tmp_path: Path) -> None:
+    """Its cars are kept in the process, and the courses in the store."""
+    path = tmp_path / "car.yaml"
+    designed, found = read_yaml(model_path("scenarios/turn_designed.yaml")), []
+    with RowStore(tmp_path / "runs.jsonl", {}) as store:
+        engine = RememberingEngine(SerialRunEngine(), store)
+        for mass in (6.5, 8.0, 6.5):
+            path.write_text(yaml.safe_dump({**designed, "car": {"mass": mass}}))
+            runs = CornerRuns(CornerPlan(str(path)), engine)
+            cases = runs.reduced_cases([Floor(Member("own", 1.0, {}), 4.5, 1.3, 0.6)])
+            found.append(course_table(replace(cases, steering=ONE_AMPLITUDE), [{}], engine)[0, 0])
+    assert found[0] == found[2] != found[1]
+    assert len(store.rows) == 2
 
 
 def test_a_law_is_screened_as_its_scenario_would_be() -> None:

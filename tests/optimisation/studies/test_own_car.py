@@ -135,6 +135,13 @@ def test_stopped_it_goes_on_and_more_cars_keep_what_is_there(tmp_path: Path) -> 
     assert all(f"car.com_height={third.values['car.com_height']}" in task.settings for task in more.tasks)
 
 
+def test_another_car_in_the_same_folder_is_trained_anew(tmp_path: Path) -> None:
+    first, same, other = Cars(), Cars(), Cars()
+    for engine, mass in ((first, 6.5), (same, 6.5), (other, 7.5)):
+        study_own_car(tmp_path, "turn_designed", (f"car.mass={mass}",), TINY, engine)
+    assert first.laws == other.laws > same.laws == 0
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [({"members": 0}, r"--members 0: the ensemble has \d+ such cars; allowed: 1 to \d+"),
