@@ -81,6 +81,7 @@ class CodesignPlan:
         if not self.budgets or len(self.corner.speeds) != 1:
             given = f"{len(self.budgets)} budgets, {len(self.corner.speeds)} speeds"
             raise SweepError(f"co-design: {given}; allowed: at least one budget and one speed")
+        replace(self.corner, floors=self.judged)  # refuses what the judging would
         if self.samples and (self.samples < 2 or self.samples & (self.samples - 1)):
             raise SweepError(f"{self.samples} samples: allowed: 0, or a power of two from 2 on")
         car = load_scenario(self.corner.scenario).car

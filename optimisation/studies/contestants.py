@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 from aerodima.optimisation.swing.full_car import FRICTION_STEP
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.law_of_scenario import find_swing
+from aerodima.workbench.errors import SweepError
 from aerodima.workbench.plants.car_model import gearbox_height
 from aerodima.workbench.plants.tail import tail_geometry
 
@@ -102,6 +103,18 @@ def swing_player(path_or_name: str, tracking: str = "joint_pd") -> Contestant:
 def _playing(path_or_name: str, tracking: str) -> tuple[str, ...]:
     place = str(Path(path_or_name).resolve()) if Path(path_or_name).exists() else path_or_name
     return (f"controller.swing_file={place}", f"controller.tracking={tracking}")
+
+
+def refuse_twice(names: Sequence[str], what: str) -> None:
+    """Raises SweepError where one of these is named twice: the rows of both would be taken for one.
+
+    Args:
+        names: of contestants, cars or numbers.
+        what: they are, for the message.
+    """
+    for place, name in enumerate(names):
+        if name in names[:place]:
+            raise SweepError(f"{what} {name!r}: named twice; allowed: once")
 
 
 FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, FRICTION_STEP)

@@ -14,6 +14,7 @@ from aerodima.optimisation.studies.contestants import (
     NO_TAIL,
     THESIS,
     Contestant,
+    refuse_twice,
 )
 from aerodima.optimisation.studies.disturbances import draw_disturbances
 from aerodima.optimisation.studies.law_search import LawSearch
@@ -86,8 +87,9 @@ class CornerPlan:
         step, fine_step: of the plant, s: of searches and disturbed runs, and of claims.
 
     Raises:
-        UserError: a course that is not measured, a pulse out of range, a scenario without a turn, more steering than
-            the servo has, more than courses of reduced cars, a number of disturbed runs that is not allowed.
+        UserError: a course that is not measured, a pulse out of range, a speed, floor, course or pulse that is named
+            twice, a scenario without a turn, more steering than the servo has, more than courses of reduced cars, a
+            number of disturbed runs that is not allowed.
     """
 
     scenario: str = "turn_fast"
@@ -113,6 +115,9 @@ class CornerPlan:
         for pulse in self.pulses:
             if not PULSES[0] <= pulse <= PULSES[1]:
                 raise SweepError(f"pulse {pulse:g} s: allowed: {PULSES[0]:g} to {PULSES[1]:g} s")
+        asked = {"speed": self.speeds, "floor": self.floors, "course": self.courses, "pulse": self.pulses}
+        for name, values in asked.items():
+            refuse_twice([f"{value:g}" for value in values], name)
         if self.disturbed:
             draw_disturbances(self.disturbed, self.seed, "")
         if self.reduced and (self.courses or self.fixed or self.disturbed or len(self.shapes) > 1):
@@ -227,9 +232,10 @@ def chosen_cars(cars: Sequence[Member], names: Sequence[str]) -> list[Member]:
     """Test cars by name.
 
     Raises:
-        SweepError: one is no test car.
+        SweepError: one is no test car, or named twice.
     """
     known = {car.name: car for car in cars}
+    refuse_twice(names, "car")
     for name in names:
         if name not in known:
             raise SweepError(f"car {name!r}: is no test car with this seed; allowed: {', '.join(sorted(known))}")

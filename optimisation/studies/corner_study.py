@@ -18,7 +18,7 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.studies.contestants import THESIS, Contestant
+from aerodima.optimisation.studies.contestants import THESIS, Contestant, refuse_twice
 from aerodima.optimisation.studies.corner_floors import find_floors, turn_settings
 from aerodima.optimisation.studies.corner_plan import (
     MOST_BACK,
@@ -76,7 +76,11 @@ class CornerRuns:
             laws: further contestants.
             test: cars that are judged on.
             training: cars that laws are looked for on.
+
+        Raises:
+            UserError: two contestants of one name; none has a floor.
         """
+        refuse_twice([who.name for who in (*chosen.values(), *laws)], "contestant")
         trained = {who.name: self.trained(who, training) for who in chosen.values() if isinstance(who, LawFamily)}
         tables = [table for _, table in trained.values()]
         contestants = [trained[who.name][0] if isinstance(who, LawFamily) else who for who in chosen.values()]

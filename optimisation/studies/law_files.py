@@ -6,12 +6,11 @@ not bring another car, floor, driver or tail. It is plain YAML, and needs no fil
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import Field, field_validator
 
-from aerodima.optimisation.studies.contestants import Contestant, swing_player
+from aerodima.optimisation.studies.contestants import Contestant, refuse_twice, swing_player
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml, shipped_names
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import load_scenario
@@ -95,12 +94,5 @@ def _listed(path: Path, data: dict[str, object]) -> list[Contestant]:
     if data.get("schema") == short_turn.SCHEMA:
         data = {"schema": SCHEMA, "contestants": data["contestants"]}
     laws = checked(LawList, data, str(path), SweepError, schema=SCHEMA).contestants
-    refuse_twice([law.name for law in laws], str(path))
+    refuse_twice([law.name for law in laws], f"{path}: law")
     return [Contestant(law.name, tuple(law.settings)) for law in laws]
-
-
-def refuse_twice(names: Sequence[str], where: str) -> None:
-    """Raises SweepError when two contestants have one name."""
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise SweepError(f"{where}: {twice[0]!r} takes part twice; allowed: a name of its own for each")

@@ -235,7 +235,7 @@ contestants:
             ("settings: [tail.mode=swing, controller.swing_file=none, controller.swing_speed=3.0]", ""),
             "settings: missing",
         ),
-        (("  - name: slow", "  - {name: slow, settings: [tail.mode=none]}\n  - name: slow"), "'slow' takes part twice"),
+        (("  - name: slow", "  - {name: slow, settings: [tail.mode=none]}\n  - name: slow"), "law 'slow': named twice"),
     ],
 )
 def test_a_list_of_laws_brings_laws_alone(tmp_path: Path, change: tuple[str, str], words: str) -> None:
@@ -256,6 +256,13 @@ def test_laws_that_ship_take_part_by_name() -> None:
     assert len(read_laws(str(model_path("short_turn/contestants.yaml")), "turn_designed")) == 4
     with pytest.raises(UserError, match=r"law 'best_swin': no such file, and none ships by this name; .*best_swing"):
         read_laws("best_swin", "turn_designed")
+
+
+def test_a_law_with_the_name_of_a_contestant_is_refused_before_anything_is_run(tmp_path: Path) -> None:
+    engine = MadeUp()
+    with pytest.raises(UserError, match="contestant 'held': named twice; allowed: once"):
+        make_corner(tmp_path, PLAN, contestants_of(["held"]), read_laws("held", "turn_fast"), CARS[:1], (), engine)
+    assert not engine.tasks
 
 
 def test_a_contestant_whose_turns_do_not_count_has_turned_nothing(tmp_path: Path) -> None:
@@ -404,6 +411,11 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
     ("wrong", "words"),
     [
         (lambda: contestants_of(["none", "someone"]), "contestant 'someone': allowed: none, low-ballast, low-centre"),
+        (lambda: chosen_cars(CARS, ["light", "light"]), "car 'light': named twice"),
+        (lambda: CornerPlan(speeds=(4.5, 4.5)), "speed '4.5': named twice; allowed: once"),
+        (lambda: CornerPlan(floors=(1.3, 1.1, 1.3)), "floor '1.3': named twice"),
+        (lambda: CornerPlan(pulses=(0.5, 0.5)), "pulse '0.5': named twice"),
+        (lambda: CornerPlan(courses=(45, 45)), "course '45': named twice"),
         (lambda: chosen_cars(CARS, ["other"]), "car 'other': is no test car with this seed; allowed: heavy, light"),
         (lambda: SteeringSearch(math.radians(-2.0), 0.5), "steering -2 to 28.6479 degrees: allowed: from above 0"),
         (lambda: LawSearch(laws=2), "2 laws for each number: allowed: at least 3"),
