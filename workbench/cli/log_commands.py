@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, partial
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -168,24 +169,24 @@ def export(
     if form is None:
         raise LogError(f"--to: {to!r}; allowed: {', '.join(FORMATS)}")
     path = out or log.with_suffix(f".{form}")
+    _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
     if follow:
-        _follow(log, path, form)
+        _follow(log, path, form, force)
         return
     run_log = read_run_log(log)
     written = export_log(run_log, path, form, force, _scene(run_log) if form == "mcap" else ())
     typer.echo("\n".join(map(str, written)))
 
 
-def _follow(log: Path, path: Path, form: str) -> None:
-    """Writes a run that is still going on, and says how far it is."""
+def _follow(log: Path, path: Path, form: str, force: bool) -> None:
+    """Writes a run that is still going on, and says how far it is; once, why nothing of it can be drawn."""
     from aerodima.workbench.logs.foreign_files import export_live
 
     if form != "mcap":
         raise LogError(f"--follow: {form} is written of a run that has ended; allowed: --to mcap")
-    path.unlink(missing_ok=True)
     before, told = -1, monotonic()
-    for rows in export_live(log, path, _scene):
+    for rows in export_live(log, path, partial(_scene, say=cache(_note)), force=force):
         if rows != before:
             before, told = rows, monotonic()
             typer.echo(f"\r{path}: {rows} rows", nl=False)
@@ -195,7 +196,11 @@ def _follow(log: Path, path: Path, form: str) -> None:
     typer.echo()
 
 
-def _scene(run_log: RunLog, first_row: int = 0) -> Iterable[SceneMessage]:
+def _note(words: str) -> None:
+    typer.echo(f"note: {words}", err=True)
+
+
+def _scene(run_log: RunLog, first_row: int = 0, say: Callable[[str], None] = _note) -> Iterable[SceneMessage]:
     """What a viewer draws of a car's run; a note says why there is nothing."""
     from aerodima.workbench.config.signal_table import RIG_KINDS
 
@@ -206,7 +211,7 @@ def _scene(run_log: RunLog, first_row: int = 0) -> Iterable[SceneMessage]:
     try:
         return foxglove_scene(run_log, first_row)
     except LogError as error:
-        typer.echo(f"note: signals only, no scene: {error}", err=True)
+        say(f"signals only, no scene: {error}")
         return ()
 
 
@@ -224,8 +229,7 @@ def condition(
     from aerodima.workbench.logs.recipe import apply_recipe, load_recipe
     from aerodima.workbench.logs.schema import read_run_log, write_run_log
 
-    if out.resolve() == log.resolve():
-        raise LogError(f"--out {out}: is the log that is read; raw logs are kept")
+    _refuse_raw(out, log)
     for path in (out, plot):
         if path is not None:
             refuse_existing(path, force, LogError)
@@ -278,6 +282,11 @@ def compare(
     if html is not None:
         (written,) = write_files(html.parent, {html.name: comparison_page(run_logs, names)}, force=force)
         typer.echo(f"page: {written}")
+
+
+def _refuse_raw(out: Path, log: Path) -> None:
+    if out.resolve() == log.resolve():
+        raise LogError(f"--out {out}: is the log that is read; raw logs are kept")
 
 
 def _refuse_twice(runs: list[Path]) -> None:

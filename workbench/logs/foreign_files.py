@@ -9,6 +9,7 @@ import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -233,8 +234,9 @@ def export_log(
 
 
 def export_live(
-    run: Path, path: Path, scene: "Callable[[RunLog, int], Iterable[SceneMessage]]", wait: float = 0.5
-) -> Iterator[int]:
+    run: Path, path: Path, scene: "Callable[[RunLog, int], Iterable[SceneMessage]]", wait: float = 0.5,
+    force: bool = False,
+) -> Iterator[int]:  # fmt: skip
     """Writes a run as MCAP while it is still going on; gives the rows so far at every look, until it has ended.
 
     Its journal is read from beside, so that the program that writes it does nothing for it. When the reading is ended
@@ -245,24 +247,27 @@ def export_live(
         path: to write.
         scene: what a viewer draws of the rows from one on, such as `foxglove_scene`.
         wait: between two looks at the journal, s.
+        force: replace an existing file, once the run is found.
 
     Raises:
-        LogError: no such run, the file cannot be written, a package is missing, or negative times.
+        LogError: no such run, the file is there or cannot be written, a package is missing, or negative times.
     """
     from aerodima.workbench.logs.message_logs import McapFile
 
-    seen, run_log, written = 0, None, None
+    following = follow_run(run, wait)
+    first = run_log = next(following)
+    seen, written = 0, None
     try:
-        with open(path, "xb") as stream:
+        with open(path, "wb" if force else "xb") as stream:
             try:
-                for run_log in follow_run(run, wait):
+                for run_log in chain([first], following):
                     written = written or McapFile(stream, topics_of(list(run_log.table.columns)), TIME)
                     if len(run_log.table) > seen:
                         written.add(run_log.table.iloc[seen:], scene(run_log, seen))
                         seen = len(run_log.table)
                     yield seen
             finally:
-                if written is not None and run_log is not None:
+                if written is not None:
                     written.finish(json.dumps(_exported(run_log), sort_keys=True, indent=1, allow_nan=False))
     except OSError as cause:
         raise LogError(f"{path}: cannot be written ({cause.strerror})") from None

@@ -71,3 +71,18 @@ def test_export_goes_beside_the_log_and_names_a_wrong_format(call: Callable, ref
     again = call("log", "import", folder / "run.csv", "--out", folder / "again.parquet")
     assert again.exit_code == 0, again.output
     assert read_run_log(folder / "again.parquet").table.equals(read_run_log(folder / "run.parquet").table)
+
+
+def test_export_keeps_the_log_and_what_is_there_until_the_run_is_found(
+    refused: Callable, folder: Path, untouched: Path
+) -> None:
+    run = folder / "run.parquet"
+    before = run.read_bytes()
+    for flags in (("csv",), ("mcap",), ("mcap", "--follow")):
+        assert "raw logs are kept" in refused("log", "export", run, "--out", run, "--force", "--to", *flags)
+    assert run.read_bytes() == before
+    missing = ("log", "export", folder / "none.parquet", "--to", "mcap", "--follow", "--out")
+    assert "none.parquet: no such run log" in refused(*missing, untouched, "--force")
+    assert untouched.read_text() == "precious"
+    assert "none.parquet: no such run log" in refused(*missing, folder / "new.mcap")
+    assert not (folder / "new.mcap").exists()
