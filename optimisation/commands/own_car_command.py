@@ -65,7 +65,14 @@ def swing(
     Example: aerodima study swing turn_designed --set car.mass=6.5 --quick --out out/my_car
     """
     from aerodima.optimisation.studies.own_car_page import own_rows, write_own_car
-    from aerodima.optimisation.studies.own_car_study import QUICK, TURN, Effort, study_own_car
+    from aerodima.optimisation.studies.own_car_study import (
+        QUICK,
+        TURN,
+        Effort,
+        possible_cars,
+        stated_data,
+        study_own_car,
+    )
     from aerodima.workbench.text_table import text_table
 
     asked = {
@@ -74,6 +81,7 @@ def swing(
     }  # fmt: skip
     given = {name: number for name, number in asked.items() if number is not None}
     effort = replace(QUICK if quick else Effort(), seed=seed, **given)
+    possible_cars(stated_data(scenario, settings or ()), ensemble, effort)  # refused before the workers start
     with engine_for(out, work.workers, work.scheduler) as (engine, progress):
         found = study_own_car(
             out, scenario, settings or (), effort, engine, floor=floor, ensemble=ensemble, force=work.force,
