@@ -259,8 +259,8 @@ def how_measured(plan: CornerPlan, test: Sequence[Member], training: Sequence[Me
         f"{MOST_SIDESLIP:g} rad at the exit. Steering from {low} to {high} degrees: {search.runs} runs of each shape "
         f"({_shapes(plan)}) at {1000 * plan.step:g} ms for each contestant and case; the best is proved at "
         f"{1000 * plan.fine_step:g} ms, {back:.1%} less each time it does not count there, at most {MOST_BACK} times. "
-        "Medians over the cases; the worst car is that of the lowest median over its own. Without a turn that counts a "
-        "contestant turned nothing."
+        "Gains are medians over the cases, -100 % in one without a turn that counts; all other columns are medians "
+        "over the turns that count. The worst car is that of the lowest median gain over its own cases."
     )
 
 

@@ -18,9 +18,10 @@ RULES = (
     "Each law has the steering of one level that turns the course furthest in each case: nine amplitudes from 2 to 30 "
     "degrees at 2 ms, the best proved at 0.5 ms and lowered by 2.1 % at a time until it counts there. A run counts "
     "that is clean, with a peak roll of at most 0.35 rad and a sideslip of at most 0.1 rad at the exit: straight "
-    "wheels and a yaw rate below 0.1 rad/s. A case without one is a gain of -100 %. The score is the median gain in "
-    "course over the car without tail; in brackets its 95 % interval by bootstrap over the cars, too narrow with so "
-    "few of them. Worst car: the lowest median over a car's own cases."
+    "wheels and a yaw rate below 0.1 rad/s. A case without one is a gain of -100 %; course and exit are medians over "
+    "the turns that count. The score is the median gain in course over the car without tail; in brackets its 95 % "
+    "interval by bootstrap over the cars, too narrow with so few of them. Worst car: the lowest median over a car's "
+    "own cases."
 )
 HEADER = [
     "law",

@@ -78,7 +78,7 @@ def _caption_of_plant(run_log: RunLog) -> Caption:
     facts = f"{run_log.time[-1] - run_log.time[0]:.2f} s" + (f", air on {', '.join(bodies)}" if bodies else ", no tail")
     name, outcome = str(run_log.scenario.get("name") or run_log.name), plant_outcome(run_log)
     if outcome is None:
-        return Caption(name, facts, "no outcome: nothing that starts upright", "unknown")
+        return Caption(name, facts, "no outcome: no base stands upright at the start", "unknown")
     return Caption(name, facts, outcome_in_words(outcome), outcome.result)
 
 

@@ -135,7 +135,7 @@ def test_outcome_is_that_of_a_base_that_starts_upright() -> None:
     upside_down = fallen([3.1, 1.4, 0.1])
     assert plant_outcome(upside_down) is None
     assert plant_metrics(upside_down)["outcome"] is None
-    assert "no outcome: nothing that starts upright" in caption_of(upside_down).text
+    assert "no outcome: no base stands upright at the start" in caption_of(upside_down).text
 
 
 def test_strips_of_equal_runs_are_equal(swings: dict, tmp_path: Path) -> None:
