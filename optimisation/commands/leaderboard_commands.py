@@ -35,7 +35,10 @@ def corner(
     ] = None,
     other_car: OtherCar = False,
     disturbed: Annotated[
-        int, typer.Option(help="Runs of each in each case with what may be otherwise than planned.", min=0, max=1000)
+        int,
+        typer.Option(
+            help="Runs of each contestant in each case with air, grip, motors and release off plan.", min=0, max=1000
+        ),
     ] = 0,
     ensemble: Ensemble = "car",
     seed: Annotated[

@@ -22,7 +22,7 @@ from aerodima.optimisation.studies.contestants import NO_TAIL, THESIS
 from aerodima.optimisation.studies.corner_page import gains
 from aerodima.optimisation.studies.corner_plan import MOST_ROLL, MOST_SIDESLIP, PULSE
 from aerodima.optimisation.studies.study_report import table_cells
-from aerodima.optimisation.studies.study_store import open_runs
+from aerodima.optimisation.studies.study_store import drop_stale, open_runs
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
@@ -42,6 +42,8 @@ from aerodima.workbench.report.report_page import (
 )
 
 PAGE = "codesign.html"
+SOMETIMES = ("mounts", "sensitivities")
+"""Tables that may be left out."""
 _REFERENCES = {"published": THESIS.name, "own_law": OWN_LAW, "no_tail": NO_TAIL.name}
 
 
@@ -76,7 +78,8 @@ def make_codesign(
         "cases.csv": found.corner.cases,
         "laws.csv": found.law_of_thesis,
     }
-    tables |= {f"{name}.csv": table for name in ("mounts", "sensitivities") if len(table := getattr(found, name))}
+    tables |= {f"{name}.csv": table for name in SOMETIMES if len(table := getattr(found, name))}
+    drop_stale(out, [f"{name}.csv" for name in SOMETIMES], tables)
     page = codesign_page(found, summary, _how(plan, nominal, test, training))
     return found, summary, write_files(out, {**tables, PAGE: page})
 

@@ -26,7 +26,7 @@ from aerodima.optimisation.studies.disturbed_turns import disturbed_words, survi
 from aerodima.optimisation.studies.law_training import LawFamily
 from aerodima.optimisation.studies.pulse_lengths import WORDS, gains_by_pulse, plot_pulses, pulse_rows
 from aerodima.optimisation.studies.study_report import table_cells
-from aerodima.optimisation.studies.study_store import open_runs
+from aerodima.optimisation.studies.study_store import drop_stale, open_runs
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
@@ -36,6 +36,8 @@ from aerodima.workbench.figures.figure_style import BLUE, GREY, new_figure, styl
 from aerodima.workbench.report.report_page import Finding, Folded, Page, Section, Table, write_files, zoomable
 
 PAGE, TABLE = "corner.html", "corner.md"
+SOMETIMES = ("laws.csv", "pulses.csv", "disturbed.csv", "survival.csv")
+"""Tables of what was asked for beside the cases."""
 
 
 def make_corner(
@@ -80,6 +82,7 @@ def make_corner(
         tables |= {"disturbed.csv": corner.disturbed, "survival.csv": corner.survival}
         survival = markdown_table(survival_cells(corner.survival))
         markdown += "\n".join(["", disturbed_words(corner.disturbed), "", *survival, ""])
+    drop_stale(out, SOMETIMES, tables)
     case = case_sections(plan, corner.contestants, test, corner.cases) if show_case and not plan.reduced else []
     page = corner_page(corner, summary, words, case)
     return corner, summary, write_files(out, {**tables, TABLE: markdown, PAGE: page})

@@ -17,6 +17,7 @@ from aerodima.optimisation.studies.corner_page import corner_page, gains, how_me
 from aerodima.optimisation.studies.corner_plan import AFTER, PULSE
 from aerodima.optimisation.studies.law_files import SCHEMA
 from aerodima.optimisation.studies.own_car_study import LAW, TURN, WORDS, OwnCar, stated_car, stated_numbers
+from aerodima.optimisation.studies.study_store import drop_stale
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, rounded
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import SweepError
@@ -40,9 +41,8 @@ def write_own_car(out: Path, found: OwnCar) -> list[Path]:
     summary = summarise_corner(found.unseen.cases, found.corner.contestants)
     tables = {"cases.csv": found.corner.cases, "summary.csv": summary, "laws.csv": found.corner.laws}
     turn = turn_file(found)
-    if turn is None:
-        (out / TURN).unlink(missing_ok=True)
     files = {LAW: law_file(found)} | ({} if turn is None else {TURN: turn})
+    drop_stale(out, [TURN], files)
     return write_files(out, {**tables, **files, PAGE: own_car_page(out, found)}, error=SweepError)
 
 

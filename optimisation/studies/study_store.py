@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Sequence
 from pathlib import Path
 
 from aerodima.workbench.batch.row_store import RowStore
@@ -28,3 +29,16 @@ def open_runs(out: Path, *, force: bool = False) -> RowStore:
         "versions": software_versions(),
     }
     return RowStore(out / "runs.jsonl", identity, force=force)
+
+
+def drop_stale(out: Path, names: Sequence[str], written: Container[str]) -> None:
+    """Removes files of an earlier call that this one does not write, so that all that is there is of one call.
+
+    Args:
+        out: folder; what it keeps of runs stays.
+        names: of files that a call may write or not.
+        written: those of this call.
+    """
+    for name in names:
+        if name not in written:
+            (out / name).unlink(missing_ok=True)

@@ -258,6 +258,15 @@ def test_laws_that_ship_take_part_by_name() -> None:
         read_laws("best_swin", "turn_designed")
 
 
+@pytest.mark.parametrize(("chosen", "there"), [(["held", "constant"], True), (["held"], False)])
+def test_tables_of_an_earlier_call_do_not_stay(tmp_path: Path, chosen: list[str], *, there: bool) -> None:
+    for name in ("laws.csv", "survival.csv"):
+        (tmp_path / name).write_text("of another call")
+    make_corner(tmp_path, PLAN, contestants_of(chosen), [], CARS[:1], CARS[1:], MadeUp())
+    assert (tmp_path / "laws.csv").exists() is there
+    assert not (tmp_path / "survival.csv").exists()
+
+
 def test_a_law_with_the_name_of_a_contestant_is_refused_before_anything_is_run(tmp_path: Path) -> None:
     engine = MadeUp()
     with pytest.raises(UserError, match="contestant 'held': named twice; allowed: once"):
