@@ -15,6 +15,7 @@ from scipy.stats import sobol_indices, uniform
 
 from aerodima.optimisation.calibration.car_prior import HEIGHT, Prior, normalised
 from aerodima.optimisation.calibration.member_draw import Draw
+from aerodima.optimisation.calibration.surrogates import predictions
 from aerodima.workbench.config.array_types import FloatArray
 
 SAMPLES, RESAMPLES = 2**11, 200
@@ -61,19 +62,17 @@ def sensitivities(draw: Draw, seed: int, samples: int = SAMPLES) -> pd.DataFrame
         One row per target and parameter: `target` (source and metric, with unit at its end), `parameter`, `first` and
         `total`, and `_low` and `_high` of both, 95 % intervals by bootstrap: of the sampling, not of the surrogates.
     """
-    prior, cars = draw.prior, len(draw.cars.keys)
-    targets: dict[str, Callable[[FloatArray], FloatArray]] = {
-        FLIP_SPEED: lambda points: draw.surrogates.flip.flip_speed(points[:, :cars])
-    }
-    for datum, surrogate in draw.surrogates.car.items():
-        targets[datum.name] = lambda points, surrogate=surrogate: surrogate.predict(points[:, :cars])  # type: ignore[misc]
-    targets |= {datum.name: surrogate.predict for datum, surrogate in draw.surrogates.tailed.items()}
+    prior, cars, surrogates = draw.prior, len(draw.cars.keys), draw.surrogates
 
     def predicted(coordinates: FloatArray) -> FloatArray:
-        return np.array([predict(coordinates.T) for predict in targets.values()])
+        points = coordinates.T
+        own, tailed = list(surrogates.car.values()), list(surrogates.tailed.values())
+        flip_speed = surrogates.flip.flip_speed(points[:, :cars])
+        return np.array([flip_speed, *predictions(points[:, :cars], own), *predictions(points, tailed)])
 
+    targets = [FLIP_SPEED, *(datum.name for datum in (*surrogates.car, *surrogates.tailed))]
     names = [MU_OVER_SSF if key == HEIGHT else key for key in prior.keys]
-    return sobol_table(predicted, list(targets), names, samples, seed)
+    return sobol_table(predicted, targets, names, samples, seed)
 
 
 def sobol_table(
@@ -122,8 +121,9 @@ def directions(draw: Draw, seed: int) -> list[Direction]:
     The members themselves are too few for a covariance of this size.
     """
     prior, cars, surrogates = draw.prior, len(draw.cars.keys), draw.surrogates
+    flip = surrogates.flip
     plain, log_plain = prior.draw(CANDIDATES, seed)
-    points, log_prior = prior.draw(CANDIDATES, seed, window=lambda p: surrogates.flip.window(p[:, :cars]))
+    points, log_prior = prior.draw(CANDIDATES, seed, window=lambda p: flip.window(flip.edges(p[:, :cars])))
     log_after = log_prior + surrogates.log_likelihood(points, cars)
     pairs = (plain, normalised(log_plain)), (points, normalised(log_after))
     before, after = (_covariance(_scaled(prior, prior.values(each)), shares) for each, shares in pairs)

@@ -202,7 +202,7 @@ def _proposal(
     points = cars.points(POOL, seed)
     slow, below = flip.edges(points)
     points[:, cars.leading] = np.clip(slow - 0.5 * below, 0.0, 1.0)
-    likely, at_all = (_plausible_share(cars, points, flip.window(points, reach)) for reach in (1.0, 3.0))
+    likely, at_all = (_plausible_share(cars, points, flip.window((slow, below), reach)) for reach in (1.0, 3.0))
     with np.errstate(divide="ignore"):
         log_proposal = np.log(below * (likely + FLOOR * at_all))
     log_proposal = log_proposal + surrogate_log_likelihood(points, surrogates.car, widened=True)

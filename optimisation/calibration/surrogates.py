@@ -13,7 +13,7 @@ Both only say where a car is run next; the weight of every member rests on its o
 (`aerodima.optimisation.calibration.member_draw`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,10 +69,20 @@ class Surrogate:
     coefficients: FloatArray
     error: float
 
-    def predict(self, coordinates: FloatArray) -> FloatArray:
-        """The quantity at coordinates (m, n)."""
-        parts = np.array_split(np.asarray(coordinates), max(1, len(coordinates) // CHUNK))
-        return self.centre + self.spread * np.concatenate([basis(part) @ self.coefficients for part in parts])
+
+def predictions(coordinates: FloatArray, surrogates: Sequence[Surrogate]) -> list[FloatArray]:
+    """Each quantity (m) at coordinates (m, n), in its unit; `basis`, most of the work, is evaluated once for all."""
+    if not surrogates:
+        return []
+    parts = np.array_split(np.asarray(coordinates), max(1, len(coordinates) // CHUNK))
+    found = []
+    for part in parts:
+        terms = basis(part)
+        found.append([terms @ surrogate.coefficients for surrogate in surrogates])
+    return [
+        surrogate.centre + surrogate.spread * np.concatenate(columns)
+        for surrogate, columns in zip(surrogates, zip(*found, strict=True), strict=True)
+    ]
 
 
 def fit(
@@ -119,9 +129,10 @@ def surrogate_log_likelihood(
         widened: by the errors of the surrogates: a proposal is to be wider than its target.
     """
     total: FloatArray = np.zeros(len(coordinates))
-    for datum, surrogate in surrogates.items():
+    found = predictions(coordinates, list(surrogates.values()))
+    for (datum, surrogate), values in zip(surrogates.items(), found, strict=True):
         deviation = np.hypot(datum.discrepancy, surrogate.error) if widened else datum.discrepancy
-        total += log_density((surrogate.predict(coordinates) - datum.figure) / deviation)
+        total += log_density((values - datum.figure) / deviation)
     return total
 
 
@@ -153,9 +164,9 @@ class FlipSurrogate:
         own = coordinates[:, self.column]
         return np.maximum(ndtr((slow - own) / self.deviation) - ndtr((slow - below - own) / self.deviation), 0.0)
 
-    def window(self, coordinates: FloatArray, deviations: float = 3.0) -> tuple[FloatArray, FloatArray]:
-        """Ends (m), (m) of the coordinate between which the bracket can be met; the rest decides them."""
-        slow, below = self.edges(coordinates)
+    def window(self, edges: tuple[FloatArray, FloatArray], deviations: float = 3.0) -> tuple[FloatArray, FloatArray]:
+        """Ends (m), (m) of the coordinate between which the bracket can be met, from what `edges` gives."""
+        slow, below = edges
         reach = deviations * self.deviation
         low = np.clip(slow - below - reach, 0.0, 1.0 - self.narrowest)
         return low, np.clip(slow + reach, low + self.narrowest, 1.0)
@@ -163,7 +174,7 @@ class FlipSurrogate:
     def edges(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Critical coordinate at the slow speed (m), and how far below it that of the fast one lies (m)."""
         others = np.delete(coordinates, self.column, axis=1)
-        slow, fast = self.slow.predict(others), self.fast.predict(others)
+        slow, fast = predictions(others, (self.slow, self.fast))
         return slow, np.maximum(slow - fast, self.narrowest)
 
     def flip_speed(self, coordinates: FloatArray) -> FloatArray:

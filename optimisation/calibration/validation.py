@@ -8,6 +8,7 @@ not the car's AUTO sequence: the thesis gives throttle, not speed, for those.
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,7 @@ def validate(
     """Runs the members as each figure was made and compares all of them."""
     weights = np.array([member.weight for member in members])
 
+    @cache
     def run(turn: Turn) -> pd.DataFrame:
         return store.run([turn.wanted(member.values) for member in members], engine)
 

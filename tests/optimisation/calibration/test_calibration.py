@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from aerodima.optimisation.calibration import calibration_runs as runs
+from aerodima.optimisation.calibration import surrogates
 from aerodima.optimisation.calibration.bracket_design import Design, Runner, critical_ratios, run_through
 from aerodima.optimisation.calibration.calibration import SHIPPED_DIGITS, Calibration, calibrate
 from aerodima.optimisation.calibration.calibration_output import ensemble_text, write_calibration
@@ -239,6 +240,22 @@ def test_tipping_over_before_the_turn_is_no_flip_in_the_turn(tmp_path: Path) -> 
     }
 
 
+def test_validation_asks_for_the_runs_of_each_turn_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    members = load_ensemble("car").drawn(2)
+    store = RunStore(tmp_path, {key for member in members for key in member.values})
+    asked: list[tuple[str, float]] = []
+    run = store.run
+
+    def noted(wanted: Sequence[runs.Wanted], engine: MadeUpEngine) -> pd.DataFrame:
+        asked.append((wanted[0].tail_mode, wanted[0].speed))
+        return run(wanted, engine)
+
+    monkeypatch.setattr(store, "run", noted)
+    validate(members, small_plan(), store, MadeUpEngine())
+    speeds = {"none": (3.33, 3.37, 3.61), "swing": (4.44, 4.72, 6.1)}
+    assert sorted(asked) == [(mode, speed) for mode, group in speeds.items() for speed in group]
+
+
 def test_another_seed_gives_other_cars(result: Calibration, tmp_path: Path) -> None:
     other = carried_out(tmp_path, MadeUpEngine(), small_plan(seed=6))
     assert ensemble_text(other) != ensemble_text(result)
@@ -365,6 +382,27 @@ def test_sobol_indices_are_those_of_the_coefficients(result: Calibration) -> Non
     assert own["total"].to_numpy() == pytest.approx((alone + together) / parts.sum(), abs=0.04)
     assert (own["total_low"] <= own["total"]).all()
     assert (own["total"] <= own["total_high"]).all()
+
+
+def test_quantities_predicted_together_are_those_predicted_alone_and_share_their_polynomials(
+    result: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tailed = list(result.draw.surrogates.tailed.values())
+    points = result.draw.prior.points(surrogates.CHUNK + 2, seed=3)
+    alone = [surrogates.predictions(points, [each])[0] for each in tailed]
+    sizes: list[int] = []
+
+    def counted(part: np.ndarray) -> np.ndarray:
+        sizes.append(len(part))
+        return basis(part)
+
+    basis = surrogates.basis
+    monkeypatch.setattr(surrogates, "basis", counted)
+    together = surrogates.predictions(points, tailed)
+    np.testing.assert_array_equal(together, alone)
+    assert len(tailed) > 1
+    assert sizes == [len(points)]
+    assert surrogates.predictions(points, []) == []
 
 
 def test_the_shipped_ensemble_holds_what_the_shipped_plan_fits() -> None:
