@@ -87,17 +87,36 @@ def sobol_table(
         samples: a power of two.
         seed: of the samples.
     """
-    generator = np.random.default_rng(seed)
-    found = sobol_indices(func=predicted, n=samples, dists=[uniform()] * len(names), rng=generator)
-    spread = found.bootstrap(n_resamples=RESAMPLES)
+    generator, runs = np.random.default_rng(seed), list[FloatArray]()
+
+    def indices(f_A: FloatArray, f_B: FloatArray, f_AB: FloatArray) -> FloatArray:
+        runs[:] = f_A, f_B, f_AB
+        return _first_and_total(f_A, f_B, f_AB)
+
+    dists = [uniform()] * len(names)
+    found = sobol_indices(func=predicted, n=samples, dists=dists, rng=generator, method=indices)
+    # Not the bootstrap of SciPy's result: it takes no seed, so that the same calibration would have other intervals.
+    drawn = generator.integers(0, samples, (RESAMPLES, samples))
+    resampled = [_first_and_total(*(values[..., places] for values in runs)) for places in drawn]
+    lows, highs = np.quantile(resampled, [0.025, 0.975], axis=0)
     table = pd.DataFrame({"target": np.repeat(targets, len(names)), "parameter": names * len(targets)})
-    for name, values, interval in (
-        ("first", found.first_order, spread.first_order.confidence_interval),
-        ("total", found.total_order, spread.total_order.confidence_interval),
+    for name, values, low, high in zip(
+        ("first", "total"), (found.first_order, found.total_order), lows, highs, strict=True
     ):
-        ends = {"": values, "_low": interval.low, "_high": interval.high}
+        ends = {"": values, "_low": low, "_high": high}
         table = table.assign(**{name + end: np.reshape(numbers, -1) for end, numbers in ends.items()})
     return table
+
+
+def _first_and_total(f_A: FloatArray, f_B: FloatArray, f_AB: FloatArray) -> FloatArray:
+    """Indices (2, targets, coordinates) of runs (targets, n) and (coordinates, targets, n).
+
+    Saltelli et al. 2010, table 2, b and f; the runs are centred.
+    """
+    first = np.mean(f_B * (f_AB - f_A), axis=-1)
+    total = 0.5 * np.mean((f_A - f_AB) ** 2, axis=-1)
+    found: FloatArray = (np.array([first, total]) / np.var([f_A, f_B], axis=(0, -1))).transpose(0, 2, 1)
+    return found
 
 
 def shrinkage(prior: Prior, values: FloatArray, weights: FloatArray, reference: FloatArray) -> FloatArray:

@@ -369,6 +369,7 @@ def test_sobol_indices_are_those_of_the_coefficients(result: Calibration) -> Non
     """The basis is orthonormal over the cube: squares of the coefficients are the parts of the variance."""
     draw = result.draw
     keys, table = list(draw.prior.keys), sensitivities(draw, seed=1)
+    pd.testing.assert_frame_equal(table, sensitivities(draw, seed=1), check_exact=True)  # its intervals too
     datum, surrogate = next(iter(draw.surrogates.tailed.items()))
     own = table[table["target"] == datum.name].set_index("parameter")
     assert list(own.index) == [MU_OVER_SSF if key == HEIGHT else key for key in keys]
