@@ -51,6 +51,8 @@ def add_status(
 ) -> OutputPort:
     """The port `status` of a simulated station, computed in C++: armed, what follows, and 0 for the `healthy` fields.
 
+    With `samples` it does not run in a diagram that has continuous state, where a `SymbolicVectorSystem` fails.
+
     Args:
         sources: ports (1) with the value of a field.
         samples: fields that are the time since an instant, s, each with the port (1) of that instant, s.
@@ -64,6 +66,10 @@ def add_status(
     if wrong := [name for name in {*fields.fields, *known} if known.count(name) != 1 or name not in fields.fields]:
         raise ValueError(f"status: {', '.join(sorted(wrong))}; needed once each: {', '.join(fields.fields)}")
     ports = {**sources, **samples}
+    if not samples:
+        fixed = {"armed": 1.0, **faults}
+        levels = {level: constant(builder, f"status_{level:g}", [level]) for level in (0.0, *set(fixed.values()) - {0.0})}
+        return stacked(builder, "status", [ports.get(name, levels[fixed.get(name, 0.0)]) for name in fields.fields])
     time, values = Variable("time"), {name: Variable(name) for name in ports}
     terms: dict[str, Any] = {"armed": 1.0, **faults, **values, **{name: time - values[name] for name in samples}}
     outputs = np.array([Expression(0.0) + terms.get(name, 0.0) for name in fields.fields])
