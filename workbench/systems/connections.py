@@ -68,7 +68,7 @@ def add_status(
     ports = {**sources, **samples}
     if not samples:
         fixed = {"armed": 1.0, **faults}
-        levels = {level: constant(builder, f"status_{level:g}", [level]) for level in (0.0, *set(fixed.values()) - {0.0})}
+        levels = {value: constant(builder, f"status_{value:g}", [value]) for value in {0.0, *fixed.values()}}
         return stacked(builder, "status", [ports.get(name, levels[fixed.get(name, 0.0)]) for name in fields.fields])
     time, values = Variable("time"), {name: Variable(name) for name in ports}
     terms: dict[str, Any] = {"armed": 1.0, **faults, **values, **{name: time - values[name] for name in samples}}
