@@ -29,15 +29,20 @@ class ChaseCamera:
             draw_ground(meshcat, _AREA)
             meshcat.SetCameraPose(np.array([-2.6, 0.0, 1.5]), np.array([0.8, 0.0, 0.2]))
 
-    def follow(self, context: Context) -> float:
-        """Turns the view after the car in a context of the whole diagram; gives its speed over ground, m/s."""
+    def follow(self, context: Context) -> tuple[float, float]:
+        """Turns the view after the car in a context of the whole diagram.
+
+        Returns:
+            Its speed over ground, m/s, and its heading, rad, positive to the left of the x axis of the world.
+        """
         plant_context = self._plant.GetMyContextFromRoot(context)
         X_WB = self._plant.EvalBodyPoseInWorld(plant_context, self._chassis)
         velocity = self._plant.EvalBodySpatialVelocityInWorld(plant_context, self._chassis).translational()
+        ahead = X_WB.rotation().matrix()[:, 0]
+        heading = math.atan2(ahead[1], ahead[0])
         if self._meshcat is not None:
-            ahead = X_WB.rotation().matrix()[:, 0]
             place = np.array([*X_WB.translation()[:2], 0.0])
-            turned = RigidTransform(RotationMatrix.MakeZRotation(-math.atan2(ahead[1], ahead[0])), np.zeros(3))
+            turned = RigidTransform(RotationMatrix.MakeZRotation(-heading), np.zeros(3))
             self._meshcat.SetTransform(WORLD, turned @ RigidTransform(-place))
             self._meshcat.SetTransform(GROUND, RigidTransform(np.round(place)))  # whole metres: its lines stay in place
-        return float(np.hypot(velocity[0], velocity[1]))
+        return float(np.hypot(velocity[0], velocity[1])), heading

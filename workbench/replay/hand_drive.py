@@ -28,6 +28,8 @@ from aerodima.workbench.systems.event_order import Stage
 
 SLICE = 0.02
 """s of the run between two looks at the controls."""
+LOOK = 0.1
+"""s of the run between two values shown: a page that draws in software falls behind with one per slice."""
 ACCELERATION = 3.0
 """Change of the commanded speed, m/s2: what the car's tyres and drive follow on a floor of 0.5."""
 TAIL_SPEED = 8.0
@@ -59,14 +61,31 @@ class Wishes:
     over: bool = False
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What the driver is told of the run.
+
+    Attributes:
+        time: simulated since this attempt began, s.
+        speed: over ground, m/s.
+        heading: since the start, rad, positive to the left, from -pi to pi.
+        pace: seconds of the run per second.
+    """
+
+    time: float
+    speed: float
+    heading: float
+    pace: float
+
+
 class Controls(Protocol):
     """Where wishes come from, and where the driver sees what became of them."""
 
     def wishes(self) -> Wishes:
         """As of now."""
 
-    def show(self, speed: float, pace: float) -> None:
-        """Speed of the car, m/s, and seconds of the run per second."""
+    def show(self, now: Shown) -> None:
+        """Called every `LOOK` s of the run."""
 
 
 @dataclass
@@ -199,7 +218,7 @@ def _drive(
 ) -> bool:
     context = simulator.get_context()
     first, told = controls.wishes().attempt, False
-    pace, begun, at = 1.0, wall.monotonic(), 0.0
+    pace, begun, at, looked = 1.0, wall.monotonic(), 0.0, -math.inf
     while context.get_time() < length:
         wishes = controls.wishes()
         if wishes.over or wishes.attempt != first:
@@ -211,7 +230,7 @@ def _drive(
         driving.wishes = wishes
         start = wall.monotonic()
         simulator.AdvanceTo(min(context.get_time() + SLICE, length))
-        speed = camera.follow(context)
+        speed, heading = camera.follow(context)
         wall.sleep(max(0.0, SLICE / wishes.pace - (wall.monotonic() - start)))
         if context.get_time() - at >= 1.0:
             now = wall.monotonic()
@@ -219,5 +238,7 @@ def _drive(
             if pace < LATE * wishes.pace and not told:
                 told = True
                 say(f"this computer keeps up at {pace:.2f} of real time, not {wishes.pace:g}: the run slows down")
-        controls.show(speed, pace)
+        if context.get_time() - looked >= LOOK - SLICE / 2:
+            looked = context.get_time()
+            controls.show(Shown(looked, speed, heading, pace))
     return False

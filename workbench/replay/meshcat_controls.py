@@ -7,10 +7,13 @@ from pydrake.geometry import Meshcat
 
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.manoeuvre import throttle_line
-from aerodima.workbench.replay.hand_drive import SLICE, Wishes
+from aerodima.workbench.replay.hand_drive import SLICE, Shown, Wishes
 
 STEERING, SPEED, NEXT_TURN, TAIL = "steering, deg", "wanted speed, m/s", "next turn: left 1, right -1", "tail roll, deg"
 PACE, PACE_NOW, SPEED_NOW = "pace wanted", "pace now, 1 = real time", "speed now, m/s"
+TIME_NOW, HEADING_NOW = "time, s", "heading, deg, left +"
+LONGEST = 3600.0
+"""The time stops there on its slider, s; the run goes on."""
 STRAIGHT, BY_HAND, PAUSE, RESET, END = "straight", "tail: hand or law", "pause", "reset", "end"
 KEYS = {STRAIGHT: "Space", BY_HAND: "KeyT", PAUSE: "KeyP", RESET: "KeyR", END: "Escape"}
 """Button -> key; the sliders have their keys in `MeshcatControls`."""
@@ -50,6 +53,8 @@ class MeshcatControls:
         meshcat.AddSlider(PACE, 0.1, 1.0, 0.1, pace)
         meshcat.AddSlider(PACE_NOW, 0.0, 1.0, 0.01, 0.0)
         meshcat.AddSlider(SPEED_NOW, 0.0, math.ceil(self._top), 0.01, 0.0)
+        meshcat.AddSlider(TIME_NOW, 0.0, LONGEST, 0.1, 0.0)
+        meshcat.AddSlider(HEADING_NOW, -180.0, 180.0, 1.0, 0.0)
         for name, key in KEYS.items():
             meshcat.AddButton(name, key)
         self._straightened = 0
@@ -74,11 +79,13 @@ class MeshcatControls:
             over=meshcat.GetButtonClicks(END) > 0,
         )
 
-    def show(self, speed: float, pace: float) -> None:
-        """Both on their sliders, the pace in Meshcat's own chart too."""
-        self._meshcat.SetSliderValue(PACE_NOW, min(pace, 1.0))
-        self._meshcat.SetSliderValue(SPEED_NOW, speed)
-        self._meshcat.SetRealtimeRate(pace)
+    def show(self, now: Shown) -> None:
+        """Each on its slider, the pace in Meshcat's own chart too."""
+        self._meshcat.SetSliderValue(PACE_NOW, min(now.pace, 1.0))
+        self._meshcat.SetSliderValue(SPEED_NOW, now.speed)
+        self._meshcat.SetSliderValue(HEADING_NOW, math.degrees(now.heading))
+        self._meshcat.SetSliderValue(TIME_NOW, min(now.time, LONGEST))
+        self._meshcat.SetRealtimeRate(now.pace)
 
     def _read_pad(self) -> bool:
         """Takes what a gamepad says; whether one is there."""

@@ -16,7 +16,7 @@ from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from aerodima.workbench.replay import hand_drive
 from aerodima.workbench.replay.captions import caption_of
-from aerodima.workbench.replay.hand_drive import SLICE, TAIL_SPEED, Wishes, drive_by_hand
+from aerodima.workbench.replay.hand_drive import LOOK, SLICE, TAIL_SPEED, Shown, Wishes, drive_by_hand
 
 
 class Clock:
@@ -44,8 +44,8 @@ class Script:
         self.looks += 1
         return self.plan(self.looks)
 
-    def show(self, speed: float, pace: float) -> None:
-        self.shown.append((speed, pace))
+    def show(self, now: Shown) -> None:
+        self.shown.append(now)
 
 
 def left_turn(look: int) -> Wishes:
@@ -63,9 +63,23 @@ def driven(folder: Path, plan: Callable[[int], Wishes], clock: Clock, **options:
 
 
 @pytest.fixture(scope="module")
-def left(tmp_path_factory: pytest.TempPathFactory) -> RunLog:
-    _, (log,) = driven(tmp_path_factory.mktemp("left"), left_turn, Clock(0.0), length=2.6)
-    return read_run_log(log)
+def left_drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Script, RunLog]:
+    script, (log,) = driven(tmp_path_factory.mktemp("left"), left_turn, Clock(0.0), length=2.6)
+    return script, read_run_log(log)
+
+
+@pytest.fixture
+def left(left_drive: tuple[Script, RunLog]) -> RunLog:
+    return left_drive[1]
+
+
+def test_driver_is_shown_time_speed_and_heading_of_the_run(left_drive: tuple[Script, RunLog]) -> None:
+    (script, log), columns = left_drive, ("velocity_x_truth_m_per_s", "velocity_y_truth_m_per_s", "yaw_truth_rad")
+    time = np.array([now.time for now in script.shown])
+    assert np.diff(time) == pytest.approx(LOOK)
+    along, across, yaw = (np.interp(time, log.time, log.signal(name)) for name in columns)
+    assert [now.speed for now in script.shown] == pytest.approx(np.hypot(along, across), abs=0.03)
+    assert [now.heading for now in script.shown] == pytest.approx(yaw, abs=0.01)
 
 
 def test_speed_steering_and_tail_do_what_was_asked_for(left: RunLog) -> None:
@@ -117,7 +131,7 @@ def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_p
     script, (log,) = driven(tmp_path, lambda look: Wishes(), Clock(0.02), length=2.5, say=said.append)
     assert len(said) == 1
     assert "this computer keeps up at 0.4" in said[0] or "this computer keeps up at 0.5" in said[0]
-    assert 0.4 < script.shown[-1][1] < 0.6
+    assert 0.4 < script.shown[-1].pace < 0.6
     assert np.max(np.diff(read_run_log(log).time)) < 0.003, "every row is there"
 
 
