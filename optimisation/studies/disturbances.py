@@ -24,6 +24,7 @@ MISSED_SHARE = 0.1
 NEVER = 10.0
 """s; longer than any turn here, and the longest delay that a controller may have."""
 MOST_DRAWS = 1000
+"""Disturbed runs of a car in one study."""
 
 
 @dataclass(frozen=True)

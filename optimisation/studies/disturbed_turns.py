@@ -39,6 +39,7 @@ from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
 
 RESAMPLES = 4000
+"""Draws of the bootstrap, of cars and of their runs."""
 _SEED = 1
 _CASE = ["car", "speed_m_per_s", "floor", "pulse_s"]
 
