@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -35,7 +37,7 @@ FRICTIONS = [round(0.62 + 0.01 * k, 2) for k in range(17)]
 
 
 def bench_step() -> list[BenchRow]:
-    """CPU time per step of driver, controller, estimator and station, of fused and of separate systems.
+    """CPU time per step of driver, controller, estimator and station: fused, fused and compiled, and separate systems.
 
     Peers: the same plant with its tail alone in a diagram, idle (all inputs zero) and driven (through the same turn, by
     the recorded torques and steering angles of the station; the air is left out). A driven plant costs more than an
@@ -50,7 +52,8 @@ def bench_step() -> list[BenchRow]:
             taken = {
                 "idle": _timed(_bare_plant(scenario, {}), scenario),
                 "driven": _timed(_bare_plant(scenario, inputs), scenario),
-                "fused": _timed(Simulator(assemble(scenario, systems="fused").builder.Build()), scenario),
+                "fused": _fused_step_seconds(scenario, compiled=False),
+                "compiled": _fused_step_seconds(scenario, compiled=True),
                 "separate": _timed(Simulator(assemble(scenario).builder.Build()), scenario),
                 "recorded": _recorded_step_seconds(scenario, Path(folder) / f"{repeat}.parquet"),
             }
@@ -61,6 +64,7 @@ def bench_step() -> list[BenchRow]:
     return [
         BenchRow("station_step_over_idle_plant", least["fused"], "us", "", idle),
         BenchRow("station_step_over_driven_plant", least["fused"], "us", "<= 1.6", driven),
+        BenchRow("station_step_over_driven_plant_compiled", least["compiled"], "us", "<= 1.35", driven),
         BenchRow("station_step_of_separate_systems", least["separate"], "us", "", driven),
         BenchRow("station_step_recorded", least["recorded"], "us", "", driven),
         BenchRow("station_real_time_factor", step / (least["fused"] * 1e-6), "1"),
@@ -124,6 +128,14 @@ def bench_repeated_run() -> list[BenchRow]:
     with tempfile.TemporaryDirectory() as folder:
         first, second = (simulate(scenario, Path(folder) / f"{name}.parquet") for name in ("first", "second"))
     return [BenchRow("repeated_run_equal", float(signals_equal(first, second)), "1", "== 1")]
+
+
+def _fused_step_seconds(scenario: Scenario, compiled: bool) -> float:
+    """Interpreted, or compiled with numba before the time that is taken."""
+    with mock.patch.dict(os.environ, {"NUMBA_DISABLE_JIT": str(int(not compiled))}):
+        simulator = Simulator(assemble(scenario, systems="fused").builder.Build())
+    simulator.Initialize()
+    return _timed(simulator, scenario)
 
 
 def _recorded_inputs(scenario: Scenario) -> dict[str, PiecewisePolynomial]:

@@ -61,6 +61,7 @@ EXTRAS = {
         ("pyulog", "ULog of PX4"),
     ),
     "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
+    "compiled": (("numba", "studies a tenth faster"),),
     "notebooks": (("nbclient", "the notebooks"),),
     "bench": (("casadi", "comparing in `make bench`"), ("mujoco", "comparing in `make bench`")),
 }

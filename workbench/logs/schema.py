@@ -7,6 +7,7 @@ have equal signals, bit for bit (`signals_equal`); `created` is all that may dif
 
 import json
 import math
+import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -177,7 +178,18 @@ def software_versions() -> dict[str, str]:
             versions[key] = distribution_metadata.version(distribution)
         except distribution_metadata.PackageNotFoundError:
             versions[key] = "not installed"
-    return versions
+    compiler = compiler_version()
+    return versions if compiler is None else {**versions, "numba": compiler}
+
+
+def compiler_version() -> str | None:
+    """Version of numba where it compiles the steps of simulated cars; None where they are interpreted."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+        return None
+    try:
+        return distribution_metadata.version("numba")
+    except distribution_metadata.PackageNotFoundError:
+        return None
 
 
 def run_log_from_metadata(table: pd.DataFrame, metadata: Mapping[str, Any], source: str = "") -> RunLog:

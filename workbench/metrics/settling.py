@@ -6,10 +6,12 @@ turn.
 """
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import TIME, WHEELS
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.metrics.turn_signals import LOADED_FORCE
@@ -40,7 +42,7 @@ _ROUNDING = 1e-9
 """s."""
 
 
-def settled_row(table: pd.DataFrame, turn_end: float) -> int | None:
+def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:
     """First row of a run's table at which the car has been calm for `CALM_FOR`; None if it never was.
 
     None too where the table lacks a column, as that of a real car does.
@@ -49,14 +51,14 @@ def settled_row(table: pd.DataFrame, turn_end: float) -> int | None:
         table: columns as in a run log.
         turn_end: when the wheels are straight again, s.
     """
-    if not {*CALM, *_LOADS, _STATE} <= set(table.columns):
+    if not {*CALM, *_LOADS, _STATE} <= set(table):
         return None
-    time = table[TIME].to_numpy()
-    calm = (time >= turn_end) & ~table[_STATE].isin(_BUSY).to_numpy()
+    time = np.asarray(table[TIME])
+    calm = (time >= turn_end) & ~np.isin(table[_STATE], _BUSY)
     for name, limit in CALM.items():
-        calm &= np.abs(table[name].to_numpy()) <= limit
+        calm &= np.abs(np.asarray(table[name])) <= limit
     for name in _LOADS:
-        calm &= table[name].to_numpy() > LOADED_FORCE
+        calm &= np.asarray(table[name]) > LOADED_FORCE
     restless = np.maximum.accumulate(np.where(calm, turn_end, time))
     settled = time - restless >= CALM_FOR - _ROUNDING
     return int(np.argmax(settled)) if settled.any() else None

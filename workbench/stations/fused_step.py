@@ -20,6 +20,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.stations.car_air import sail_strips
+from aerodima.workbench.stations.compiled_step import drives_of
 from aerodima.workbench.stations.step_drives import (
     AIR_ON_CHASSIS,
     AIR_ON_JOINTS,
@@ -37,7 +38,6 @@ from aerodima.workbench.stations.step_drives import (
     about_origin,
     car_numbers,
     sail_of,
-    step_drives,
     tail_numbers,
     wind_of,
 )
@@ -69,7 +69,7 @@ class FusedStep(LeafSystem):
     def __init__(self, scenario: Scenario, p_BoSo_B: np.ndarray | None, windy: bool = False) -> None:
         super().__init__()
         self.set_name("fused_step")
-        self._car, self._tail = car_numbers(scenario), None
+        self._tail: TailNumbers | None = None
         self.input_sizes = {"motion": MOTION_SIZE, "throttle": 1, "frame": 3}
         if p_BoSo_B is not None:
             self.input_sizes["last"] = 1 + MOTION_SIZE + DRIVES_SIZE
@@ -83,12 +83,13 @@ class FusedStep(LeafSystem):
             self._first_line, _ = sail_strips(scenario.tail)[0]
             inputs = {self.all_input_ports_ticket()}
             self.DeclareVectorOutputPort("wind_direction", 1, self._calc_wind_direction, prerequisites_of_calc=inputs)
+        self._drives = drives_of(car_numbers(scenario), self._tail)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        inputs = vector_of(self._inputs, context).tolist()
-        drives = np.array(step_drives(context.get_time(), inputs, self._car, self._tail))
+        inputs = vector_of(self._inputs, context)
+        drives = self._drives(context.get_time(), inputs)
         if self._tail is not None and self._other_lines:
-            drives[AIR_ON_CHASSIS:MOTOR_TORQUES] += self._other_force(inputs, self._tail)
+            drives[AIR_ON_CHASSIS:MOTOR_TORQUES] += self._other_force(inputs.tolist(), self._tail)
         output.SetFromVector(drives)
 
     def _other_force(self, inputs: list[float], tail: TailNumbers) -> FloatArray:

@@ -151,7 +151,11 @@ class OutcomeRecord:
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
         if first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
             return False
-        return settled_row(self._table(context, state, slice(first, None)), time[first]) is not None
+        motion, since = self._motion(context, state, slice(first, None)), time[first]
+        pressed = dict.fromkeys(CONTACT_COLUMNS, np.full(time.size - first, math.inf))
+        if settled_row(motion | pressed, since) is None:
+            return False  # whatever the forces of the ground are, which cost most
+        return settled_row(motion | self._contacts(state, self._steps(time[first:])), since) is not None
 
     def history(self, context: Context) -> tuple[tuple[FloatArray, FloatArray], ...]:
         """Times (n) and values (size, n) of every logger."""
@@ -181,7 +185,8 @@ class OutcomeRecord:
         """
         state, time = self._state.FindLog(context).data(), self._times(context)
         over = self._over(state, time, stop_after)
-        table = self._table(context, state, slice(0, int(np.argmax(over)) + 1 if over.any() else time.size))
+        rows = slice(0, int(np.argmax(over)) + 1 if over.any() else time.size)
+        table = pd.DataFrame(self._motion(context, state, rows) | self._contacts(state, self._steps(time[rows])))
         end = float(table[TIME].iloc[-1])
         if over.any():
             return table, {STOPPED: end}
@@ -200,14 +205,14 @@ class OutcomeRecord:
         """Step of the plant that a row shows: between two steps the one that has begun."""
         return np.ceil(time / self._scenario.simulation.step - 1e-6).astype(int)
 
-    def _table(self, context: Context, state: FloatArray, rows: slice) -> pd.DataFrame:
+    def _motion(self, context: Context, state: FloatArray, rows: slice) -> dict[str, FloatArray]:
+        """All columns but the forces of the ground."""
         time = self._times(context)[rows]
         steps = self._steps(time)
         columns: dict[str, FloatArray] = {TIME: time}
         for sink, names in self._sinks:
             columns |= dict(zip(names, sink.FindLog(context).data()[:, rows], strict=True))
-        columns |= self._body(state, steps) | self._tail(state, steps, context)
-        return pd.DataFrame(columns | self._contacts(state, steps))
+        return columns | self._body(state, steps) | self._tail(state, steps, context)
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
         """Motion of the chassis; the definitions of `ground_truth.CarTruth` and `sensors.imu.motion_at_imu`."""
