@@ -14,6 +14,7 @@ import numpy as np
 
 from aerodima.workbench.actuators.drive import shaft_gain
 from aerodima.workbench.actuators.servo import knuckle_angles
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.plants.car_model import (
@@ -122,39 +123,33 @@ def load_model(scenario: Scenario, step: float) -> Any:
     return mujoco.MjModel.from_xml_string(mjcf(scenario, step))
 
 
-class MujocoTurn:
-    """The published turn: ramp, steering step through the linkage, straight again."""
+def commanded(scenario: Scenario, step: float) -> tuple[FloatArray, FloatArray]:
+    """The published turn at every step: left and right knuckle (n, 2), rad, and the shaft's rate (n,), rad/s.
 
-    def __init__(self, scenario: Scenario, step: float) -> None:
-        self._scenario = scenario
-        self._model = load_model(scenario, step)
+    Ramp, steering step through the linkage, straight again.
+    """
+    manoeuvre, servo = scenario.manoeuvre, scenario.servo
+    radius = axle_statics(scenario.car, scenario.environment.gravity, "rear").wheel_height
+    times = np.arange(round(manoeuvre.duration / step)) * step
+    begin, travel, angle = manoeuvre.turn_start, servo.rate * step, 0.0
+    angles = []
+    for turning in (begin <= times + 1e-9) & (times + 1e-9 < begin + manoeuvre.turn_hold):
+        target = manoeuvre.steer_angle if turning else 0.0
+        angle += min(max(target - angle, -travel), travel)
+        angles.append(knuckle_angles(angle, servo, scenario.car))
+    return np.array(angles), manoeuvre.speed * np.minimum(1.0, times / manoeuvre.speed_ramp) / radius
 
-    def flips(self) -> bool:
-        """Whether the tilt passes 75 degrees within the run."""
-        return self.largest_tilt() > FLIP_TILT
 
-    def largest_tilt(self) -> float:
-        """Of the run, rad; it stops beyond 75 degrees."""
-        import mujoco  # type: ignore[import-not-found, unused-ignore]
+def flips_in_mujoco(scenario: Scenario, step: float) -> bool:
+    """Whether the tilt passes 75 degrees; the run ends there."""
+    import mujoco  # type: ignore[import-not-found, unused-ignore]
 
-        scenario, model = self._scenario, self._model
-        manoeuvre, car = scenario.manoeuvre, scenario.car
-        radius = axle_statics(car, scenario.environment.gravity, "rear").wheel_height
-        data = mujoco.MjData(model)
-        lowest, cosine = 1.0, math.cos(FLIP_TILT)
-        steps = round(manoeuvre.duration / model.opt.timestep)
-        angle = 0.0
-        for _ in range(steps):
-            time = data.time
-            turning = manoeuvre.turn_start <= time + 1e-9 < manoeuvre.turn_start + manoeuvre.turn_hold
-            target = manoeuvre.steer_angle if turning else 0.0
-            travel = scenario.servo.rate * model.opt.timestep
-            angle += min(max(target - angle, -travel), travel)
-            data.ctrl[:2] = knuckle_angles(angle, scenario.servo, car)
-            data.ctrl[2] = manoeuvre.speed * min(1.0, time / manoeuvre.speed_ramp) / radius
-            mujoco.mj_step(model, data)
-            x, y = data.qpos[4], data.qpos[5]
-            lowest = min(lowest, 1.0 - 2.0 * (x * x + y * y))
-            if lowest < cosine:
-                break
-        return float(np.arccos(np.clip(lowest, -1.0, 1.0)))
+    model = load_model(scenario, step)
+    data, cosine = mujoco.MjData(model), math.cos(FLIP_TILT)
+    for knuckles, rate in zip(*commanded(scenario, step), strict=True):
+        data.ctrl[:2], data.ctrl[2] = knuckles, rate
+        mujoco.mj_step(model, data)
+        x, y = data.qpos[4], data.qpos[5]
+        if 1.0 - 2.0 * (x * x + y * y) < cosine:
+            return True
+    return False

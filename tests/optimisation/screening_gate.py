@@ -2,12 +2,12 @@
 
 Over cars of the ensemble, with the designed tail: critical friction at full lock, and heading at a given steering and
 floor, for four controllers; within some of the cars the same over drawn laws. Nothing of the model is fitted; its
-equations were completed while looking at the first twelve cars. Then searches: 60 drawn laws on a car that the twelve
-do not hold, and whether the full car's best of them is in the reduced car's best tenth. The full car's runs are kept in
-the folder, so that a second call goes on with what is missing. Arguments: folder, cars, cars with 30 laws each,
-searches, workers.
+equations were completed while looking at the first twelve cars, which are left out here. Before that searches: 60
+drawn laws on a car, and whether the full car's best of them is in the reduced car's best tenth. The folder keeps the
+full car's runs, so that a second call goes on with what is missing, and gets `screening.png`. Arguments: folder, cars,
+cars with 30 laws each, searches, workers.
 
-    python -m tests.optimisation.screening_gate out/screening 12 3 8 2
+    python -m tests.optimisation.screening_gate out/screening 60 3 40 2
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngin
 from aerodima.workbench import load_ensemble, load_scenario
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.figures.figure_style import BLUE, GREEN, GREY, ORANGE, VERMILION, new_figure, png, styled
 
 SCENARIO, SPEED = "turn_designed", ("manoeuvre.speed=4.5",)
 SEARCH = Search(FRICTION, 0.3, 1.2, 0.1, 0.0125)
@@ -163,15 +164,38 @@ def searched(engine: RunEngine, car: Settings, seed: int) -> Searched:
     return Searched(ranks, SEARCH.value(place), SEARCH.value(first), driven)
 
 
+def picture(frictions: Sequence[Pairs], headings: Sequence[Pairs], searches: Sequence[Searched]) -> bytes:
+    """Reduced over full car for each controller, and the ranks of the best law; a PNG."""
+    with styled():
+        figure, axes = new_figure(12.0, 4.2, columns=3)
+        for name, colour, *both in zip(CONTROLLERS, (GREY, ORANGE, BLUE, GREEN), frictions, headings, strict=True):
+            for place, pairs in zip(axes, both, strict=False):
+                place.plot(pairs.full, pairs.reduced, ".", color=colour, label=name)
+        for place, what in zip(
+            axes, ("critical friction at full lock", "heading of a clean turn, degrees"), strict=False
+        ):
+            place.axline((1.0, 1.0), slope=1.0, color=GREY, linewidth=0.8)
+            place.set(xlabel=f"full car: {what}", ylabel="reduced car")
+            place.set_aspect("equal", adjustable="datalim")
+        axes[0].legend()
+        ranks = sorted(min(search.ranks) for search in searches)
+        axes[2].plot(range(1, len(ranks) + 1), ranks, "o", color=BLUE)
+        axes[2].axhline(BEST * CANDIDATES, color=VERMILION, label=f"best tenth of {CANDIDATES} laws")
+        axes[2].set(xlabel="search", ylabel="reduced car's rank of the full car's best law", ylim=(0, CANDIDATES / 3))
+        axes[2].legend()
+        return png(figure)
+
+
 def main() -> None:
     """Prints the table of the gate."""
     folder, (number, with_laws, searches, cores) = Path(sys.argv[1]), map(int, sys.argv[2:])
     ensemble = load_ensemble()
-    cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in ensemble.drawn(number)]
     tuned = {member.name for member in ensemble.drawn(TUNED)}
     others = [m for m in ensemble.drawn(len(ensemble.members)) if m.name not in tuned]
+    cars: list[Settings] = [(*m.settings_on(SCENARIO), *SPEED) for m in others[:number]]
     with RowStore(folder / "runs.jsonl", {"schema": "screening gate"}) as store, open_run_engine(cores) as workers:
         engine = RememberingEngine(workers, store)
+        done: list[Searched] = []
         for place, member in enumerate(others[:: max(1, len(others) // max(1, searches))][:searches]):
             begin = time.process_time()
             found = searched(engine, (*member.settings_on(SCENARIO), *SPEED), seed=100 + place)
@@ -181,12 +205,15 @@ def main() -> None:
                 f"{time.process_time() - begin:.0f} s of CPU",
                 flush=True,
             )
+            done.append(found)
         print(f"{'':36s} Spearman difference (most) pairs  clean alike")
+        frictions, headings = [], []
         for name, law in CONTROLLERS.items():
-            friction = compared_friction(engine, [(*car, *law) for car in cars])
-            print(f"{name:18s} critical friction {friction.words()}", flush=True)
-            heading = compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars])
-            print(f"{name:18s} heading           {heading.words()}", flush=True)
+            frictions.append(compared_friction(engine, [(*car, *law) for car in cars]))
+            print(f"{name:18s} critical friction {frictions[-1].words()}", flush=True)
+            headings.append(compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars]))
+            print(f"{name:18s} heading           {headings[-1].words()}", flush=True)
+        (folder / "screening.png").write_bytes(picture(frictions, headings, done))
         laws = drawn_laws(LAWS)
         for place in range(0, number, 4)[:with_laws]:
             friction = compared_friction(engine, [(*cars[place], *law) for law in laws])

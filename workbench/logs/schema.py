@@ -12,6 +12,7 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from importlib import metadata as distribution_metadata
 from pathlib import Path
 from typing import Any
@@ -174,20 +175,21 @@ def software_versions() -> dict[str, str]:
     """Versions that a run depends on; read from the installed distributions, so Drake is not imported."""
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
-        try:
-            versions[key] = distribution_metadata.version(distribution)
-        except distribution_metadata.PackageNotFoundError:
-            versions[key] = "not installed"
+        versions[key] = _installed(distribution) or "not installed"
     compiler = compiler_version()
     return versions if compiler is None else {**versions, "numba": compiler}
 
 
 def compiler_version() -> str | None:
     """Version of numba where it compiles the steps of simulated cars; None where they are interpreted."""
-    if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
-        return None
+    return _installed("numba") if os.environ.get("NUMBA_DISABLE_JIT", "0") == "0" else None
+
+
+@cache
+def _installed(distribution: str) -> str | None:
+    """Its version, None if it is not there; to look costs 1 ms."""
     try:
-        return distribution_metadata.version("numba")
+        return distribution_metadata.version(distribution)
     except distribution_metadata.PackageNotFoundError:
         return None
 
