@@ -1,11 +1,14 @@
 """Workers that are lost, paused, stopped, full or idle: said, kept in the record, and no run lost or made twice."""
 
+import gc
+import itertools
 import json
 import os
 import re
 import signal
 import threading
 import time
+import weakref
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -171,3 +174,33 @@ def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, se
 def sleep_long_at_three(number: int) -> int:
     time.sleep(4.0 if number == 3 else 0.05)
     return number
+
+
+class _Cycle:
+    """Garbage that only the collector frees."""
+
+    def __init__(self) -> None:
+        self.own = self
+
+
+def test_worker_frees_what_a_piece_leaves_at_once_and_what_became_garbage_later_now_and_then(monkeypatch):
+    monkeypatch.setattr(dask_cluster, "ALL_GARBAGE", 3)
+    monkeypatch.setattr(dask_cluster, "_pieces", itertools.count(1))
+    held, seen = [], []
+
+    def work(number):
+        for kept in (held, []):
+            kept.append(_Cycle())
+            seen.append(weakref.ref(kept[-1]))
+
+    try:
+        dask_cluster.do_piece(work, 1)
+        assert [one() is None for one in seen] == [False, True]
+        held.clear()
+        alive = []
+        for number in (2, 3):
+            dask_cluster.do_piece(lambda _: None, number)
+            alive.append(seen[0]() is not None)
+        assert alive == [True, False]
+    finally:
+        gc.unfreeze()

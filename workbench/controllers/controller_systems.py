@@ -49,12 +49,15 @@ class TailController(LeafSystem):
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
         stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.event_order`).
+        idle: never ticks, and gives no command: for a car without tail, on which ticks cost and nothing hears them.
 
     Raises:
         UserError: rate or age limit out of range.
     """
 
-    def __init__(self, law: TailLaw, age_limit: float = AGE_LIMIT, stage: Stage | None = None) -> None:
+    def __init__(
+        self, law: TailLaw, age_limit: float = AGE_LIMIT, stage: Stage | None = None, idle: bool = False
+    ) -> None:
         super().__init__()
         check_range("controller.rate", law.rate, 0.0, math.inf, "Hz", above_low=True)
         check_range("controller.age_limit", age_limit, 0.0, math.inf, "s", above_low=True)
@@ -71,15 +74,23 @@ class TailController(LeafSystem):
         self._pitch_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_pitch_command")
         self._roll_command = DiscreteVector(self, np.zeros(TAIL_COMMAND.size), output="tail_roll_command")
         self._state = DiscreteVector(self, [0.0], output="state")
-        declare_ticks(self, law.rate, stage, self._tick)
+        if not idle:
+            declare_ticks(self, law.rate, stage, self._tick)
 
     @classmethod
     def add_to_builder(
-        cls, builder: DiagramBuilder, scenario: Any, *, station: System, driver: System, law: TailLaw | None = None
+        cls,
+        builder: DiagramBuilder,
+        scenario: Any,
+        *,
+        station: System,
+        driver: System,
+        law: TailLaw | None = None,
+        idle: bool = False,
     ) -> "TailController":
         """Adds a law, by default that of the scenario, between the ports of a station and of a driver."""
         stage = stage_before(station, Stage.CONTROLLER)
-        controller = cls(law or law_of_scenario(scenario), stage=stage)
+        controller = cls(law or law_of_scenario(scenario), stage=stage, idle=idle)
         builder.AddSystem(controller)
         for port in ("tail_state", "imu", "status", "speed"):
             builder.Connect(station.GetOutputPort(port), controller.GetInputPort(port))

@@ -53,13 +53,14 @@ def assemble(
     meshcat: Meshcat | None = None,
     tail_law: TailLaw | None = None,
     systems: Systems = "separate",
-    estimator: bool = True,
+    lean: bool = False,
     schedule: Schedule | None = None,
 ) -> CarDiagram:
     """Connects station, driver, controller and estimator; the controllers stand outside the station.
 
     The tail follows `tail_law`, the driver `schedule`, or by default what the scenario names. For `systems` see
-    `make_car_station`.
+    `make_car_station`. With `lean`, what no metric of a run needs is left out: the estimator of roll, and, without
+    tail, the ticks of its controller.
     """
     builder = DiagramBuilder()
     station = make_car_station(scenario, interface, meshcat, systems)
@@ -68,9 +69,10 @@ def assemble(
     driver = TurnDriver.add_to_builder(
         builder, schedule or make_schedule(scenario), rate, station=station, controller_rate=law.rate
     )
-    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=law)
+    idle = lean and tail_law is None and scenario.tail.mode == "none"
+    controller = TailController.add_to_builder(builder, scenario, station=station, driver=driver, law=law, idle=idle)
     sources = [driver, controller, station]
-    if estimator:
+    if not lean:
         settings = RollFilterSettings(rate=scenario.imu.rate, gravity=scenario.environment.gravity or 9.81)
         sources.append(RollEstimator.add_to_builder(builder, settings, station=station))
     signals = signals_of(CAR_PORTS, output_ports(*sources))
@@ -165,7 +167,7 @@ class _Trial(NamedTuple):
 
 
 def _trial(scenario: Scenario, law: TailLaw | None, meshcat: Meshcat | None) -> _Trial:
-    car = assemble(scenario, meshcat=meshcat, tail_law=law, systems="fused", estimator=False)
+    car = assemble(scenario, meshcat=meshcat, tail_law=law, systems="fused", lean=True)
     outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
     metadata = _metadata(car, scenario, law)
     return _Trial(Simulator(car.builder.Build()), outcome, metadata)

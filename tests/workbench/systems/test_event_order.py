@@ -138,7 +138,7 @@ class Watching:
 @pytest.mark.parametrize(("rate", "later"), [(100.0, 0.01), (50.0, 0.02), (333.0, 1 / 333)])
 def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_two(rate, later):
     law, scenario = Watching(rate), scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0})
-    simulator = Simulator(assemble(scenario, tail_law=law, systems="fused", estimator=False).builder.Build())
+    simulator = Simulator(assemble(scenario, tail_law=law, systems="fused", lean=True).builder.Build())
     simulator.AdvanceTo(1.05)
     first = next(time for time, angle in law.seen if angle != 0.0)
     assert first == pytest.approx(1.0 + later, abs=1e-9)
