@@ -24,6 +24,7 @@ from aerodima.workbench.metrics.settling import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_loads import GroundLoads
+from aerodima.workbench.systems.connections import stacked
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
 from aerodima.workbench.systems.port_values import vector_of
 
@@ -114,16 +115,18 @@ class OutcomeRecord:
         self._rate, step = scenario.simulation.log_rate, scenario.simulation.step
         # A row with an instant of its own makes Drake look for the next event twice a step.
         period = step if math.isclose(self._rate * step, 1.0) else period_of(self._rate, Stage.RECORD)
-        self._sinks: list[tuple[VectorLogSink, Sequence[str]]] = [
-            (LogVectorOutput(port, builder, publish_period=period), names)
-            for port, names in signals
-            if _is_cheap(names)
-        ]
-        self._state = LogVectorOutput(station.GetOutputPort("plant_state_truth"), builder, publish_period=step)
-        self._torques: VectorLogSink | None = None
-        if station.HasOutputPort("last_tail_torque_truth"):
-            port = station.GetOutputPort("last_tail_torque_truth")
-            self._torques = LogVectorOutput(port, builder, publish_period=step)
+        cheap = [(port, names) for port, names in signals if _is_cheap(names)]
+        self._names = [name for _, names in cheap for name in names]
+        # One logger for all ports: each has its share in every instant of the diagram.
+        rows = stacked(builder, "logged_rows", [port for port, _ in cheap])
+        self._rows: VectorLogSink = LogVectorOutput(rows, builder, publish_period=period)
+        motion = [station.GetOutputPort("plant_state_truth")]
+        self._has_tail = station.HasOutputPort("last_tail_torque_truth")
+        if self._has_tail:
+            motion.append(station.GetOutputPort("last_tail_torque_truth"))
+        self._steps_log: VectorLogSink = LogVectorOutput(
+            stacked(builder, "logged_steps", motion), builder, publish_period=step
+        )
         self._loads = GroundLoads(self._car)
         chassis = self._plant.GetBodyByName("chassis")
         q = chassis.floating_positions_start()
@@ -140,14 +143,14 @@ class OutcomeRecord:
             context: of the whole diagram.
             turn_end: s; from then on.
         """
-        state, time = self._state.FindLog(context).data(), self._times(context)
+        state, time = self._states(context), self._times(context)
         if self._over(state, time, turn_end).any():
             return True
         return self._may_settle and self.is_calm(context, turn_end)
 
     def is_calm(self, context: Context, since: float) -> bool:
         """Whether the car has been calm in the last instants, and not before `since`, s."""
-        state, time = self._state.FindLog(context).data(), self._times(context)
+        state, time = self._states(context), self._times(context)
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
         if first == time.size or np.sum(state[self._spin, -1] ** 2) > CALM_SPIN**2:
             return False
@@ -159,20 +162,16 @@ class OutcomeRecord:
 
     def history(self, context: Context) -> tuple[tuple[FloatArray, FloatArray], ...]:
         """Times (n) and values (size, n) of every logger."""
-        logs = (sink.FindLog(context) for sink in self._loggers())
+        logs = (sink.FindLog(context) for sink in (self._rows, self._steps_log))
         return tuple((log.sample_times().copy(), log.data().copy()) for log in logs)
 
     def restore(self, context: Context, history: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """Begins all loggers with a `history`."""
-        for sink, (times, data) in zip(self._loggers(), history, strict=True):
+        for sink, (times, data) in zip((self._rows, self._steps_log), history, strict=True):
             log = sink.FindMutableLog(context)
             log.Clear()
             for time, sample in zip(times.tolist(), data.T, strict=True):
                 log.AddData(time, sample)
-
-    def _loggers(self) -> list[VectorLogSink]:
-        torques = [] if self._torques is None else [self._torques]
-        return [sink for sink, _ in self._sinks] + [self._state, *torques]
 
     def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, dict[str, float]]:
         """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every row would stop.
@@ -183,7 +182,7 @@ class OutcomeRecord:
             context: of the whole diagram, at the end of the run.
             stop_after: s; a flipped car ends the table from then on.
         """
-        state, time = self._state.FindLog(context).data(), self._times(context)
+        state, time = self._states(context), self._times(context)
         over = self._over(state, time, stop_after)
         rows = slice(0, int(np.argmax(over)) + 1 if over.any() else time.size)
         table = pd.DataFrame(self._motion(context, state, rows) | self._contacts(state, self._steps(time[rows])))
@@ -193,7 +192,11 @@ class OutcomeRecord:
         return table, {SETTLED: end} if end < run_time(self._scenario) - 1.0 / self._rate else {}
 
     def _times(self, context: Context) -> FloatArray:
-        return np.arange(self._sinks[0][0].FindLog(context).num_samples()) / self._rate
+        return np.arange(self._rows.FindLog(context).num_samples()) / self._rate
+
+    def _states(self, context: Context) -> FloatArray:
+        """[q; v] of the plant at every step."""
+        return self._steps_log.FindLog(context).data()[: self._plant.num_multibody_states()]
 
     def _over(self, state: FloatArray, time: FloatArray, stop_after: float) -> NDArray[np.bool_]:
         """At which rows the run of a car that has flipped is over."""
@@ -210,8 +213,7 @@ class OutcomeRecord:
         time = self._times(context)[rows]
         steps = self._steps(time)
         columns: dict[str, FloatArray] = {TIME: time}
-        for sink, names in self._sinks:
-            columns |= dict(zip(names, sink.FindLog(context).data()[:, rows], strict=True))
+        columns |= dict(zip(self._names, self._rows.FindLog(context).data()[:, rows], strict=True))
         return columns | self._body(state, steps) | self._tail(state, steps, context)
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
@@ -245,12 +247,13 @@ class OutcomeRecord:
     def _tail(self, states: FloatArray, steps: IntArray, context: Context) -> dict[str, FloatArray]:
         """Torques of the tail motors in the step that begins, N m, and their power, W."""
         names = ("tail_pitch_torque_n_m", "tail_roll_torque_n_m")
-        if self._torques is None:
+        if not self._has_tail:
             return {name: np.zeros(steps.size) for name in names}
         # At a step the log has what acted in the step before; at the end of the run nobody has stepped yet.
         port = self._station.GetOutputPort("tail_torque")
         at_end = vector_of(port, self._station.GetMyContextFromRoot(context))
-        torques = np.column_stack((self._torques.FindLog(context).data()[:, 1:], at_end))[:, steps]
+        last = self._steps_log.FindLog(context).data()[self._plant.num_multibody_states() :]
+        torques = np.column_stack((last[:, 1:], at_end))[:, steps]
         joints = [self._plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
         rates = states[[self._plant.num_positions() + joint.velocity_start() for joint in joints]][:, steps]
         return dict(zip(names, torques, strict=True)) | {"tail_power_truth_w": np.sum(torques * rates, axis=0)}
