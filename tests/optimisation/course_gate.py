@@ -1,8 +1,9 @@
 """Whether reduced cars put cars and laws in the order of the full car by how far they turn; not run by pytest.
 
-The measure of the corner study: course after a pulse of 0.5 s with the best steering of each. Over cars for three
-contestants, and over a number of drawn laws on one car. The full car's runs are kept in the folder of a corner study,
-or in one of their own, and a second call goes on with what is missing.
+The measure of the corner study: course after a pulse of 0.5 s with the best steering of each. The folder is that of a
+corner study with the designed tail (`aerodima corner --scenario turn_designed`): its `cases.csv` has the full car's
+courses of the contestants, at each speed. Then over a number of drawn laws on one car, whose runs are kept in the
+folder, so that a second call goes on with what is missing.
 
     python -m tests.optimisation.course_gate out/corner_designed 30
 """
@@ -14,10 +15,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.stats import qmc, spearmanr
 
 from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, THESIS, Contestant
-from aerodima.optimisation.studies.corner_plan import CornerPlan
+from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
 from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.law_training import TRAINED, screened_courses
 from aerodima.optimisation.studies.study_store import open_runs
@@ -25,9 +27,10 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, open_run
 from aerodima.workbench import load_ensemble
 from aerodima.workbench.batch.engine import on_stderr
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.report.short_turn import load_entries
 
-CARS, BEST = 4, 0.1
-"""Cars of each part of the split; share of the drawn laws that would go to the full car."""
+BEST = 0.1
+"""Share of the drawn laws that would go to the full car."""
 
 
 def words(full: FloatArray, reduced: FloatArray) -> str:
@@ -45,18 +48,25 @@ def words(full: FloatArray, reduced: FloatArray) -> str:
 
 def main() -> None:
     """Prints the table of the gate."""
-    split = load_ensemble().split(1)
-    number = int(sys.argv[2])
-    with open_runs(Path(sys.argv[1])) as store, open_run_engine(1) as workers:
+    folder, number = Path(sys.argv[1]), int(sys.argv[2])
+    ensemble = load_ensemble()
+    with open_runs(folder) as store, open_run_engine(1) as workers:
         runs = CornerRuns(CornerPlan("turn_designed"), RememberingEngine(workers, store, on_stderr))
-        test, training = (runs.floors(part[:CARS]) for part in (split.test, split.training))
-        for who, floors in ((NO_TAIL, test), (HELD, test), (THESIS, [*test, *training])):
-            (full,) = runs.courses([who], floors)
-            reduced = np.array(screened_courses(replace(runs.reduced_cases(floors), fixed=who.settings))[0])
-            print(f"{who.name:16s}: {words(full, reduced)}", flush=True)
+        members = {member.name: member for member in ensemble.members}
+        table = pd.read_csv(folder / "cases.csv")
+        trained = Contestant("trained", tuple(load_entries().contestants[-1].settings))
+        for who in (NO_TAIL, HELD, THESIS, trained):
+            for speed, cases in table[table.contestant == who.name].groupby("speed_m_per_s"):
+                floors = [
+                    Floor(members[row.car], row.speed_m_per_s, row.floor, row.critical_friction)
+                    for row in cases.itertuples()
+                ]
+                reduced = np.array(screened_courses(replace(runs.reduced_cases(floors), fixed=who.settings))[0])
+                full = np.nan_to_num(cases.course_change_rad.to_numpy())
+                print(f"{who.name:16s} {speed:g} m/s: {words(full, reduced)}", flush=True)
         if number:
             laws = TRAINED.laws(qmc.LatinHypercube(len(TRAINED.ranges), rng=5).random(number))
-            floor = training[:1]
+            floor = runs.floors(ensemble.split(1).training[:1])
             full = runs.courses([Contestant("", TRAINED.settings(law)) for law in laws], floor)[:, 0]
             cases = replace(runs.reduced_cases(floor), laws=tuple(laws), fixed=TRAINED.fixed)
             reduced = np.array(screened_courses(cases))[:, 0]

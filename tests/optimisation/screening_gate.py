@@ -167,21 +167,22 @@ def searched(engine: RunEngine, car: Settings, seed: int) -> Searched:
 def picture(frictions: Sequence[Pairs], headings: Sequence[Pairs], searches: Sequence[Searched]) -> bytes:
     """Reduced over full car for each controller, and the ranks of the best law; a PNG."""
     with styled():
-        figure, axes = new_figure(12.0, 4.2, columns=3)
+        figure, (axes,) = new_figure(12.0, 4.2, columns=3)
+        figure.set_layout_engine("constrained")
         for name, colour, *both in zip(CONTROLLERS, (GREY, ORANGE, BLUE, GREEN), frictions, headings, strict=True):
             for place, pairs in zip(axes, both, strict=False):
                 place.plot(pairs.full, pairs.reduced, ".", color=colour, label=name)
         for place, what in zip(
             axes, ("critical friction at full lock", "heading of a clean turn, degrees"), strict=False
         ):
-            place.axline((1.0, 1.0), slope=1.0, color=GREY, linewidth=0.8)
+            place.axline([place.get_xlim()[0]] * 2, slope=1.0, color=GREY, linewidth=0.8)
             place.set(xlabel=f"full car: {what}", ylabel="reduced car")
             place.set_aspect("equal", adjustable="datalim")
         axes[0].legend()
         ranks = sorted(min(search.ranks) for search in searches)
         axes[2].plot(range(1, len(ranks) + 1), ranks, "o", color=BLUE)
         axes[2].axhline(BEST * CANDIDATES, color=VERMILION, label=f"best tenth of {CANDIDATES} laws")
-        axes[2].set(xlabel="search", ylabel="reduced car's rank of the full car's best law", ylim=(0, CANDIDATES / 3))
+        axes[2].set(xlabel="search", ylabel="reduced car's rank of the full car's best law", ylim=(0, CANDIDATES))
         axes[2].legend()
         return png(figure)
 
