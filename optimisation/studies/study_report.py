@@ -238,7 +238,7 @@ def _page(study: Study, frame: pd.DataFrame, found: Findings, result: pd.DataFra
     if "member" in frame.columns:
         lead += f" Every case was run for {frame['member'].nunique()} members of the ensemble {study.ensemble!r}."
     columns = [name for name in found.columns if name in frame.columns]
-    versions = {name: sorted(set(frame[name])) for name in frame.columns if name.startswith("version_")}
+    versions = {name: sorted(set(frame[name].dropna())) for name in frame.columns if name.startswith("version_")}
     files = (TABLE, CSV, f"{FINDINGS}.parquet", f"{FINDINGS}.csv", "study.json")
     all_runs: list[str | Link] = ["All runs with all columns:", *map(Link, files)]
     sections = [

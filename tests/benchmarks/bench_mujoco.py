@@ -37,15 +37,18 @@ Flips = Callable[[Scenario, float], bool]
 def bench_flip_speed() -> Iterator[BenchRow]:
     """Time to find the flip speed to 0.05 m/s with the plant alone, each engine at its coarsest sufficient step."""
     engines: dict[str, Flips] = {"Drake": _flips_in_drake, "MuJoCo": flips_in_mujoco}
-    seconds = {}
+    seconds, speeds = {}, {}
     for name, flips in engines.items():
         fine, _ = _flip_speed(flips, FINE)
+        speeds[name] = fine
         yield BenchRow(f"tailless flip speed, {name}, {1000 * FINE:g} ms", fine, "m/s")
         for step in STEPS:
             speed, seconds[name] = _flip_speed(flips, step)
             if abs(speed - fine) <= TOLERANCE:
                 break
         yield BenchRow(f"tailless flip speed, {name}, {1000 * step:g} ms", speed, "m/s")
+    name = f"tailless flip speed, {1000 * FINE:g} ms, Drake against MuJoCo"
+    yield BenchRow(name, abs(speeds["Drake"] / speeds["MuJoCo"] - 1.0), "1")
     yield BenchRow(
         "tailless flip speed to 0.05 m/s, Drake over MuJoCo", seconds["Drake"], "s", "<= 2.5", seconds["MuJoCo"]
     )

@@ -2,8 +2,8 @@
 
 The measure of the corner study: course after a pulse of 0.5 s with the best steering of each. The folder is that of a
 corner study with the designed tail (`aerodima corner --scenario turn_designed`): its `cases.csv` has the full car's
-courses of the contestants, at each speed. Then over a number of drawn laws on one car, whose runs are kept in the
-folder, so that a second call goes on with what is missing.
+courses of the contestants at each speed, `laws.csv` the trained laws. Then over a number of drawn laws on one car,
+whose runs are kept in the folder, so that a second call goes on with what is missing.
 
     python -m tests.optimisation.course_gate out/corner_designed 30
 """
@@ -27,7 +27,6 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, open_run
 from aerodima.workbench import load_ensemble
 from aerodima.workbench.batch.engine import on_stderr
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.report.short_turn import load_entries
 
 BEST = 0.1
 """Share of the drawn laws that would go to the full car."""
@@ -54,16 +53,19 @@ def main() -> None:
         runs = CornerRuns(CornerPlan("turn_designed"), RememberingEngine(workers, store, on_stderr))
         members = {member.name: member for member in ensemble.members}
         table = pd.read_csv(folder / "cases.csv")
-        trained = Contestant("trained", tuple(load_entries().contestants[-1].settings))
-        for who in (NO_TAIL, HELD, THESIS, trained):
-            for speed, cases in table[table.contestant == who.name].groupby("speed_m_per_s"):
+        laws = pd.read_csv(folder / "laws.csv").query("law != 'published'").sort_values("worth")
+        trained = laws.groupby("speed_m_per_s").last()[list(TRAINED.ranges)]
+        for who in (NO_TAIL, HELD, THESIS, None):
+            name = "trained" if who is None else who.name
+            for speed, cases in table[table.contestant == name].groupby("speed_m_per_s"):
                 floors = [
                     Floor(members[row.car], row.speed_m_per_s, row.floor, row.critical_friction)
                     for row in cases.itertuples()
                 ]
-                reduced = np.array(screened_courses(replace(runs.reduced_cases(floors), fixed=who.settings))[0])
+                settings = TRAINED.settings(trained.loc[speed].to_dict()) if who is None else who.settings
+                reduced = np.array(screened_courses(replace(runs.reduced_cases(floors), fixed=settings))[0])
                 full = np.nan_to_num(cases.course_change_rad.to_numpy())
-                print(f"{who.name:16s} {speed:g} m/s: {words(full, reduced)}", flush=True)
+                print(f"{name:16s} {speed:g} m/s: {words(full, reduced)}", flush=True)
         if number:
             laws = TRAINED.laws(qmc.LatinHypercube(len(TRAINED.ranges), rng=5).random(number))
             floor = runs.floors(ensemble.split(1).training[:1])

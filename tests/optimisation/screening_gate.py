@@ -214,7 +214,8 @@ def main() -> None:
             print(f"{name:18s} critical friction {frictions[-1].words()}", flush=True)
             headings.append(compared_heading(engine, [(*car, *law, *STEERING, FLOOR) for car in cars]))
             print(f"{name:18s} heading           {headings[-1].words()}", flush=True)
-        (folder / "screening.png").write_bytes(picture(frictions, headings, done))
+        if done:
+            (folder / "screening.png").write_bytes(picture(frictions, headings, done))
         laws = drawn_laws(LAWS)
         for place in range(0, number, 4)[:with_laws]:
             friction = compared_friction(engine, [(*cars[place], *law) for law in laws])

@@ -186,7 +186,9 @@ class Provenance(_Strict):
         default_factory=dict, description="what it found, such as collocation_error_rad; unit at the end of the name"
     )
     solver_log: str | None = Field(None, description="file of the solver's log")
-    versions: dict[str, str] = Field(default_factory=dict, description="project, drake, python, numpy")
+    versions: dict[str, str] = Field(
+        default_factory=dict, description="project, drake, python, numpy, and numba where it compiles steps"
+    )
 
 
 class SwingFile(_Strict):

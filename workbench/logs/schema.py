@@ -68,7 +68,7 @@ class RunLog:
         table: one row per log time, float64 columns; the first is `time_s`.
         scenario: the resolved scenario.
         seed: seed of every random number of the run.
-        versions: of the project, Drake, Python and NumPy.
+        versions: of the project, Drake, Python and NumPy, and of numba where it compiles steps.
         kind: what was logged: `car_run` a run of the car, `plant_run` one of another plant.
         created: ISO time of the start of the run.
         extra: further facts, for example `tail_mass_kg` (kg).
@@ -187,7 +187,7 @@ def compiler_version() -> str | None:
 
 @cache
 def _installed(distribution: str) -> str | None:
-    """Its version, None if it is not there; to look costs 1 ms."""
+    """Its version, None if it is not there; looked up once in a process, since that takes 1 ms."""
     try:
         return distribution_metadata.version(distribution)
     except distribution_metadata.PackageNotFoundError:

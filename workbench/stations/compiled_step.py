@@ -1,16 +1,15 @@
 """What drives the plant in one step, compiled with numba: the same functions, the same results to rounding.
 
-numba comes with the extra `compiled`; without it, or with its own `NUMBA_DISABLE_JIT=1`, they are interpreted. It looks
-at every number of a named tuple in each call, which takes longer than to interpret the step. So the numbers of a car
-are packed once into one array, and only compiled code sees the named tuples. In one of a thousand powers the last bit
-is another one (it takes squares and roots where Python calls `pow`), so the version of numba is one of those that a run
-depends on.
-
-Compiled code is kept in `FOLDER`, or with other numba code of the user where that may not be written.
+numba comes with the extra `compiled`; without it, or with its own `NUMBA_DISABLE_JIT=1`, the functions are interpreted.
+It looks at every number of a named tuple in each call, which takes longer than to interpret the step. So the numbers of
+a car are packed once into one array, and only compiled code sees the named tuples. In one of a thousand powers the last
+bit is another one (compiled code takes squares and roots where Python calls `pow`), so the version of numba is one of
+those that a run depends on.
 """
 
 import hashlib
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ import numpy as np
 from aerodima.workbench.actuators import ak70, drive, servo
 from aerodima.workbench.aero import plates, sail_motion, sections
 from aerodima.workbench.config.array_types import FloatArray
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import compiler_version
 from aerodima.workbench.plants import joint_friction
 from aerodima.workbench.plants import tail as arm
@@ -37,8 +37,8 @@ _CALLED: tuple[Callable[..., Any], ...] = (
 )  # fmt: skip
 """`step_drives` and all that it calls."""
 
-FOLDER = Path(__file__).parent / "__pycache__"
-"""Where compiled code is kept, in a folder for each state of the sources."""
+PLACES = (Path(__file__).parent / "__pycache__", Path.home() / ".cache" / "aerodima")
+"""Where compiled code is kept, in a folder for each state of the sources: the first that can be written."""
 
 
 def drives_of(car: step.CarNumbers, tail: step.TailNumbers | None) -> Drives:
@@ -59,27 +59,50 @@ _known: dict[bool, Callable[..., None]] = {}
 
 
 def _compiled(with_tail: bool) -> Callable[..., None]:
-    """Fills the drives (18) from time, inputs and what `_packed` made; compiled at its first call, or read."""
-    if with_tail not in _known:
+    """Fills the drives (18) from time, inputs and what `_packed` made; compiled at its first call, or read.
+
+    Raises:
+        UserError: numba is there but cannot be imported.
+    """
+    if with_tail in _known:
+        return _known[with_tail]
+    try:
         import numba
         from numba.extending import register_jitable
-
-        config: Any = numba.config
-        called: Any
-        for called in (*_CALLED, _car, _tail):
-            register_jitable(called)
-        files = {function.__code__.co_filename for function in _CALLED} | {__file__}
-        sources = b"".join(Path(file).read_bytes() for file in sorted(files))
-        folder = FOLDER / hashlib.sha256(sources).hexdigest()[:16]
-        function = _drive_car_with_tail if with_tail else _drive_car
-        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
-        try:
-            _known[with_tail] = numba.njit(cache=True)(function)
-        finally:
-            config.CACHE_DIR = before
-        if not any(folder.rglob(f"*{function.__name__}-*.nbi")):
-            print("compiling what drives the plant, once: some 10 s", file=sys.stderr, flush=True)
+    except ImportError as error:
+        raise UserError(
+            f"numba {compiler_version()}: {error}; allowed: a version that can be imported, or NUMBA_DISABLE_JIT=1"
+        ) from None
+    called: Any
+    for called in (*_CALLED, _car, _tail) if not _known else ():
+        register_jitable(called)
+    function, folder = _drive_car_with_tail if with_tail else _drive_car, _cache_folder()
+    if folder is None or not any(
+        folder.rglob(f"*{function.__name__}-*py{sys.version_info[0]}{sys.version_info[1]}.nbi")
+    ):
+        print("compiling what drives the plant: some 10 s", file=sys.stderr, flush=True)
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")
+    try:
+        _known[with_tail] = numba.njit(cache=folder is not None)(function)
+    finally:
+        config.CACHE_DIR = before
     return _known[with_tail]
+
+
+def _cache_folder() -> Path | None:
+    """For compiled code of the sources as they are: numba would not see that a function elsewhere has changed."""
+    files = {function.__code__.co_filename for function in _CALLED} | {__file__}
+    sources = b"".join(Path(file).read_bytes() for file in sorted(files))
+    for place in PLACES:
+        folder = place / hashlib.sha256(sources).hexdigest()[:16]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+        except OSError:
+            continue
+    return None
 
 
 def _packed(car: step.CarNumbers, tail: step.TailNumbers | None) -> tuple[Any, ...]:

@@ -144,6 +144,14 @@ def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_tw
     assert first == pytest.approx(1.0 + later, abs=1e-9)
 
 
+def test_a_law_of_ones_own_ticks_on_a_car_without_tail_too():
+    law = Watching(100.0)
+    Simulator(assemble(load_scenario("turn_none"), tail_law=law, systems="fused", lean=True).builder.Build()).AdvanceTo(
+        0.1
+    )
+    assert len(law.seen) == 11
+
+
 @pytest.mark.parametrize("step", STEPS)
 def test_the_instant_of_a_step_has_the_bits_with_which_drake_computes_it(step):
     for k in (1, 7, 1450, 19_999):
