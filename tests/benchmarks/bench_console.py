@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -107,10 +108,14 @@ def _drives_ahead(operator: OperatorPage, session: ConsoleSession, began: float)
     from playwright.sync_api import TimeoutError as PageTimeoutError
 
     try:
-        operator.until("state.radio.armed && !document.querySelector('input[value=manual]').disabled", 60.0)
         _show_view(operator.page, False)
-        operator.page.locator("input[value=manual]").evaluate("box => box.click()")
-        operator.until("state.radio.report.mode === 'manual'")
+        manual = operator.page.locator("input[value=manual]")
+        for wait in (2.0, 2.0, 2.0, 20.0):  # a page that has just opened may fall silent, and the car disarm meanwhile
+            operator.until("state.radio.armed && !document.querySelector('input[value=manual]').disabled", 60.0)
+            manual.evaluate("box => box.click()")
+            with suppress(AssertionError):
+                operator.until("state.radio.report.mode === 'manual'", wait)
+                break
         operator.page.fill("#slider-throttle", "3", timeout=2000.0)
         wait_for(lambda: _since(session, "throttle_on", began), 10.0, "throttle")
     except (PageTimeoutError, AssertionError):

@@ -37,7 +37,7 @@ _CALLED: tuple[Callable[..., Any], ...] = (
 )  # fmt: skip
 """`step_drives` and all that it calls."""
 
-PLACES = (Path(__file__).parent / "__pycache__", Path.home() / ".cache" / "aerodima")
+PLACES = (Path(__file__).parent / "__pycache__", Path("~/.cache/aerodima"))
 """Where compiled code is kept, in a folder for each state of the sources: the first that can be written."""
 
 
@@ -95,12 +95,12 @@ def _cache_folder() -> Path | None:
     files = {function.__code__.co_filename for function in _CALLED} | {__file__}
     sources = b"".join(Path(file).read_bytes() for file in sorted(files))
     for place in PLACES:
-        folder = place / hashlib.sha256(sources).hexdigest()[:16]
         try:
+            folder = place.expanduser() / hashlib.sha256(sources).hexdigest()[:16]
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 return folder
-        except OSError:
+        except (OSError, RuntimeError):  # not to be written, or nobody's home
             continue
     return None
 
