@@ -1,10 +1,10 @@
 """What drives the plant in one step, compiled with numba: the same functions, the same results to rounding.
 
 numba comes with the extra `compiled`; without it, or with its own `NUMBA_DISABLE_JIT=1`, the functions are interpreted.
-It looks at every number of a named tuple in each call, which takes longer than to interpret the step. So the numbers of
-a car are packed once into one array, and only compiled code sees the named tuples. In one of a thousand powers the last
-bit is another one (compiled code takes squares and roots where Python calls `pow`), so the version of numba is one of
-those that a run depends on.
+In every call numba reads each number of a named tuple anew, which takes longer than to interpret the step. So the
+numbers of a car are packed once into one array, and only compiled code sees the named tuples. One power in a thousand
+differs in its last bit (compiled code takes squares and roots where Python calls `pow`), so the version of numba is one
+of those that a run depends on.
 """
 
 import hashlib

@@ -146,9 +146,8 @@ def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_tw
 
 def test_a_law_of_ones_own_ticks_on_a_car_without_tail_too():
     law = Watching(100.0)
-    Simulator(assemble(load_scenario("turn_none"), tail_law=law, systems="fused", lean=True).builder.Build()).AdvanceTo(
-        0.1
-    )
+    car = assemble(load_scenario("turn_none"), tail_law=law, systems="fused", lean=True)
+    Simulator(car.builder.Build()).AdvanceTo(0.1)
     assert len(law.seen) == 11
 
 
