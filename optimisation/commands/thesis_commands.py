@@ -1,4 +1,4 @@
-"""`aerodima calibrate`, `report` and `other-tails`: what of the thesis, and of other people's tails, is reproduced."""
+"""`aerodima calibrate` and `report`: what of the thesis is reproduced."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ import typer
 
 from aerodima.optimisation.commands.study_commands import engine_for
 from aerodima.workbench.batch.dask_cluster import THREAD_VARIABLES
-from aerodima.workbench.cli.options import THESIS, Ensemble, Force, WorkOptions, grouped
+from aerodima.workbench.cli.options import THESIS, Ensemble, WorkOptions, grouped
 
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
     for command in (calibrate, report):
         app.command(rich_help_panel=THESIS)(command)
-    app.command("other-tails", rich_help_panel=THESIS)(other_tails)
 
 
 @grouped
@@ -73,17 +72,3 @@ def report(
             chosen, members, out, engine, progress, replays=replays, force=work.force, survival=survival
         )
         typer.echo(page)
-
-
-def other_tails(
-    out: Annotated[Path, typer.Option(help="Folder for page, table and map.")] = Path("out/other_tails"),
-    force: Force = False,
-) -> None:
-    """Hold other people's published tails against this simulation: one page, one CSV, a map of inertia and air.
-
-    Example: aerodima other-tails --out out/other_tails
-    """
-    from aerodima.optimisation.studies.other_tails import write_other_tails
-    from aerodima.workbench.batch.row_store import terminal
-
-    typer.echo(write_other_tails(out, terminal(), force=force))
