@@ -1,4 +1,4 @@
-"""`aerodima corner`, `leaderboard` and `passivity`: who turns further, the benchmark, passive and active tails."""
+"""`aerodima corner`: who turns further on the same floor."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from aerodima.workbench.cli.options import SWINGS, Ensemble, OtherCar, ScenarioO
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands."""
-    for command in (corner, leaderboard, passivity):
-        app.command(rich_help_panel=SWINGS)(command)
+    """Adds the command."""
+    app.command(rich_help_panel=SWINGS)(corner)
 
 
 @grouped
@@ -146,70 +145,3 @@ def corner(
     if len(measured.disturbed):
         typer.echo("\n".join(["disturbed runs:", *text_table(*survival_cells(measured.survival))]))
     typer.echo(f"page: {files[-1]}")
-
-
-@grouped
-def leaderboard(
-    work: WorkOptions,
-    out: Annotated[Path, typer.Option(help="Folder for tables, page and runs; stopped work goes on in it.")] = Path(
-        "out/leaderboard"
-    ),
-    law: Annotated[
-        list[str] | None,
-        typer.Option(help="Swing file, list of laws, or name of one that ships; may be repeated; by default none."),
-    ] = None,
-    other_car: OtherCar = False,
-) -> None:
-    """Score a law of the tail on the cars of the benchmark: how much further it turns them than no tail.
-
-    Ours stand beside it, from the shipped table; asked for by name they are driven again. Asked for again after Ctrl-C
-    it keeps the runs that are there.
-    Example: aerodima leaderboard --law my_laws.yaml --out out/leaderboard
-    """
-    from contextlib import nullcontext
-
-    from aerodima.optimisation.studies.law_files import read_laws
-    from aerodima.optimisation.studies.leaderboard import load_benchmark, make_leaderboard
-    from aerodima.optimisation.studies.leaderboard_page import score_cells
-    from aerodima.optimisation.sweep.study_engine import RunEngine, SerialRunEngine
-    from aerodima.workbench.batch.engine import ProgressLine, silent
-    from aerodima.workbench.text_table import text_table
-
-    scenario = load_benchmark().scenario
-    laws = [one for name in law or () for one in read_laws(name, scenario, other_car=other_car)]
-    nothing_to_run: tuple[RunEngine, ProgressLine] = (SerialRunEngine(), silent)
-    with engine_for(out, work.workers, work.scheduler) if laws else nullcontext(nothing_to_run) as (engine, progress):
-        board = make_leaderboard(out, laws, engine, force=work.force, progress=progress)
-    typer.echo("\n".join(text_table(*score_cells(board.scores))))
-    typer.echo(f"page: {board.files[-1]}")
-
-
-def passivity(
-    out: Annotated[Path, typer.Option(help="Folder for passivity.csv and passivity.png.")] = Path("out/passivity"),
-    speed: Annotated[
-        list[float] | None, typer.Option(help="Speed of the turn, m/s; may be repeated.", min=1.0, max=8.0)
-    ] = None,
-    workers: Annotated[int, typer.Option(help="Worker processes, one BLAS thread each.", min=1)] = 2,
-) -> None:
-    """Is a more passive tail better at higher speed? Highest friction survived clean, tail by tail.
-
-    Asked for again after Ctrl-C it keeps the runs that are there.
-    Example: aerodima passivity --speed 4.5 --speed 6 --out out/passivity
-    """
-    from aerodima.optimisation.studies.passivity_study import SPEEDS, measure_passivity, write_passivity
-    from aerodima.optimisation.studies.study_store import open_runs
-    from aerodima.optimisation.sweep.study_engine import RememberingEngine
-    from aerodima.workbench.batch.row_store import saying_how_to_go_on
-
-    with (
-        engine_for(out, workers) as (engine, progress),
-        open_runs(out) as store,
-        saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"),
-    ):
-        table = measure_passivity(
-            RememberingEngine(engine, store, progress, "passive and active tails"), speed or SPEEDS
-        )
-    for row in table.to_dict("records"):
-        typer.echo(f"{row['tail']:24} {row['speed_m_per_s']:g} m/s: critical friction {row['critical_friction']:.4f}")
-    for path in write_passivity(table, out):
-        typer.echo(f"written: {path}")

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from aerodima.optimisation.commands.codesign_command import tail
 from aerodima.optimisation.commands.corner_command import corner
 from aerodima.workbench.cli.options import (
     SWINGS,
@@ -24,11 +23,10 @@ from aerodima.workbench.cli.options import (
 
 def register(app: typer.Typer) -> None:
     """Adds the group `optimise` and the commands `feedback` and `verify`."""
-    group = typer.Typer(no_args_is_help=True, help="Find tail swings, and tails.")
+    group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
     group.callback()(_group)
     group.command()(swing)
     group.command()(corner)
-    group.command()(tail)
     app.add_typer(group, name="optimise", rich_help_panel=SWINGS)
     for command in (feedback, verify):
         app.command(rich_help_panel=SWINGS)(command)

@@ -1,1 +1,1 @@
-"""Studies on top of sweeps: the built-in ones, the leaderboard of controllers, what of the thesis is reproduced."""
+"""Studies on top of sweeps: the built-in ones, the judging of laws, what of the thesis is reproduced."""

@@ -1,6 +1,6 @@
 """Laws that are trained: the thesis' law with other numbers, the best of which are looked for on training cars alone.
 
-A family may also change numbers of the car, such as the size of its tail (`tail_family`): one search for both.
+A family may also change numbers of the car, such as the size of its tail: one search for both.
 
 Whole generations of laws (`law_search`) are driven on reduced cars (`optimisation.screening`), each law with the best
 steering of each case. The best of those that differ then go to the full car, and the best one there is the law.
