@@ -24,11 +24,8 @@ from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
 from .screening.grip_screening import screened_friction as screened_friction
 from .studies.reproduction_report import write_reproduction_report as write_reproduction_report
-from .studies.survival_study import survival_figure as survival_figure
-from .studies.survival_study import survival_study as survival_study
 from .sweep.rollover_threshold import critical_friction as critical_friction
 from .sweep.run_study import run_study as run_study
-from .sweep.study import Range as Range
 from .sweep.study import load_study as load_study
 from .sweep.study_engine import open_run_engine as open_run_engine
 from .swing.search_state import SearchOptions as SearchOptions

@@ -1,20 +1,16 @@
-"""`aerodima sweep ...` and `threshold ...`: studies of many runs, and where a car begins to roll over."""
+"""`aerodima sweep run` and `sweep threshold`: studies of many runs, and where a car begins to roll over."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodima.optimisation.studies.named_studies import STUDIES, named_study
 from aerodima.workbench.cli.options import (
     SWINGS,
-    Anew,
-    Members,
     ScenarioArgument,
     Scheduler,
     Settings,
@@ -29,39 +25,20 @@ if TYPE_CHECKING:
     from aerodima.workbench.batch.engine import ProgressLine
 
 
-Out = Annotated[Path, typer.Option(help="Folder for tables, plots and index.html; a stopped study goes on in it.")]
-
-
-@dataclass(frozen=True)
-class CaseOptions:
-    """Of which car the runs of a study are."""
-
-    settings: Settings = None
-    ensemble: Annotated[
-        str | None, typer.Option(help="Run every case for the members of this ensemble, such as car.")
-    ] = None
-    members: Members = None
+Out = Annotated[Path, typer.Option(help="Folder for the tables; a stopped study goes on in it.")]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the groups `sweep` and `threshold`."""
+    """Adds the group `sweep`."""
     sweep = typer.Typer(no_args_is_help=True, help="Run studies of many runs, on this computer or a cluster.")
     sweep.callback()(_studies)
     sweep.command()(run)
-    own: dict[str, Callable[..., None]] = {"shapes": shapes, "monte-carlo": monte_carlo}
-    for name, make in STUDIES.items():
-        if name in own:
-            sweep.command(name)(own[name])
-        else:
-            about = f"{make.__doc__}\n\nExample: aerodima sweep {name} --out sweeps/{name}"
-            sweep.command(name, help=about)(_command(name))
     threshold = typer.Typer(no_args_is_help=True, help="Find where a car begins to roll over.")
     threshold.callback()(_thresholds)
     threshold.command()(speed)
     threshold.command()(friction)
-    threshold.command("map")(survival)
-    for name, group in (("sweep", sweep), ("threshold", threshold)):
-        app.add_typer(group, name=name, rich_help_panel=SWINGS)
+    sweep.add_typer(threshold, name="threshold")
+    app.add_typer(sweep, name="sweep", rich_help_panel=SWINGS)
 
 
 @contextmanager
@@ -86,13 +63,13 @@ def _studies() -> None:
 
 @grouped
 def run(
-    study: Annotated[Path, typer.Argument(help="Study file (YAML): scenario with grid and sampled factors.")],
+    study: Annotated[str, typer.Argument(help="Study file (YAML), or one that ships: turn, tail, mount, trigger, ...")],
     out: Out,
     work: WorkOptions,
 ) -> None:
-    """Run a study file; one row per run in table.parquet and table.csv.
+    """Run a study file; one row per run in table.parquet and table.csv. `models/studies` has those that ship.
 
-    Example: aerodima sweep run study.yaml --out sweeps/study
+    Example: aerodima sweep run mount --out sweeps/mount
     """
     from aerodima.optimisation.sweep.run_study import TABLE, run_study
     from aerodima.optimisation.sweep.study import load_study, plan_runs
@@ -104,61 +81,8 @@ def run(
     print(f"table: {out / TABLE}")
 
 
-def _command(name: str) -> Callable[..., None]:
-    @grouped
-    def command(out: Out, cases: CaseOptions, work: WorkOptions) -> None:
-        _run_named(name, out, cases, work)
-
-    return command
-
-
-@grouped
-def shapes(
-    out: Out,
-    cases: CaseOptions,
-    work: WorkOptions,
-    goals: Annotated[
-        Path | None, typer.Argument(help="CFD goal table (CSV): shape, speed, angle, and C_D and C_L, or forces.")
-    ] = None,
-) -> None:
-    """Sail shapes compared: drag and lift, the tunnel's coefficients beside, and what each does for the car.
-
-    Without a table the drag coefficients of the thesis' Table 2.1 are taken.
-
-    Example: aerodima sweep shapes goals.csv --out sweeps/shapes
-    """
-    _run_named("shapes", out, cases, work, goals=goals)
-
-
-@grouped
-def monte_carlo(
-    out: Out,
-    cases: CaseOptions,
-    work: WorkOptions,
-    samples: Annotated[int, typer.Option(help="Per tail mode; a power of 2 is best.", min=1)] = 32,
-    seed: Annotated[int, typer.Option(help="Of the samples.", min=0)] = 1,
-) -> None:
-    """Rollover probability under uncertain friction, speed and trigger noise, with its interval.
-
-    Example: aerodima sweep monte-carlo --samples 32 --out sweeps/monte-carlo
-    """
-    _run_named("monte-carlo", out, cases, work, samples=samples, seed=seed)
-
-
-def _run_named(name: str, out: Path, cases: CaseOptions, work: WorkOptions, **own: Any) -> None:
-    from aerodima.optimisation.studies.study_report import make_report
-    from aerodima.optimisation.sweep.study import check_factors, plan_runs
-
-    study, read = named_study(name, cases.settings or (), cases.ensemble, cases.members, **own)
-    check_factors(study, "--set")
-    plan_runs(study)
-    with engine_for(out, work.workers, work.scheduler) as (engine, progress):
-        page = make_report(study, read, out, engine, force=work.force, progress=progress)
-    print(f"report: {page}")
-
-
 def _thresholds() -> None:
-    """Find where a car begins to roll over: by speed, by grip, or over both."""
+    """Find where a car begins to roll over: by speed, or by grip."""
 
 
 def speed(
@@ -173,7 +97,7 @@ def speed(
 ) -> None:
     """Highest speed survived at the scenario's friction, the first at which it flips, and islands beyond.
 
-    Example: aerodima threshold speed turn_none --to 4.5
+    Example: aerodima sweep threshold speed turn_none --to 4.5
     """
     from aerodima.optimisation.sweep.rollover_threshold import SPEED, Search
 
@@ -192,43 +116,11 @@ def friction(
 ) -> None:
     """Critical friction at the scenario's speed: highest tyre friction survived, first that flips, islands beyond.
 
-    Example: aerodima threshold friction turn_swing --set manoeuvre.speed=4.44
+    Example: aerodima sweep threshold friction turn_swing --set manoeuvre.speed=4.44
     """
     from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
 
     _print_threshold(scenario, settings or (), Search(FRICTION, low, high, scan, tolerance), "", workers, scheduler)
-
-
-def survival(
-    out: Annotated[Path, typer.Option(help="Folder for table, plot and page.")],
-    scenario: ScenarioArgument = "turn_swing",
-    settings: Settings = None,
-    speeds: Annotated[tuple[float, float, int], typer.Option(help="First, last and number of speeds, m/s.")] = (
-        3.0,
-        6.0,
-        7,
-    ),
-    frictions: Annotated[tuple[float, float, int], typer.Option(help="First, last and number of frictions.")] = (
-        0.5,
-        0.9,
-        9,
-    ),
-    workers: Workers = 2,
-    scheduler: Scheduler = None,
-    force: Anew = False,
-) -> None:
-    """Survival over speed x friction, as a table and a plot; goes on where it was stopped.
-
-    Example: aerodima threshold map turn_swing --out maps/swing
-    """
-    from aerodima.optimisation.studies.survival_study import survival_study, write_survival
-    from aerodima.optimisation.sweep.study import Range
-
-    axes = [Range(first=first, last=last, number=number) for first, last, number in (speeds, frictions)]
-    study = survival_study(scenario, settings or [], *axes)
-    with engine_for(out, workers, scheduler) as (engine, progress):
-        page = write_survival(study, out, engine, force, progress)
-    print(f"report: {page}")
 
 
 def _print_threshold(

@@ -25,7 +25,6 @@ from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.disturbed_turns import disturbed_words, survival_cells
 from aerodima.optimisation.studies.law_training import LawFamily
 from aerodima.optimisation.studies.pulse_lengths import WORDS, gains_by_pulse, plot_pulses, pulse_rows
-from aerodima.optimisation.studies.study_report import table_cells
 from aerodima.optimisation.studies.study_store import drop_stale, open_runs
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
@@ -233,7 +232,15 @@ def plot_gains(corner: Corner) -> Figure:
 
 
 def _whole(frame: pd.DataFrame) -> Table:
-    return Table(list(frame.columns), table_cells(frame, list(frame.columns)))
+    rows = [[_cell_text(value) for value in row] for row in frame.itertuples(index=False)]
+    return Table(list(frame.columns), rows)
+
+
+def _cell_text(value: Any) -> str:
+    """Numbers to four digits, nothing where there is none."""
+    if value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value)):
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _cell(name: str, value: Any) -> str:

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.optimisation.sweep.study_engine import RunTask
-from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
@@ -147,12 +147,12 @@ class PlannedRun:
 
 
 def load_study(path: str | Path) -> Study:
-    """Reads a study file.
+    """Reads a study file, or the one of a name in `models/studies`.
 
     Raises:
-        SweepError: no such file, wrong key, value or factor; names the place, the value and what is allowed.
+        SweepError: no such file or name, wrong key, value or factor; names the place, the value and what is allowed.
     """
-    path = Path(path)
+    path = find_file(path, "studies", "study", SweepError)
     data = {"schema": STUDY_SCHEMA, "name": path.stem} | read_yaml(path, SweepError)
     _refuse_empty_factors(path, data)
     study = checked(Study, _in_blocks(data), str(path), SweepError, schema=STUDY_SCHEMA)

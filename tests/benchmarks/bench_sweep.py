@@ -8,9 +8,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from aerodima.optimisation.studies.turn_study import turn_study
 from aerodima.optimisation.sweep.run_study import run_study
-from aerodima.optimisation.sweep.study import plan_runs
+from aerodima.optimisation.sweep.study import load_study, plan_runs
 from aerodima.optimisation.sweep.study_engine import evaluate, open_run_engine
 from tests.benchmarks.rows import BenchRow
 
@@ -20,7 +19,9 @@ SETTINGS = tuple(os.environ.get("AERODIMA_BENCH_SWEEP_SETTINGS", "").split())
 
 def bench_turn_study() -> Iterator[BenchRow]:
     """Wall time of 12 tailless and 35 tailed runs at the default step, table on the disk; start-up apart."""
-    study = turn_study(SETTINGS)
+    study = load_study("turn")
+    blocks = tuple(block.model_copy(update={"settings": SETTINGS}) for block in study.blocks)
+    study = study.model_copy(update={"blocks": blocks})
     tasks = [run.task for run in plan_runs(study)]
     words = f"turn study, {len(tasks)} runs{' with ' if SETTINGS else ''}{' '.join(SETTINGS)}"
     evaluate(tasks[0])
