@@ -5,6 +5,7 @@ from .calibration.calibration import calibrate as calibrate
 from .calibration.calibration_output import write_calibration as write_calibration
 from .calibration.calibration_plan import load_plan as load_plan
 from .calibration.calibration_runs import RunStore as RunStore
+from .calibration.reproduction_report import write_reproduction_report as write_reproduction_report
 from .fit.fit_figures import plot_curves as plot_curves
 from .fit.fit_parameters import Parameter as Parameter
 from .fit.fit_parameters import Parameters as Parameters
@@ -23,7 +24,6 @@ from .identify.static_fit import fit_static_log as fit_static_log
 from .identify.swing_coefficients import fit_friction_log as fit_friction_log
 from .identify.swing_coefficients import fit_robot_tail_log as fit_robot_tail_log
 from .screening.grip_screening import screened_friction as screened_friction
-from .studies.reproduction_report import write_reproduction_report as write_reproduction_report
 from .sweep.rollover_threshold import critical_friction as critical_friction
 from .sweep.run_study import run_study as run_study
 from .sweep.study import load_study as load_study

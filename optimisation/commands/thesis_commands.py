@@ -63,7 +63,7 @@ def report(
     work: WorkOptions,
 ) -> None:
     """Write one page and one CSV: every claim of the thesis that can be recomputed, with band and verdict."""
-    from aerodima.optimisation.studies.reproduction_report import write_reproduction_report
+    from aerodima.optimisation.calibration.reproduction_report import write_reproduction_report
     from aerodima.workbench.config.ensemble import load_ensemble
 
     chosen = load_ensemble(ensemble)

@@ -1,1 +1,1 @@
-"""Studies on top of sweeps: the built-in ones, the judging of laws, what of the thesis is reproduced."""
+"""Laws of the tail, trained and judged by how far they turn a car."""

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from aerodima.optimisation.studies.reproduction_evidence import NO_FLICK_THROTTLE, throttle_speed
+from aerodima.optimisation.calibration.reproduction_evidence import NO_FLICK_THROTTLE, throttle_speed
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.report.statements import Value
 from tests.built.registry import run

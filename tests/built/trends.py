@@ -6,7 +6,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aerodima.optimisation.studies.reproduction_evidence import throttle_speed
+from aerodima.optimisation.calibration.reproduction_evidence import throttle_speed
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.metrics.published_values import TurnMetrics
 from aerodima.workbench.metrics.run_summary import KM_PER_H

@@ -9,9 +9,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from aerodima.optimisation.calibration.calibration_runs import RunStore, turn_of
-from aerodima.optimisation.calibration.validation import as_table, compare
-from aerodima.optimisation.studies.reproduction_claims import all_rows
-from aerodima.optimisation.studies.reproduction_evidence import (
+from aerodima.optimisation.calibration.reproduction_claims import all_rows
+from aerodima.optimisation.calibration.reproduction_evidence import (
     CLOSE,
     PAIRS,
     SURE,
@@ -24,6 +23,7 @@ from aerodima.optimisation.studies.reproduction_evidence import (
     survival_section,
     survival_table,
 )
+from aerodima.optimisation.calibration.validation import as_table, compare
 from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.config.ensemble import BAND, Ensemble, weighted_quantiles

@@ -5,10 +5,7 @@ from dataclasses import fields, replace
 
 from aerodima.optimisation.calibration.calibration_plan import SPEED_IN_TURN
 from aerodima.optimisation.calibration.calibration_runs import Datum, yaw_rate_of
-from aerodima.optimisation.identify.coefficient_averages import recompute_averages
-from aerodima.optimisation.identify.published_check import robot_tail_line
-from aerodima.optimisation.identify.published_tables import robot_tail_rows
-from aerodima.optimisation.studies.reproduction_evidence import (
+from aerodima.optimisation.calibration.reproduction_evidence import (
     CLOSE,
     NO_FLICK_THROTTLE,
     ClaimRow,
@@ -20,6 +17,9 @@ from aerodima.optimisation.studies.reproduction_evidence import (
     recomputed_row,
     share_row,
 )
+from aerodima.optimisation.identify.coefficient_averages import recompute_averages
+from aerodima.optimisation.identify.published_check import robot_tail_line
+from aerodima.optimisation.identify.published_tables import robot_tail_rows
 from aerodima.workbench.metrics.published_values import (
     FILTERED,
     SIGNALS,

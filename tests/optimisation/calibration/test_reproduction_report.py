@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 
 from aerodima.optimisation.calibration.calibration_plan import fitted_names, load_plan
-from aerodima.optimisation.studies.reproduction_evidence import change_row, figure_row, share_row
-from aerodima.optimisation.studies.reproduction_report import write_reproduction_report
+from aerodima.optimisation.calibration.reproduction_evidence import change_row, figure_row, share_row
+from aerodima.optimisation.calibration.reproduction_report import write_reproduction_report
 from aerodima.workbench.config.ensemble import Ensemble, load_ensemble
 from aerodima.workbench.errors import UserError
 from tests.optimisation.calibration.made_up_car import MadeUpEngine
