@@ -28,7 +28,5 @@ from .sweep.rollover_threshold import critical_friction as critical_friction
 from .sweep.run_study import run_study as run_study
 from .sweep.study import load_study as load_study
 from .sweep.study_engine import open_run_engine as open_run_engine
-from .swing.search_state import SearchOptions as SearchOptions
-from .swing.swing_search import optimise_swing as optimise_swing
 from .swing.verification import verify_swing as verify_swing
 from .swing.verification_report import plot_verification as plot_verification

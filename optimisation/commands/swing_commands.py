@@ -1,9 +1,9 @@
-"""`aerodima optimise swing`, `feedback` and `verify`: find a tail swing, give it feedback, judge it on the full car."""
+"""`aerodima optimise corner` and `verify`: find a tail swing, judge it on the full car."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -13,7 +13,6 @@ from aerodima.workbench.cli.options import (
     Ensemble,
     Force,
     Members,
-    ScenarioArgument,
     Settings,
     SwingArgument,
     SwingScenarioOption,
@@ -22,120 +21,16 @@ from aerodima.workbench.cli.options import (
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the group `optimise` and the commands `feedback` and `verify`."""
+    """Adds the group `optimise` and the command `verify`."""
     group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
     group.callback()(_group)
-    group.command()(swing)
     group.command()(corner)
     app.add_typer(group, name="optimise", rich_help_panel=SWINGS)
-    for command in (feedback, verify):
-        app.command(rich_help_panel=SWINGS)(command)
+    app.command(rich_help_panel=SWINGS)(verify)
 
 
 def _group() -> None:
-    """Find tail swings that let the car turn with more grip or speed."""
-
-
-def swing(
-    scenario: ScenarioArgument,
-    out: Annotated[Path, typer.Option(help="Swing file to write.")] = Path("swing.yaml"),
-    dof: Annotated[int, typer.Option(help="1: roll; 2: roll and pitch.")] = 1,
-    objective: Annotated[str, typer.Option(help="friction, speed, roll or effort.")] = "friction",
-    seed: Annotated[int, typer.Option(help="Of the random starts.", min=0)] = 1,
-    starts: Annotated[int, typer.Option(help="Random starts per round.", min=1, max=1000)] = 4,
-    knots: Annotated[int, typer.Option(help="Of the first mesh.", min=11, max=121)] = 41,
-    length: Annotated[float, typer.Option(help="Length of the swing from its release, s.", min=0.2, max=3.0)] = 1.0,
-    threshold: Annotated[float | None, typer.Option(help="Yaw rate that releases the swing, rad/s.")] = None,
-    wait: Annotated[float, typer.Option(help="Fixed rest after the release, s; 0 leaves it free.", min=0.0)] = 0.0,
-    torque: Annotated[float | None, typer.Option(help="Torque limit, N m; the motor's by default.")] = None,
-    rounds: Annotated[
-        int, typer.Option(help="Most rounds of profile, solution, full car; 0: only refinement.", min=0, max=20)
-    ] = 4,
-    bound: Annotated[float, typer.Option(help="Largest collocation error, rad.")] = 5e-3,
-    solver: Annotated[str, typer.Option(help="snopt or ipopt.")] = "snopt",
-    members: Annotated[int, typer.Option(help="Cars drawn from the ensemble to serve as well.", min=0)] = 0,
-    ensemble: Ensemble = "car",
-    refine: Annotated[
-        int,
-        typer.Option(
-            "--refine",
-            "--polish",
-            help="Candidates that the refinement drives on the full car; 0: none.",
-            min=0,
-            max=100_000,
-        ),
-    ] = 0,
-    feedback: Annotated[bool, typer.Option(help="Store gains for the tracker with the swing.")] = True,
-    workers: Workers = 2,
-    wall_time: Annotated[float, typer.Option(help="Limit of the collocation, s.", min=1.0)] = 600.0,
-    warm_start: Annotated[
-        str | None, typer.Option(help="Swing to begin with: a file, or the name of one that ships.")
-    ] = None,
-    settings: Settings = None,
-    force: Force = False,
-) -> None:
-    """The swing with which the car survives most friction or speed, rolls least, or asks least of its motors.
-
-    With --refine the full model refines it: most friction, turning at least 95 % as far as the published swing.
-    An interrupted search goes on when the same command is given again.
-
-    Example: aerodima optimise swing turn_swing --set manoeuvre.speed=4.5 --threshold 0.5 --out swing.yaml
-    """
-    from contextlib import nullcontext
-
-    from aerodima.optimisation.sweep.study_engine import SerialRunEngine, open_run_engine
-    from aerodima.optimisation.swing.search_state import LIMIT_REACHED, SearchOptions
-    from aerodima.optimisation.swing.swing_problem import OBJECTIVES
-    from aerodima.optimisation.swing.swing_search import optimise_swing
-    from aerodima.workbench.atomic_write import make_folder, refuse_existing
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.config.swing_file import write_swing
-    from aerodima.workbench.controllers.law_of_scenario import find_swing
-    from aerodima.workbench.errors import SwingError
-
-    chosen: Any = objective
-    solver_name: Any = solver
-    for flag, value, allowed in (
-        ("--objective", objective, OBJECTIVES),
-        ("--solver", solver, ("snopt", "ipopt")),
-        ("--dof", dof, (1, 2)),
-    ):
-        if value not in allowed:
-            raise SwingError(f"{flag}: {value!r}; allowed: {', '.join(map(str, allowed))}")
-    refuse_existing(out, force, SwingError)
-    make_folder(out.parent, SwingError)
-    refuse_unwritable(out.parent)
-    options = SearchOptions(
-        dof=dof, objective=chosen, seed=seed, starts=starts, knots=knots, length=length, threshold=threshold, wait=wait,
-        torque=torque, rounds=rounds, bound=bound, solver=solver_name, warm_start=warm_start or "",
-        ensemble=ensemble, members=members,
-        polish=refine, feedback=feedback, wall_time=wall_time,
-    )  # fmt: skip
-    turn = load_scenario(scenario, settings or ())
-    record = out.with_suffix(".workers.jsonl")
-    with open_run_engine(workers, record=record) if refine or workers > 1 else nullcontext(SerialRunEngine()) as engine:
-        found = optimise_swing(
-            turn, options, name=out.stem, scenario_name=scenario, settings=tuple(settings or ()),
-            warm_start=None if warm_start is None else find_swing(warm_start),
-            checkpoint=out.with_suffix(".search.json"), engine=engine, progress=lambda line: typer.echo(line, err=True),
-        )  # fmt: skip
-    write_swing(found, out, force=force)
-    facts = found.provenance.found
-    typer.echo(f"swing: {out}")
-    if "survived_friction" in facts:
-        typer.echo(
-            f"full car: clean at {facts['survived_speed_m_per_s']:.2f} m/s, friction {facts['survived_friction']:.3f}, "
-            f"peak roll {facts['peak_roll_rad']:.3f} rad"
-        )
-    if "heading_ratio" in facts:
-        typer.echo(
-            f"heading: {facts['heading_ratio']:.1%} of the published swing's at friction "
-            f"{facts['reference_friction']:.3f}, the highest that both survive"
-        )
-    if LIMIT_REACHED in facts:
-        typer.echo(f"stopped at its limit while it still gained: {facts[LIMIT_REACHED]}")
-    if "collocation_error_rad" in facts:
-        typer.echo(f"collocation error {facts['collocation_error_rad']:.4f} rad on {facts['knots']} knots")
+    """Find tail swings that turn the car further."""
 
 
 def refuse_unwritable(folder: Path) -> None:
@@ -149,44 +44,6 @@ def refuse_unwritable(folder: Path) -> None:
             pass
     except OSError as cause:
         raise SwingError(f"{folder}: cannot be written ({cause.strerror}); allowed: another --out") from None
-
-
-def feedback(
-    swing: SwingArgument,
-    out: Annotated[Path, typer.Option(help="Swing file to write.")],
-    scenario: SwingScenarioOption = None,
-    settings: Settings = None,
-    other_car: Annotated[bool, typer.Option("--other-car", help="Use another car than it was made for.")] = False,
-    force: Force = False,
-) -> None:
-    """Run a swing on the full car, linearise the planar model along that run, and store finite-horizon LQR gains.
-
-    Make them at the highest friction or speed that the swing survives by itself: there they know a car on two wheels.
-    Example: aerodima feedback thesis_8_rad_per_s --set manoeuvre.speed=3.61 --out tracked.yaml
-    """
-    from aerodima.optimisation.swing.feedback_gains import with_feedback
-    from aerodima.optimisation.swing.swing_construction import tied_to
-    from aerodima.workbench.atomic_write import refuse_existing
-    from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.config.swing_file import write_swing
-    from aerodima.workbench.controllers.law_of_scenario import find_swing, own_turn, refuse_other_car
-    from aerodima.workbench.errors import SwingFileError
-
-    refuse_existing(out, force, SwingFileError)
-    plain = find_swing(swing)
-    turn, own = own_turn(plain, scenario)
-    given = (*own, *(settings or []))
-    resolved = load_scenario(turn, [*given, f"controller.swing_file={swing}"])
-    if not other_car:
-        refuse_other_car(resolved)
-    tracked = with_feedback(plain, resolved)
-    if not plain.car:
-        tracked = tied_to(tracked, resolved, turn, given)
-    write_swing(tracked, out, force=force)
-    gains = tracked.gains.feedback
-    assert gains is not None
-    typer.echo(f"feedback on {', '.join(gains.states)} at {len(gains.time_s)} times over {gains.time_s[-1]:.2f} s")
-    typer.echo(f"swing: {out}")
 
 
 def verify(

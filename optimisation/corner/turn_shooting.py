@@ -22,7 +22,6 @@ from aerodima.optimisation.screening.turn_record import course, heights
 from aerodima.optimisation.screening.turns import Turns, drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.studies.corner_plan import MOST_ROLL, MOST_SIDESLIP, PULSE
-from aerodima.optimisation.swing.reduced_model import COMPLEX_STEP
 from aerodima.optimisation.swing.swing_construction import FOLLOW, HOLD, RELEASE_STEERING
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
@@ -40,6 +39,7 @@ DRAWS = 32
 """Of a random start, the best of which is taken."""
 TORQUE_SHARE = 0.9
 """Of the roll motor's torque limit may be asked."""
+COMPLEX_STEP = 1e-30
 
 
 class Row(NamedTuple):

@@ -1,1 +1,1 @@
-"""Optimised tail swings: reduced model, the turn as a profile, collocation, solvers, swing files."""
+"""Tail swings on the full car: swing files, one run, the verdict on a swing."""

@@ -1,23 +1,12 @@
-"""Makes swing files: of a solution, at a constant rate, and from another swing by a handful of changes.
-
-The changes are what a refinement on the full car searches:
-
-    yaw rate of the release x exp(0.15 x_0),   duration x exp(0.15 x_1),   roll + 0.25 rad x_k,   pitch + 0.3 rad x_k
-
-Roll and pitch are moved at `PLACES` of the movement and smoothly between.
-"""
+"""Makes swing files: of a roll motion that the steering releases, and at a constant rate."""
 
 from __future__ import annotations
 
-import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
-from aerodima.optimisation.swing.reduced_car import ReducedCar
-from aerodima.optimisation.swing.solver import SwingSolution
-from aerodima.optimisation.swing.swing_problem import SwingLimits, SwingProblem
+from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict
@@ -44,30 +33,19 @@ CAR_KEYS = (
 """Parameters that make it another car for a swing."""
 
 
-def swing_file(
-    name: str,
-    problem: SwingProblem,
-    solution: SwingSolution,
-    scenario: Scenario,
-    *,
-    provenance: dict[str, Any],
-) -> SwingFile:
-    """The swing of a solution for the turn direction of its scenario.
+class JointLimits(NamedTuple):
+    """What a car's roll joint can do: rad to either side, N m, and the rate at which it still gives that, rad/s."""
 
-    Args:
-        name: of the swing.
-        problem, solution: found for a left turn; a right turn's file is the mirror image.
-        scenario: car, turn and controller: its yaw rate releases the swing, its pitch is held by a joint that rests.
-        provenance: fields of `Provenance`.
-    """
-    angles, rates, _ = problem.tail_motion(solution.x)
-    still = np.zeros(len(problem.knots))
-    pitch_motion = (angles[1], rates[1]) if problem.joints == 2 else (still + scenario.controller.pitch_angle, still)
-    motion = (problem.knots, angles[0], rates[0], *pitch_motion)
-    members = np.array([car.torque for car in problem.layout.cars])
-    torque = np.mean((solution.x * problem.units)[members], axis=0)
-    torques = (torque[0], torque[1] if problem.joints == 2 else still)
-    return _file(name, scenario, motion, torques, problem.limits, provenance)
+    angle: float
+    torque: float
+    rate: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> JointLimits:
+        """Of the tail and its motor."""
+        stall, no_load = torque_speed_limits(scenario.tail_motor)
+        most = scenario.tail_motor.torque_limit
+        return cls(scenario.tail.roll_limit, most, no_load * (1.0 - most / stall))
 
 
 def constant_rate_swing(
@@ -86,13 +64,13 @@ def constant_rate_swing(
     Raises:
         SwingError: the rate is too slow to arrive within `length`, or faster than the motor gives its torque.
     """
-    controller, limits = scenario.controller, SwingLimits.of(ReducedCar.of(scenario), 1)
+    controller, limits = scenario.controller, JointLimits.of(scenario)
     rate, travel = controller.swing_speed, 2.0 * abs(controller.hold_angle)
     slowest = travel / (length - RAMP)
-    if not slowest <= rate <= limits.tail_rate:
+    if not slowest <= rate <= limits.rate:
         raise SwingError(
             f"controller.swing_speed: {rate:g} rad/s; allowed for a swing of {length:g} s: {slowest:.2f} to "
-            f"{limits.tail_rate:.2f} rad/s"
+            f"{limits.rate:.2f} rad/s"
         )
     time = np.linspace(0.0, length, knots)
     corners = np.array([0.0, RAMP, travel / rate, travel / rate + RAMP])
@@ -102,7 +80,7 @@ def constant_rate_swing(
     gone = rate * (rising + np.maximum(time - RAMP, 0.0) - falling - np.maximum(time - travel / rate - RAMP, 0.0))
     still = np.zeros(knots)
     motion = (time, gone - 0.5 * travel, rates, still + controller.pitch_angle, still)
-    return _file(name, scenario, motion, None, limits, provenance)
+    return _file(name, scenario, motion, limits, provenance)
 
 
 def steered_swing(
@@ -118,21 +96,19 @@ def steered_swing(
     """
     still = np.zeros(len(time))
     motion = (time, roll, rate, still + scenario.controller.pitch_angle, still)
-    limits = SwingLimits.of(ReducedCar.of(scenario), 1)
     release = {"kind": "steering", "threshold_rad": RELEASE_STEERING}
-    return _file(name, scenario, motion, None, limits, provenance, release)
+    return _file(name, scenario, motion, JointLimits.of(scenario), provenance, release)
 
 
 def _file(
     name: str,
     scenario: Scenario,
     motion: tuple[np.ndarray, ...],
-    torques: tuple[np.ndarray, np.ndarray] | None,
-    limits: SwingLimits,
+    limits: JointLimits,
     provenance: dict[str, Any],
     trigger: dict[str, Any] | None = None,
 ) -> SwingFile:
-    """Of a motion (time, roll, its rate, pitch, its rate) for a left turn and the motor torques of roll and pitch.
+    """Of a motion (time, roll, its rate, pitch, its rate) for a left turn.
 
     Without a trigger it is released by the yaw rate of the scenario's controller.
     """
@@ -144,13 +120,11 @@ def _file(
 
     knots = {
         "time_s": row(time),
-        "roll_position_rad": row(side * np.clip(roll, -limits.angles[0], limits.angles[0])),
+        "roll_position_rad": row(side * np.clip(roll, -limits.angle, limits.angle)),
         "roll_velocity_rad_per_s": row(side * roll_rate),
         "pitch_position_rad": row(pitch),
         "pitch_velocity_rad_per_s": row(pitch_rate),
     }
-    if torques is not None:
-        knots |= {"roll_torque_n_m": row(side * torques[0]), "pitch_torque_n_m": row(torques[1])}
     return swing_from_dict(
         {
             "schema": SCHEMA,
@@ -160,9 +134,9 @@ def _file(
             "knots": knots,
             "gains": {"hold": HOLD, "phases": [{"start_s": 0.0, "roll": FOLLOW, "pitch": FOLLOW}]},
             "limits": {
-                "roll_position_rad": limits.angles[0] + KNOT_ROUNDING,
+                "roll_position_rad": limits.angle + KNOT_ROUNDING,
                 "pitch_position_rad": scenario.tail.pitch_limit + KNOT_ROUNDING,
-                "velocity_rad_per_s": limits.tail_rate,
+                "velocity_rad_per_s": limits.rate,
                 "torque_n_m": limits.torque,
             },
             "provenance": {**provenance, "versions": software_versions()},
@@ -172,83 +146,6 @@ def _file(
     )
 
 
-def tied_to(swing: SwingFile, scenario: Scenario, name: str, settings: tuple[str, ...]) -> SwingFile:
-    """A swing that is for the car and turn of a scenario from now on; `name` and `settings` are what made that."""
-    made = swing.provenance.model_copy(update={"scenario": name, "settings": settings})
-    return swing.model_copy(update={"car": _car_of(scenario), "provenance": made})
-
-
 def _car_of(scenario: Scenario) -> dict[str, float]:
     resolved = scenario.resolved()
     return {key: float(resolved[key.split(".")[0]][key.split(".")[1]]) for key in CAR_KEYS}
-
-
-PLACES = (0.2, 0.4, 0.6, 0.8, 1.0)
-"""Where roll is moved, as shares of the movement's duration; pitch also where it begins."""
-RELEASE, DURATION, ROLL, PITCH = 0.15, 0.15, 0.25, 0.3
-"""What one unit of a change is: logarithms, rad."""
-AT_REST = 0.02
-"""Share of its largest rate below which the tail counts as arrived."""
-
-
-def changes(dof: int) -> int:
-    """Number of changes that are searched."""
-    return 2 + len(PLACES) + (1 + len(PLACES) if dof == 2 else 0)
-
-
-def changed(swing: SwingFile, x: FloatArray, dof: int = 1) -> SwingFile:
-    """A swing with other release and shape; feed-forward torques and feedback, which no longer fit, are left out.
-
-    Args:
-        swing: released by a yaw rate.
-        x: changes, (`changes(dof)`,), in their units.
-        dof: 2 moves pitch too.
-
-    Raises:
-        SwingFileError: the changed swing leaves its own limits.
-        SwingError: the swing is released by something else.
-    """
-    threshold = swing.trigger.threshold_rad_per_s
-    if threshold is None:
-        raise SwingError(f"swing {swing.name}: trigger.kind: {swing.trigger.kind!r}; a refinement knows: yaw_rate")
-    time = np.array(swing.knots.time_s) * math.exp(DURATION * x[1])
-    roll, rate = swing.knots.states("roll")
-    moving = np.flatnonzero(np.abs(rate) > AT_REST * np.max(np.abs(rate)))
-    end = float(time[min(int(moving[-1]) + 1, len(time) - 1)])
-    side = 1.0 if swing.direction == "left" else -1.0
-    offset = ROLL * np.concatenate([[0.0], x[2 : 2 + len(PLACES)]])
-    roll = roll + side * _offset(time, end, offset)
-    limit = swing.limits.roll_position_rad
-    roll = np.clip(roll, -min(limit, math.pi / 2), min(limit, math.pi / 2))
-    pitch, pitch_rate = swing.knots.states("pitch")
-    if dof == 2:
-        pitch = pitch + _offset(time, end, PITCH * x[2 + len(PLACES) :])
-        pitch = np.clip(pitch, -swing.limits.pitch_position_rad, swing.limits.pitch_position_rad)
-    data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
-    data["trigger"]["threshold_rad_per_s"] = float(round(threshold * math.exp(RELEASE * x[0]), 9))
-    data["knots"] = {
-        "time_s": _row(time),
-        "roll_position_rad": _row(roll),
-        "roll_velocity_rad_per_s": _row(_rates(time, roll)),
-        "pitch_position_rad": _row(pitch),
-        "pitch_velocity_rad_per_s": _row(_rates(time, pitch) if dof == 2 else pitch_rate),
-    }
-    data["gains"].pop("feedback", None)
-    return swing_from_dict(data, swing.name)
-
-
-def _offset(time: FloatArray, end: float, values: FloatArray) -> FloatArray:
-    """Smooth offsets through `values` at the start and at `PLACES` of the movement, constant after it."""
-    curve = PchipInterpolator(end * np.concatenate([[0.0], PLACES]), values)
-    return np.asarray(curve(np.minimum(time, end)))
-
-
-def _rates(time: FloatArray, angle: FloatArray) -> FloatArray:
-    """Rates at the knots whose curve stays between the knots; at rest at both ends."""
-    rates = np.asarray(PchipInterpolator(time, angle).derivative()(time))
-    rates[0] = rates[-1] = 0.0
-    return rates
-
-
-def _row(values: FloatArray) -> list[float]:
-    return [float(value) for value in np.round(values, 9) + 0.0]

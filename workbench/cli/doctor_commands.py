@@ -63,7 +63,7 @@ EXTRAS = {
     "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
     "compiled": (("numba", "studies a tenth faster"),),
     "notebooks": (("nbclient", "the notebooks"),),
-    "bench": (("casadi", "comparing in `make bench`"), ("mujoco", "comparing in `make bench`")),
+    "bench": (("mujoco", "comparing in `make bench`"),),
 }
 """Extra -> the modules it brings and what they are for."""
 
