@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from aerodima.optimisation import fit_added_mass_log, fit_friction_log, fit_robot_tail_log, fit_static_log, load_study
 from aerodima.workbench import (
+    UserError,
     load_coefficients,
     load_ensemble,
     load_rig_scenario,
@@ -24,6 +25,7 @@ from aerodima.workbench import (
     swing_at,
 )
 from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.config.swing_file import swing_from_dict
 from aerodima.workbench.metrics.turn_metrics import outcome_of
 
 FOLDER = Path(__file__).resolve().parent / "data" / "old_files"
@@ -93,11 +95,14 @@ def test_exported_bundle_drives(old: Path) -> None:
     assert law.rate == scenario.controller.rate
 
 
-def test_swing_plays_what_it_played(old: Path) -> None:
-    swing, was = read_swing(old / "swing.yaml"), values(old, "swing.yaml")
+def test_swing_with_feedback_is_refused_and_plays_what_it_played_without(old: Path) -> None:
+    with pytest.raises(UserError, match=r"swing\.yaml: gains\.feedback: unknown key; allowed: hold, phases$"):
+        read_swing(old / "swing.yaml")
+    data, was = yaml.safe_load((old / "swing.yaml").read_text(encoding="utf-8")), values(old, "swing.yaml")
+    del data["gains"]["feedback"]
+    swing = swing_from_dict(data)
     assert (swing.name, swing.trigger.threshold_rad_per_s) == (was["name"], was["threshold"])
     assert swing_at(swing, 0.62).roll_position == pytest.approx(was["roll_at_0.62_s"], abs=1e-12)
-    assert swing.gains is not None
 
 
 def test_ensemble_has_its_members(old: Path) -> None:

@@ -20,9 +20,9 @@ from .config.scenario import RigScenario as RigScenario
 from .config.scenario import Scenario as Scenario
 from .config.scenario import load_rig_scenario as load_rig_scenario
 from .config.scenario import load_scenario as load_scenario
-from .config.swing_curve import swing_at as swing_at
 from .config.swing_file import SwingFile as SwingFile
 from .config.swing_file import read_swing as read_swing
+from .config.swing_file import swing_at as swing_at
 from .config.swing_file import write_swing as write_swing
 from .controllers.controller_systems import TailController as TailController
 from .controllers.controller_systems import TurnDriver as TurnDriver

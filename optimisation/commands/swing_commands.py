@@ -54,7 +54,6 @@ def verify(
     ensemble: Ensemble = "car",
     members: Members = None,
     step: Annotated[float, typer.Option(help="Step of the plant, s.", min=1e-5, max=0.005)] = 0.0005,
-    tracking: Annotated[str, typer.Option(help="automatic, feedback, torque, joint_pd or open_loop.")] = "automatic",
     workers: Workers = 2,
     other_car: Annotated[bool, typer.Option("--other-car", help="Verify on another car than it was made for.")] = False,
     force: Force = False,
@@ -90,7 +89,7 @@ def verify(
     turn, own = own_turn(played, scenario)
     wanted = [*own, *(settings or [])]
     path = str(Path(swing).resolve()) if Path(swing).exists() else swing
-    given = ["tail.mode=swing", f"controller.swing_file={path}", f"controller.tracking={tracking}"]
+    given = ["tail.mode=swing", f"controller.swing_file={path}"]
     resolved = load_scenario(turn, [*wanted, *given])
     law_of_scenario(resolved)
     if not other_car:
@@ -102,7 +101,7 @@ def verify(
 
     with open_run_engine(workers, record=out / WORKER_RECORD) as engine:
         found = verify_swing(
-            played, path, turn, wanted, cars, motion, members=members, step=step, tracking=tracking,
+            played, path, turn, wanted, cars, motion, members=members, step=step,
             engine=engine,
         )  # fmt: skip
     for file in write_verification(out, played, found, force=force):

@@ -1,4 +1,4 @@
-"""Tails of many cars that follow the knots of a swing file, each its own; what the tracker of such a file commands."""
+"""Tails of many cars that follow the knots of a swing file, each its own; what the player of such a file commands."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.swing_curve import cubic
-from aerodima.workbench.config.swing_file import SwingFile
-from aerodima.workbench.controllers.swing_reference import SwingReference
+from aerodima.workbench.config.swing_file import SwingFile, cubic
 from aerodima.workbench.errors import UserError
 
 STILL = np.array([[0.0], [1.0]])
@@ -68,10 +66,7 @@ class PlayedRoll:
 
 def refuse_unknown(swing: SwingFile, scenario: Scenario) -> None:
     """Raises UserError when the screening model would misread a swing: says what it knows."""
-    kind = SwingReference(swing, scenario.controller.tracking, scenario.controller.rate).kind
     knots, name = swing.knots, f"swing {swing.name}"
-    if kind != "joint_pd":
-        raise UserError(f"{name}: controller.tracking: {kind}; the screening model knows: joint_pd")
     if knots.roll_torque_n_m is not None and any((*knots.roll_torque_n_m, *(knots.pitch_torque_n_m or ()))):
         raise UserError(f"{name}: knots.roll_torque_n_m; the screening model knows: no torques")
     if len(set(knots.pitch_position_rad)) > 1 or any(knots.pitch_velocity_rad_per_s):

@@ -89,20 +89,14 @@ LOW_CENTRE = Contestant(
 )
 
 
-def swing_player(path_or_name: str, tracking: str = "joint_pd") -> Contestant:
-    """Plays a swing file; without feedback unless another tracking is asked for.
+def swing_player(path_or_name: str) -> Contestant:
+    """Plays a swing file.
 
     Raises:
         UserError: the file is missing or malformed.
     """
-    swing = find_swing(path_or_name)
-    name = swing.name if tracking == "joint_pd" else f"{swing.name} ({tracking.replace('_', ' ')})"
-    return Contestant(name, (*SWINGING, *_playing(path_or_name, tracking)))
-
-
-def _playing(path_or_name: str, tracking: str) -> tuple[str, ...]:
     place = str(Path(path_or_name).resolve()) if Path(path_or_name).exists() else path_or_name
-    return (f"controller.swing_file={place}", f"controller.tracking={tracking}")
+    return Contestant(find_swing(path_or_name).name, (*SWINGING, f"controller.swing_file={place}"))
 
 
 def refuse_twice(names: Sequence[str], what: str) -> None:

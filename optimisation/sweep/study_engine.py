@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import islice
 from pathlib import Path
@@ -27,7 +27,6 @@ from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.metrics.run_summary import RunSummary
 
 if TYPE_CHECKING:
-    from aerodima.workbench.controllers.tail_law import TailLaw
     from aerodima.workbench.simulate.rolling_start import RollingStart
 
 WORKER_LOST = "its worker process was lost"
@@ -128,42 +127,31 @@ def measured_row(task: RunTask, scenario: Scenario, run: RunLog) -> dict[str, An
     return row | {"error": "", **_provenance(task, scenario)}
 
 
-def nearest_start(scenario: Scenario, law: TailLaw | None = None, every: float = ROLLED_EVERY) -> RollingStart | None:
+def nearest_start(scenario: Scenario) -> RollingStart | None:
     """Where a run of a search begins: just before its turn, with the straight of the nearest friction on a grid.
 
     None, that is from rest, unless the car comes to its turn calm and alike at the frictions on both sides: a car that
     tips over backwards while it gathers speed does so where it has most grip, one whose wheels spin where it has least,
-    so that in between it does neither if it does not at the ends. A `law` instead of the scenario's shares its straight
-    with laws that wait alike; from rest also if its tail does not wait until the turn.
+    so that in between it does neither if it does not at the ends.
     """
     friction = scenario.car.tyre_friction
-    below = math.floor(friction / every + 1e-9)
+    below = math.floor(friction / ROLLED_EVERY + 1e-9)
     try:
-        ends = [scenario.varied(car={"tyre_friction": round(k * every, 9)}) for k in (below, below + 1)]
+        ends = [scenario.varied(car={"tyre_friction": round(k * ROLLED_EVERY, 9)}) for k in (below, below + 1)]
     except UserError:  # a friction that this car cannot have
         return None
-    waiting = repr(getattr(law, "waiting", law))
-    one, other = (_straight(_Straight(end, _swing(end.controller.swing_file), waiting, law)) for end in ends)
-    if one is None or other is None or not one.resembles(other) or not (one.serves(law) and other.serves(law)):
+    one, other = (_straight(end, _swing(end.controller.swing_file)) for end in ends)
+    if one is None or other is None or not one.resembles(other):
         return None
     return min(one, other, key=lambda start: abs(start.friction - friction))
 
 
-@dataclass(frozen=True)
-class _Straight:
-    """What decides a straight; `law` is one of those that wait alike."""
-
-    scenario: Scenario
-    swing_file: str
-    waiting: str
-    law: TailLaw | None = field(compare=False)
-
-
 @lru_cache(maxsize=64)
-def _straight(straight: _Straight) -> RollingStart | None:
+def _straight(scenario: Scenario, _swing_content: str) -> RollingStart | None:
+    """The straight of a scenario; the content of its swing file is part of what decides it."""
     from aerodima.workbench.simulate.car_run import rolling_start
 
-    return rolling_start(straight.scenario, straight.law)
+    return rolling_start(scenario)
 
 
 def _numbers(summary: RunSummary) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SwingFile
-from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.simulate.simulation import simulate
@@ -51,7 +51,7 @@ def drive(
 
     Args:
         scenario: car and turn.
-        swing: played without feedback on the car; None leaves the scenario's controller.
+        swing: played; None leaves the scenario's controller.
         friction: of the tyres, instead of the scenario's.
     """
     if friction is not None:
@@ -59,13 +59,13 @@ def drive(
     law = None
     if swing is not None:
         scenario = played_turn(scenario)
-        law = SwingTracker.from_scenario(swing, scenario)
+        law = SwingPlayer.from_scenario(swing, scenario)
     return simulate(scenario, record="outcome", law=law, stop_when_certain=True)
 
 
 def played_turn(scenario: Scenario) -> Scenario:
     """The turn of a scenario with a tail whose joints follow the knots of a swing."""
-    return varied(scenario, tail={"mode": "swing"}, controller={"swing_file": "none", "tracking": "joint_pd"})
+    return varied(scenario, tail={"mode": "swing"}, controller={"swing_file": "none"})
 
 
 def outcome(run: RunLog) -> DriveOutcome:

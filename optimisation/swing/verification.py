@@ -23,8 +23,7 @@ from aerodima.optimisation.swing.full_car import FINE_STEP
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario
-from aerodima.workbench.config.swing_curve import swing_at
-from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.config.swing_file import SwingFile, swing_at
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import SwingError, UserError
 from aerodima.workbench.logs.schema import RunLog
@@ -48,18 +47,16 @@ class StateErrors:
         tail_roll: largest distance of the tail from the curve through the knots during the swing, rad.
         tail_pitch: likewise.
         tail_roll_at_end: at the last knot, rad.
-        car_roll: largest distance of the estimated roll from the nominal one of the feedback, rad; None without.
         largest_roll, largest_pitch: of the tail's joints, rad.
         largest_torque: of a motor, N m.
         clearance: least distance of rod and sail from the car, m; from the ground at the actual roll of the car.
         ground: see clearance.
-        fell_back: the tracker gave the swing up.
+        fell_back: the player gave the swing up.
     """
 
     tail_roll: float
     tail_pitch: float
     tail_roll_at_end: float
-    car_roll: float | None
     largest_roll: float
     largest_pitch: float
     largest_torque: float
@@ -104,7 +101,6 @@ def verify_swing(
     *,
     members: int | None = None,
     step: float = FINE_STEP,
-    tracking: str = "automatic",
     engine: RunEngine | None = None,
 ) -> Verification:
     """Does a swing keep what it promises, on the full car and on the cars of an ensemble?
@@ -115,7 +111,6 @@ def verify_swing(
         ensemble: of cars; `members` of it, drawn by weight.
         motion: range-of-motion map of the car.
         step: of the plant, s.
-        tracking: how the swing is played.
         engine: where the ensemble is run.
 
     Raises:
@@ -124,7 +119,7 @@ def verify_swing(
     """
     engine = engine or SerialRunEngine()
     fine = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
-    playing = ("tail.mode=swing", f"controller.swing_file={swing_path}", f"controller.tracking={tracking}")
+    playing = ("tail.mode=swing", f"controller.swing_file={swing_path}")
     own = (*settings, *fine, *playing)
     scenario = load_scenario(scenario_name, own)
     thesis = load_scenario(scenario_name, [*settings, *fine, *REFERENCE_SETTINGS])
@@ -224,14 +219,6 @@ def _state_errors(swing: SwingFile, scenario: Scenario, log: RunLog, motion: Ran
     during = (since >= 0.0) & (since <= swing.knots.time_s[-1])
     point = swing_at(swing, since, side)
     roll, pitch = log.signal("tail_roll_angle_rad"), log.signal("tail_pitch_angle_rad")
-    feedback = swing.gains.feedback
-    car_error = None
-    if feedback is not None and "car_roll" in feedback.states:
-        mirror = 1.0 if side == swing.direction else -1.0
-        nominal = np.array(feedback.nominal)[:, feedback.states.index("car_roll")]
-        covered = (since >= 0.0) & (since <= feedback.time_s[-1])
-        seen = log.signal("roll_estimate_rad")[covered]
-        car_error = float(np.max(np.abs(mirror * seen - np.interp(since[covered], feedback.time_s, nominal))))
     after = since >= 0.0
     torque = np.maximum(np.abs(log.signal("tail_roll_torque_n_m")), np.abs(log.signal("tail_pitch_torque_n_m")))
     end = int(np.flatnonzero(during)[-1])
@@ -241,7 +228,6 @@ def _state_errors(swing: SwingFile, scenario: Scenario, log: RunLog, motion: Ran
         tail_roll=float(np.max(np.abs(roll - point.roll_position)[during])),
         tail_pitch=float(np.max(np.abs(pitch - point.pitch_position)[during])),
         tail_roll_at_end=float(abs(roll[end] - point.roll_position[end])),
-        car_roll=car_error,
         largest_roll=float(np.max(np.abs(roll[after]))),
         largest_pitch=float(np.max(np.abs(pitch[after]))),
         largest_torque=float(np.max(torque[after])),
@@ -265,7 +251,7 @@ def _complaints(swing: SwingFile, summary: RunSummary, errors: StateErrors, rati
             else "no friction was found that both this swing and that of 8 rad/s survive clean: headings do not compare"
         )
     if errors.fell_back:
-        found.append("the tracker left its funnel on the car that the swing was made for")
+        found.append("the tail did not follow its knots on the car that the swing was made for")
     for name, value, allowed, unit in (
         ("tail roll", errors.largest_roll, limits.roll_position_rad, "rad"),
         ("tail pitch", errors.largest_pitch, limits.pitch_position_rad, "rad"),

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from aerodima.optimisation.swing.verification import Verification
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
-from aerodima.workbench.config.swing_curve import swing_at
-from aerodima.workbench.config.swing_file import SwingFile
+from aerodima.workbench.config.swing_file import SwingFile, swing_at
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import SwingError
 from aerodima.workbench.figures.figure_style import (

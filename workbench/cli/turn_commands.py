@@ -90,14 +90,6 @@ def turn(
     options: RunOptions,
     tail_speed: Annotated[float | None, typer.Option(help="Commanded roll rate of the swing, rad/s.")] = None,
     swing: SwingOption = None,
-    tracking: Annotated[
-        str | None,
-        typer.Option(
-            metavar="automatic|feedback|torque|joint_pd|open_loop",
-            help="How it is played.",
-            autocompletion=completer("automatic", "feedback", "torque", "joint_pd", "open_loop"),
-        ),
-    ] = None,
     other_car: OtherCar = False,
     direction: Annotated[
         str | None,
@@ -114,13 +106,12 @@ def turn(
     flags = {
         "--tail-speed": ("controller.swing_speed", tail_speed),
         "--swing": ("controller.swing_file", swing),
-        "--tracking": ("controller.tracking", tracking),
         "--direction": ("manoeuvre.direction", direction),
     }
     if options.law is not None and swing is not None:
         raise UserError("--law: allowed without --swing; each says what the tail does")
-    if swing is None and (tracking is not None or other_car):
-        raise UserError(f"{'--tracking' if tracking else '--other-car'}: allowed together with --swing")
+    if swing is None and other_car:
+        raise UserError("--other-car: allowed together with --swing")
     own: tuple[str, ...] = ()
     if swing is not None:
         from aerodima.workbench.controllers.law_of_scenario import find_swing, own_turn

@@ -350,7 +350,6 @@ class ControllerParameters(QuantityModel):
     recock_speed: float = quantity("rad/s", "roll rate of the slow return before the next turn", gt=0, le=50)
     pitch_angle: float = quantity("rad", "tail pitch that is held all the time", ge=-3.1416, le=3.1416)
     swing_file: str = quantity("1", "swing that is played: none (the law above), a name in models/swings, or a path")
-    tracking: Literal["automatic", "feedback", "torque", "joint_pd", "open_loop"] = quantity("1", "how it is played")
 
 
 class ManoeuvreParameters(QuantityModel):

@@ -51,7 +51,7 @@ class Scenario(ScenarioFile):
     folder = "scenarios"
     example = "car.com_height=0.21"
     rates = ("imu.rate", "gps.rate", "sail_encoder.rate", "controller.rate", "servo.frame_rate", "simulation.log_rate")
-    retired: ClassVar = {"tail": {"sail_centre_of_pressure"}}
+    retired: ClassVar = {"tail": {"sail_centre_of_pressure"}, "controller": {"tracking"}}
 
     schema_: Literal["aerodima/scenario/1"] = Field("aerodima/scenario/1", alias="schema")
     name: str = Field("turn", description="what the run is called in reports", min_length=1, max_length=80)

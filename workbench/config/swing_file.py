@@ -2,23 +2,24 @@
 
 One YAML file of schema `aerodima/swing/1`. Time 0 is the moment the trigger releases the swing. Positions, rates and
 torques are those of the tail joints (roll 0 upright, positive to the right; pitch positive forwards), written for the
-turn direction that the file names; for the other direction roll is mirrored (`swing_at`). Plain Python and NumPy: the
-tracker must also run where Drake has no wheel.
+turn direction that the file names; for the other direction roll is mirrored (`swing_at`). Between the knots the motion
+is a cubic. Plain Python and NumPy: the player must also run where Drake has no wheel.
 """
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.swing_curve import hermite
 from aerodima.workbench.errors import SwingFileError
 
 SCHEMA = "aerodima/swing/1"
@@ -26,7 +27,6 @@ SCHEMA = "aerodima/swing/1"
 _LIMIT_MARGIN = 1e-6
 _SAMPLES_PER_INTERVAL = 16
 
-Row = Annotated[tuple[float, ...], Field(strict=False)]
 Samples = Annotated[tuple[float, ...], Field(strict=False, min_length=2)]
 
 
@@ -42,9 +42,6 @@ def _from_zero(times: tuple[float, ...]) -> tuple[float, ...]:
 Times = Annotated[Samples, AfterValidator(_from_zero)]
 """s, since the release."""
 Direction = Literal["left", "right"]
-FeedbackState = Literal["car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate", "tail_pitch", "tail_pitch_rate"]
-FEEDBACK_STATES: tuple[str, ...] = get_args(FeedbackState)
-"""rad and rad/s; roll positive to the right."""
 
 
 class _Strict(StrictModel):
@@ -98,49 +95,11 @@ class GainPhase(_Strict):
     pitch: JointGains
 
 
-class Feedback(_Strict):
-    """Time-varying linear feedback around a motion of the car: torque = nominal torque - gain (x - nominal x).
-
-    States are those of `FEEDBACK_STATES`, in the turn direction of the file: car roll and rate positive to the right,
-    as its IMU estimates them, and the tail's joints. Roll of the car and roll of the tail are mirrored together.
-    Between the times everything is linear. A state that is further from its nominal value than `funnel` is out of the
-    reach of the feedback: the tracker then gives the swing up.
-    """
-
-    states: Annotated[tuple[FeedbackState, ...], Field(strict=False, min_length=1)] = Field(description="their names")
-    time_s: Times = Field(description="times since the release, s, strictly increasing, the first 0")
-    nominal: Annotated[tuple[Row, ...], Field(strict=False)] = Field(description="(times, states), rad and rad/s")
-    roll_torque_n_m: Samples = Field(description="nominal torque of the roll motor, N m")
-    roll_gains: Annotated[tuple[Row, ...], Field(strict=False)] = Field(description="(times, states), N m per state")
-    pitch_torque_n_m: Samples | None = Field(None, description="nominal torque of the pitch motor, N m")
-    pitch_gains: Annotated[tuple[Row, ...], Field(strict=False)] | None = Field(
-        None, description="(times, states); without them pitch follows the knots"
-    )
-    funnel: Row = Field(description="largest deviation of each state, rad and rad/s")
-
-    @model_validator(mode="after")
-    def _shaped(self) -> Self:
-        count, width = len(self.time_s), len(self.states)
-        if len(set(self.states)) != width:
-            raise ValueError(f"states: {list(self.states)}; allowed: each state once")
-        for name in ("nominal", "roll_gains", "pitch_gains"):
-            rows = getattr(self, name)
-            if rows is not None and (len(rows) != count or any(len(row) != width for row in rows)):
-                raise ValueError(f"{name}: must be {count} rows (times) of {width} values (states)")
-        _refuse_other_length(self, "roll_torque_n_m", "pitch_torque_n_m")
-        if (self.pitch_gains is None) != (self.pitch_torque_n_m is None):
-            raise ValueError("pitch_gains: allowed together with pitch_torque_n_m")
-        if len(self.funnel) != width or min(self.funnel) <= 0.0:
-            raise ValueError(f"funnel: {list(self.funnel)}; allowed: {width} values above 0, one per state")
-        return self
-
-
 class Gains(_Strict):
-    """Gains while the tail waits (`hold`) and in the phases of the swing; feedback if the swing is tracked with it."""
+    """Gains while the tail waits (`hold`) and in the phases of the swing."""
 
     hold: JointGains
     phases: Annotated[tuple[GainPhase, ...], Field(strict=False, min_length=1)]
-    feedback: Feedback | None = None
 
     @field_validator("phases")
     @classmethod
@@ -183,7 +142,7 @@ class Provenance(_Strict):
     settings: Annotated[tuple[str, ...], Field(strict=False)] = Field((), description="overrides of that scenario")
     options: dict[str, float | int | str] = Field(default_factory=dict, description="of the command that made it")
     found: dict[str, float | int | str] = Field(
-        default_factory=dict, description="what it found, such as collocation_error_rad; unit at the end of the name"
+        default_factory=dict, description="what it found, such as peak_roll_rad; unit at the end of the name"
     )
     solver_log: str | None = Field(None, description="file of the solver's log")
     versions: dict[str, str] = Field(
@@ -276,3 +235,87 @@ def car_mismatches(swing: SwingFile, scenario: Mapping[str, Any], tolerance: flo
         elif not math.isclose(float(value), made_for, rel_tol=tolerance, abs_tol=1e-12):
             lines.append(f"{name}: made for {made_for:g}, the scenario has {float(value):g}")
     return lines
+
+
+@dataclass(frozen=True)
+class SwingPoint:
+    """Tail commands at one time or at many; each has the shape of the times asked for. rad, rad/s, N m."""
+
+    roll_position: NDArray[np.float64]
+    roll_velocity: NDArray[np.float64]
+    pitch_position: NDArray[np.float64]
+    pitch_velocity: NDArray[np.float64]
+    roll_torque: NDArray[np.float64]
+    pitch_torque: NDArray[np.float64]
+
+
+def swing_at(swing: SwingFile, time: ArrayLike, direction: Direction | None = None) -> SwingPoint:
+    """Positions, rates and feed-forward torques at times since the release.
+
+    Positions are cubic Hermite polynomials through the knots, rates their derivatives, torques linear between knots.
+    Before 0 the tail rests at the first knot, after the last knot at the last: rates and torques are then zero.
+
+    Args:
+        swing: the file.
+        time: s, any shape.
+        direction: turn to make; when it is not the one the file was made for, roll is mirrored.
+    """
+    t = np.asarray(time, dtype=np.float64)
+    times = np.asarray(swing.knots.time_s)
+    side = 1.0 if direction in (None, swing.direction) else -1.0
+    roll, roll_rate = hermite(t, times, *swing.knots.states("roll"))
+    pitch, pitch_rate = hermite(t, times, *swing.knots.states("pitch"))
+    roll_torque = _torque(t, times, swing.knots.roll_torque_n_m)
+    return SwingPoint(
+        roll_position=side * roll,
+        roll_velocity=side * roll_rate,
+        pitch_position=pitch,
+        pitch_velocity=pitch_rate,
+        roll_torque=side * roll_torque,
+        pitch_torque=_torque(t, times, swing.knots.pitch_torque_n_m),
+    )
+
+
+def gains_at(swing: SwingFile, time: float) -> tuple[JointGains, JointGains]:
+    """Roll and pitch gains at a time since the release, s; before it the hold gains for both."""
+    begun = [phase for phase in swing.gains.phases if phase.start_s <= time]
+    return (begun[-1].roll, begun[-1].pitch) if begun else (swing.gains.hold, swing.gains.hold)
+
+
+def hermite(
+    t: NDArray[np.float64], times: NDArray[np.float64], position: NDArray[np.float64], velocity: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Value and derivative of the cubic Hermite interpolant; at rest outside the knots.
+
+    Args:
+        t: s, any shape.
+        times: of the knots, s, strictly increasing, shape (n,).
+        position: at the knots, shape (n,).
+        velocity: at the knots, per second, shape (n,).
+    """
+    i = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+    h = times[i + 1] - times[i]
+    share = np.clip((t - times[i]) / h, 0.0, 1.0)
+    value, rate = cubic(share, h, (position[i], position[i + 1]), (velocity[i], velocity[i + 1]))
+    return value, np.where((t < times[0]) | (t > times[-1]), 0.0, rate)
+
+
+def cubic(share: NDArray, h: NDArray, positions: tuple[NDArray, NDArray], velocities: tuple[NDArray, NDArray]) -> Any:
+    """Value and derivative of the cubic between two knots; arrays of any shape, complex steps pass through.
+
+    Args:
+        share: of the interval that has gone by, 0 to 1.
+        h: length of the interval, s.
+        positions, velocities: at its two ends.
+    """
+    rise = positions[1] - positions[0]
+    start, end = h * velocities[0], h * velocities[1]
+    quadratic, third = 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise
+    value = positions[0] + share * (start + share * (quadratic + share * third))
+    return value, (start + share * (2.0 * quadratic + 3.0 * share * third)) / h
+
+
+def _torque(
+    t: NDArray[np.float64], times: NDArray[np.float64], torque: tuple[float, ...] | None
+) -> NDArray[np.float64]:
+    return np.zeros_like(t) if torque is None else np.interp(t, times, torque, left=0.0, right=0.0)

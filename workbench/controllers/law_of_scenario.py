@@ -1,4 +1,4 @@
-"""Which law drives: that of a scenario or bundle (the thesis' swing, or the tracker of a swing file), or one's own.
+"""Which law drives: that of a scenario or bundle (the thesis' swing, or the player of a swing file), or one's own.
 
 A bundle is a scenario in one JSON file that needs no other: resolved, with its swing inside; the no-Drake mode drives
 it. A law of one's own is a class in a Python file, named as `my_law.py:MyLaw`. No Drake.
@@ -15,7 +15,7 @@ from aerodima.workbench.config.checked_files import find_file
 from aerodima.workbench.config.scenario import Scenario, load_scenario, scenario_from_dict
 from aerodima.workbench.config.swing_file import SwingFile, car_mismatches, read_swing, swing_from_dict
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
-from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import ScenarioError, SwingFileError, UserError
 
@@ -112,12 +112,12 @@ def law_of_scenario(scenario: Any) -> TailLaw:
     """The law of `scenario.controller` and `scenario.tail.mode` (any object with these attributes).
 
     Raises:
-        UserError: a setting out of range, a swing file that is missing, malformed or without the gains it needs.
+        UserError: a setting out of range, a swing file that is missing or malformed.
     """
     swing = swing_of_scenario(scenario)
     if swing is None:
         return SwingLaw(SwingSettings.from_scenario(scenario))
-    return SwingTracker.from_scenario(swing, scenario)
+    return SwingPlayer.from_scenario(swing, scenario)
 
 
 _SWING = "swing"
@@ -163,7 +163,7 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
     scenario = scenario_from_dict(data, str(path))
     if swing is None:
         return scenario, law_of_scenario(scenario)
-    return scenario, SwingTracker.from_scenario(swing_from_dict(swing, f"{path}: {_SWING}"), scenario)
+    return scenario, SwingPlayer.from_scenario(swing_from_dict(swing, f"{path}: {_SWING}"), scenario)
 
 
 _MEMBERS = ("rate", "memory_size", "start", "step")

@@ -47,7 +47,7 @@ class SwingState(IntEnum):
     RECOCK = 5
     """Slow return to the inside before the next turn to the same side."""
     FALLBACK = 6
-    """A tracked swing left its funnel: this law finishes it (`swing_tracker_law`)."""
+    """A played swing was given up: this law finishes it (`swing_player`)."""
 
 
 class SwingSettings(ControllerParameters):

@@ -1,8 +1,7 @@
 """The state of a whole run just before its turn, from which runs at another tyre friction may start: for searches.
 
-On the straight a car whose wheels roll hardly feels how much grip there would be, and a tail that waits for its swing
-does not show which one will follow. A search over friction, or over swings that wait alike, therefore drives the
-straight once. What it finds is no claim: that is made by runs from rest.
+On the straight a car whose wheels roll hardly feels how much grip there would be. A search over friction therefore
+drives the straight once. What it finds is no claim: that is made by runs from rest.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from pydrake.systems.framework import Context
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.stations.outcome_record import OutcomeRecord
@@ -41,7 +39,6 @@ class RollingStart:
         state: of the diagram, group by group.
         history: of the loggers, see `OutcomeRecord`.
         motion: columns of a run log, those of `ALIKE`, at that instant.
-        yaw_rate: the largest that the IMU gave until then, rad/s.
     """
 
     scenario: Scenario
@@ -50,7 +47,6 @@ class RollingStart:
     state: tuple[FloatArray, ...]
     history: tuple[tuple[FloatArray, FloatArray], ...]
     motion: dict[str, float]
-    yaw_rate: float
 
     @classmethod
     def of(cls, scenario: Scenario, law: TailLaw | None, context: Context, record: OutcomeRecord) -> RollingStart:
@@ -59,8 +55,7 @@ class RollingStart:
         groups: Any = (context.get_discrete_state(k).value().copy() for k in range(context.num_discrete_state_groups()))
         table = record.table(context, math.inf)[0]
         motion = {name: float(table[name].iloc[-1]) for name in ALIKE}
-        yaw_rate = float(table["imu_gyro_z_rad_per_s"].abs().max())
-        return cls(scenario, law, context.get_time(), tuple(groups), record.history(context), motion, yaw_rate)
+        return cls(scenario, law, context.get_time(), tuple(groups), record.history(context), motion)
 
     @property
     def friction(self) -> float:
@@ -71,24 +66,15 @@ class RollingStart:
         """Whether the car is as fast, as level and as straight as in another one."""
         return all(abs(self.motion[name] - other.motion[name]) <= apart for name, apart in ALIKE.items())
 
-    def serves(self, law: TailLaw | None) -> bool:
-        """Whether a run with this law has done until now what this one did: its tail waits likewise, and still does."""
-        if law == self.law or not (isinstance(law, SwingTracker) and isinstance(self.law, SwingTracker)):
-            return law == self.law
-        return law.waiting == self.law.waiting and all(one.waits_at(self.yaw_rate) for one in (law, self.law))
-
     def restore(self, scenario: Scenario, law: TailLaw | None, context: Context, record: OutcomeRecord) -> None:
         """Puts a new run where this one was.
 
         Raises:
-            UserError: the run differs in more than the tyre friction and what the tail does after its release.
+            UserError: the run differs in more than the tyre friction.
         """
         rolled = scenario.varied(car={"tyre_friction": self.friction})
-        if rolled.resolved() != self.scenario.resolved() or not self.serves(law):
-            raise UserError(
-                f"{scenario.name}: a rolling start is for runs that differ in "
-                "car.tyre_friction and what the tail does after its release"
-            )
+        if rolled.resolved() != self.scenario.resolved() or law != self.law:
+            raise UserError(f"{scenario.name}: a rolling start is for runs that differ in car.tyre_friction alone")
         context.SetTime(self.time)
         for index, values in enumerate(self.state):
             state: Any = values

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.law_of_scenario import load_drive, make_bundle
-from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.controllers.swing_player import SwingPlayer
 
 
 @pytest.fixture(autouse=True)
@@ -124,7 +124,7 @@ def test_a_bundle_carries_scenario_and_swing(tmp_path):
     path.write_text(json.dumps(make_bundle(scenario)))
     loaded, law = load_drive(str(path))
     assert loaded == scenario
-    assert isinstance(law, SwingTracker)
+    assert isinstance(law, SwingPlayer)
 
 
 def test_wrong_bundles_are_told(tmp_path):

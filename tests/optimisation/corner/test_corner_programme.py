@@ -24,8 +24,7 @@ from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.sweep.study_engine import SerialRunEngine
 from aerodima.workbench import load_scenario
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.swing_curve import swing_at
-from aerodima.workbench.config.swing_file import read_swing, write_swing
+from aerodima.workbench.config.swing_file import read_swing, swing_at, write_swing
 from aerodima.workbench.errors import SwingError
 
 FEW = CornerOptions(starts=1, knots=6, length=0.6, iterations=5, step=0.002)

@@ -19,16 +19,15 @@ for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0
 
-from aerodima.workbench.controllers.swing_reference import SwingReference
-from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.config.swing_file import read_swing
 
-tracker = SwingTracker(SwingReference(read_swing(model_path("swings/thesis_8_rad_per_s.yaml"))))
-memory, states = tracker.start(), []
+player = SwingPlayer(read_swing(model_path("swings/thesis_8_rad_per_s.yaml")))
+memory, states = player.start(), []
 for tick, yaw_rate in enumerate((0.0, 0.0, 1.5)):
     observation = Observation(0.01 * tick, yaw_rate, -1.5, 0.0, 1.0, True)
-    memory, _, roll, state = tracker.step(memory, observation)
+    memory, _, roll, state = player.step(memory, observation)
     states.append(SwingState(state).name)
 assert states == ["HOLD", "HOLD", "SWING"], states
 assert TAIL_COMMAND.read(roll).velocity == 8.0

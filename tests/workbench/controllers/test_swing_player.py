@@ -1,4 +1,4 @@
-"""The tracker on a made-up swing: by hand, tick by tick, without plant."""
+"""The player on a made-up swing: by hand, tick by tick, without plant."""
 
 from __future__ import annotations
 
@@ -13,20 +13,17 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario, own_turn, refuse_other_car, turn_words
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingState
-from aerodima.workbench.controllers.swing_reference import KD_MAX, SwingReference
-from aerodima.workbench.controllers.swing_tracker_law import SwingTracker
+from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.controllers.tail_law import UNKNOWN_IMU, Observation
-from aerodima.workbench.errors import SwingFileError, UserError
+from aerodima.workbench.errors import SwingFileError
 
-STATES = ["car_roll", "car_roll_rate", "tail_roll", "tail_roll_rate"]
 INSIDE, OUTSIDE, LENGTH = -1.5, 1.2, 0.5
 TICK = 0.01
 
 
 def swing(**changes: Any) -> SwingFile:
-    """From -1.5 to 1.2 rad in 0.5 s, evenly: 5.4 rad/s at 0.4 N m, with constant gains."""
+    """From -1.5 to 1.2 rad in 0.5 s, evenly: 5.4 rad/s at 0.4 N m."""
     rate = (OUTSIDE - INSIDE) / LENGTH
-    nominal = [[0.1, 0.0, INSIDE, rate], [0.1, 0.0, OUTSIDE, rate]]
     data: dict[str, Any] = {
         "schema": "aerodima/swing/1", "name": "made up", "direction": "left",
         "trigger": {"kind": "yaw_rate", "threshold_rad_per_s": 1.0},
@@ -37,10 +34,6 @@ def swing(**changes: Any) -> SwingFile:
         "gains": {
             "hold": {"kp": 17.0, "kd": 5.0},
             "phases": [{"start_s": 0.0, "roll": {"kp": 6.0, "kd": 1.0}, "pitch": {"kp": 17.0, "kd": 2.0}}],
-            "feedback": {
-                "states": STATES, "time_s": [0.0, LENGTH], "nominal": nominal, "roll_torque_n_m": [0.4, 0.4],
-                "roll_gains": [[-8.0, -2.0, 10.0, 1.5]] * 2, "funnel": [0.3, 5.0, 0.5, 20.0],
-            },
         },
         "limits": {
             "roll_position_rad": 1.571, "pitch_position_rad": 0.6, "velocity_rad_per_s": 12.0, "torque_n_m": 3.0,
@@ -56,15 +49,12 @@ def swing(**changes: Any) -> SwingFile:
     return swing_from_dict(data)
 
 
-def tracker(tracking: str = "automatic", **changes: Any) -> SwingTracker:
-    return SwingTracker(SwingReference(swing(**changes), tracking))  # type: ignore[arg-type]
+def player(**changes: Any) -> SwingPlayer:
+    return SwingPlayer(swing(**changes))
 
 
-def see(
-    time: float, roll: float = INSIDE, *, yaw_rate: float = 0.0, plan: float = 1.0, car_roll: float = 0.1, **more: Any
-) -> Observation:
-    """What a car that leans still by `car_roll` reports: gravity is taken off with the same attitude."""
-    imu = (car_roll, 0.0, 0.0, 0.0, 0.0, yaw_rate, 0.0, 0.0, 0.0)
+def see(time: float, roll: float = INSIDE, *, yaw_rate: float = 0.0, plan: float = 1.0, **more: Any) -> Observation:
+    imu = (0.1, 0.0, 0.0, 0.0, 0.0, yaw_rate, 0.0, 0.0, 0.0)
     given: dict[str, Any] = {
         "time": time, "yaw_rate": yaw_rate, "roll_angle": roll, "pitch_angle": 0.1, "planned_turn": plan,
         "imu_valid": True, "roll_rate": 0.0, "pitch_rate": 0.0, "imu": imu, "speed": 0.0,
@@ -72,7 +62,7 @@ def see(
     return Observation(**(given | more))
 
 
-def run(law: SwingTracker, *seen: Observation) -> list[tuple[SwingState, np.ndarray, np.ndarray]]:
+def run(law: SwingPlayer, *seen: Observation) -> list[tuple[SwingState, np.ndarray, np.ndarray]]:
     """State, pitch command and roll command after each tick."""
     memory, ticks = law.start(), []
     for observation in seen:
@@ -87,7 +77,7 @@ def released(time: float, **at_release: Any) -> list[Observation]:
 
 
 def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only() -> None:
-    ticks = run(tracker(), see(0.0), see(0.1, yaw_rate=-2.0), see(0.2, yaw_rate=math.nan), see(0.3, yaw_rate=1.2))
+    ticks = run(player(), see(0.0), see(0.1, yaw_rate=-2.0), see(0.2, yaw_rate=math.nan), see(0.3, yaw_rate=1.2))
     assert [state for state, _, _ in ticks] == [SwingState.HOLD] * 3 + [SwingState.SWING]
     _, pitch, roll = ticks[0]
     np.testing.assert_allclose(roll, [INSIDE, 0.0, 17.0, 5.0, 0.0])
@@ -95,96 +85,52 @@ def test_waits_at_the_first_knot_and_releases_on_a_yaw_rate_into_the_turn_only()
 
 
 def test_a_silent_imu_releases_nothing() -> None:
-    ticks = run(tracker(), see(0.0), see(0.1, yaw_rate=2.0, imu_valid=False, imu=UNKNOWN_IMU))
+    ticks = run(player(), see(0.0), see(0.1, yaw_rate=2.0, imu_valid=False, imu=UNKNOWN_IMU))
     assert ticks[-1][0] == SwingState.HOLD
 
 
 def test_delay_and_time_since_the_announcement() -> None:
-    delayed = tracker(trigger={"kind": "yaw_rate", "threshold_rad_per_s": 1.0, "delay_s": 0.05})
+    delayed = player(trigger={"kind": "yaw_rate", "threshold_rad_per_s": 1.0, "delay_s": 0.05})
     states = [tick[0].name for tick in run(delayed, see(0.0), see(0.1, yaw_rate=2.0), see(0.14), see(0.15))]
     assert states == ["HOLD", "DELAY", "DELAY", "SWING"]
     later = replace(delayed, settings=delayed.settings.model_copy(update={"delay": 0.02}))
     states = [tick[0].name for tick in run(later, see(0.0), see(0.1, yaw_rate=2.0), see(0.16), see(0.17))]
     assert states == ["HOLD", "DELAY", "DELAY", "SWING"], "the controller's delay comes on top of the file's"
-    steered = tracker(trigger={"kind": "steering", "threshold_rad": 0.1})
+    steered = player(trigger={"kind": "steering", "threshold_rad": 0.1})
     looks = [see(0.0, steering_angle=-0.5), see(0.1, yaw_rate=2.0), see(0.2, steering_angle=0.5)]
     assert [tick[0].name for tick in run(steered, *looks)] == ["HOLD", "HOLD", "SWING"]
-    timed = tracker(trigger={"kind": "time", "delay_s": 0.3})
+    timed = player(trigger={"kind": "time", "delay_s": 0.3})
     states = [tick[0].name for tick in run(timed, see(1.0, plan=0.0), see(2.0), see(2.29, yaw_rate=3.0), see(2.3))]
     assert states == ["HOLD", "HOLD", "HOLD", "SWING"]
 
 
-def test_on_the_nominal_motion_only_the_nominal_torque_is_left() -> None:
-    on_the_way = INSIDE + 5.4 * 0.1
-    _, _, roll = run(tracker("torque"), *released(0.1, roll=on_the_way, roll_rate=5.4))[-1]
-    np.testing.assert_allclose(roll, [0.0, 0.0, 0.0, 0.0, 0.4], atol=1e-12)
-    _, _, roll = run(tracker("feedback"), *released(0.1, roll=on_the_way, roll_rate=5.4))[-1]
-    np.testing.assert_allclose(roll, [on_the_way + 5.4 * 0.5 * TICK, 5.4, 10.0, 1.5, 0.4], atol=1e-12)
-
-
-def test_signs_of_the_feedback() -> None:
-    """A tail that lags is pushed on; with gains below zero on the car, a car that leans further out is answered with
-    more torque, which the tail's reaction turns into a moment inwards."""
-    late, on_time = INSIDE + 5.4 * 0.1 - 0.1, INSIDE + 5.4 * 0.1
-    _, _, roll = run(tracker("torque"), *released(0.1, roll=late, roll_rate=5.4))[-1]
-    assert roll[4] == pytest.approx(0.4 + 10.0 * 0.1)
-    leaning = [see(0.0, car_roll=0.2), see(0.5, yaw_rate=1.5, car_roll=0.2)]
-    for tracking in ("torque", "feedback"):
-        last = see(0.6, roll=on_time, roll_rate=5.4, car_roll=0.2)
-        _, _, roll = run(tracker(tracking), *leaning, last)[-1]
-        assert roll[4] == pytest.approx(0.4 + 8.0 * 0.1, abs=1e-6), tracking
-        silent = see(0.6, roll=on_time, roll_rate=5.4, imu_valid=False, imu=UNKNOWN_IMU)
-        _, _, roll = run(tracker(tracking), *leaning, silent)[-1]
-        assert roll[4] == pytest.approx(0.4), "without IMU the car counts as nominal"
-
-
 def test_torque_stays_inside_the_limit_of_the_file() -> None:
     late = INSIDE + 5.4 * 0.1 - 0.45
-    for tracking in ("torque", "feedback"):
-        _, _, roll = run(tracker(tracking), *released(0.1, roll=late, roll_rate=5.4))[-1]
-        position, velocity, kp, kd, torque = roll
-        assert kp * (position - late) + kd * (velocity - 5.4) + torque == pytest.approx(3.0)
+    _, _, roll = run(player(), *released(0.1, roll=late, roll_rate=5.4))[-1]
+    position, velocity, kp, kd, torque = roll
+    assert kp * (position - late) + kd * (velocity - 5.4) + torque == pytest.approx(3.0)
 
 
-def test_gains_that_the_motor_cannot_take_are_given_as_torque() -> None:
-    gains = [[0.0, 0.0, 10.0, 7.0]] * 2
-    on_the_way = INSIDE + 5.4 * 0.1
-    law = tracker("feedback", gains__feedback__roll_gains=gains)
-    _, _, roll = run(law, *released(0.1, roll=on_the_way, roll_rate=5.3))[-1]
-    assert roll[3] == KD_MAX
-    assert roll[4] == pytest.approx(0.4 + (7.0 - KD_MAX) * 0.1)
-
-
-def test_a_swing_without_feedback_is_played_by_the_joints() -> None:
-    law = tracker("automatic", gains__feedback=None)
-    _, pitch, roll = run(law, *released(0.1, roll=INSIDE + 0.5, roll_rate=5.0))[-1]
+def test_the_joints_follow_the_knots_with_their_gains_and_torque() -> None:
+    _, pitch, roll = run(player(), *released(0.1, roll=INSIDE + 0.5, roll_rate=5.0))[-1]
     np.testing.assert_allclose(roll, [INSIDE + 5.4 * 0.105, 5.4, 6.0, 1.0, 0.4], atol=1e-12)
     np.testing.assert_allclose(pitch, [0.1 + 0.4 * 0.105, 0.4, 17.0, 2.0, 0.0], atol=1e-12)
-    _, _, roll = run(tracker("open_loop"), *released(0.1, roll=0.0))[-1]
-    np.testing.assert_allclose(roll, [0.0, 0.0, 0.0, 0.0, 0.4])
 
 
 def test_after_the_last_knot_the_tail_is_held_there() -> None:
     end = see(0.5 + LENGTH, roll=OUTSIDE)
-    state, pitch, roll = run(tracker(), see(0.0), see(0.5, yaw_rate=1.5), end)[-1]
+    state, pitch, roll = run(player(), see(0.0), see(0.5, yaw_rate=1.5), end)[-1]
     assert state == SwingState.SETTLE
     np.testing.assert_allclose(roll, [OUTSIDE, 0.0, 6.0, 1.0, 0.0])
     np.testing.assert_allclose(pitch, [0.3, 0.0, 17.0, 2.0, 0.0])
 
 
-@pytest.mark.parametrize("tracking", ["feedback", "torque", "joint_pd"])
-def test_a_blocked_tail_leaves_the_funnel_and_the_thesis_law_finishes(tracking: str) -> None:
+def test_a_blocked_tail_is_given_up_and_the_thesis_law_finishes() -> None:
     seen = [*released(0.25), see(0.76, roll=-1.4), see(1.0, roll=1.0), see(1.01, roll=1.0)]
-    ticks = run(tracker(tracking), *seen)
+    ticks = run(player(), *seen)
     assert [state.name for state, _, _ in ticks] == ["HOLD", "SWING", *["FALLBACK"] * 4]
     np.testing.assert_allclose(ticks[3][2], [0.0, 8.0, 0.0, 3.0, 0.0])  # Table 6.4: over the top with 8 rad/s
     np.testing.assert_allclose(ticks[5][2], [math.pi / 2, 0.0, 5.0, 2.0, 0.0])  # then to the outside
-
-
-def test_a_car_that_leans_too_far_leaves_the_funnel() -> None:
-    leaning = [see(0.0, car_roll=0.5), see(0.5, yaw_rate=1.5, car_roll=0.5), see(0.51, car_roll=0.5)]
-    assert run(tracker("feedback"), *leaning)[-1][0] == SwingState.FALLBACK
-    assert run(tracker("joint_pd"), *leaning)[-1][0] == SwingState.SWING
 
 
 def test_is_led_back_slowly_for_a_second_turn_to_the_same_side() -> None:
@@ -192,7 +138,7 @@ def test_is_led_back_slowly_for_a_second_turn_to_the_same_side() -> None:
     first = [see(0.0), see(0.5, yaw_rate=1.5), see(1.0, roll=OUTSIDE), see(1.5, roll=OUTSIDE, plan=0.0)]
     angles = OUTSIDE - np.arange(0.0, 2.7, TICK)
     back = [see(2.0 + i * TICK, roll=roll) for i, roll in enumerate(angles)]
-    ticks = run(tracker(), *first, *back, see(4.8), see(4.9, yaw_rate=1.5))
+    ticks = run(player(), *first, *back, see(4.8), see(4.9, yaw_rate=1.5))
     names = [state.name for state, _, _ in ticks]
     assert names[:5] == ["HOLD", "SWING", "SETTLE", "SETTLE", "RECOCK"]
     assert names[-2:] == ["HOLD", "SWING"]
@@ -201,8 +147,7 @@ def test_is_led_back_slowly_for_a_second_turn_to_the_same_side() -> None:
     np.testing.assert_allclose(np.diff(asked), -TICK, atol=1e-9)
 
 
-@pytest.mark.parametrize("tracking", ["feedback", "torque", "joint_pd", "open_loop"])
-def test_a_right_turn_is_the_exact_mirror_image(tracking: str) -> None:
+def test_a_right_turn_is_the_exact_mirror_image() -> None:
     """Every angle about x, every yaw rate and the plan change sign: so do the roll commands, and nothing else."""
     rng = np.random.default_rng(3)
     seen, mirrored = [], []
@@ -216,7 +161,7 @@ def test_a_right_turn_is_the_exact_mirror_image(tracking: str) -> None:
             see(t, roll=-roll, yaw_rate=-1.5, plan=-1.0, roll_rate=-5.0, imu=tuple((flip * noise).tolist()))
         )
     for (state, pitch, roll), (state_m, pitch_m, roll_m) in zip(
-        run(tracker(tracking), *seen), run(tracker(tracking), *mirrored), strict=True
+        run(player(), *seen), run(player(), *mirrored), strict=True
     ):
         assert state == state_m
         np.testing.assert_array_equal(pitch, pitch_m)
@@ -225,26 +170,17 @@ def test_a_right_turn_is_the_exact_mirror_image(tracking: str) -> None:
 
 def test_unknown_angles_give_no_unknown_commands() -> None:
     unknown = {"roll": math.nan, "roll_rate": math.nan, "pitch_angle": math.nan, "imu": UNKNOWN_IMU}
-    assert run(tracker(), see(0.0, **unknown))[0][0] == SwingState.OFF
-    state, pitch, roll = run(tracker(), *released(0.1, roll=-1.0), see(0.61, **unknown))[-1]
+    assert run(player(), see(0.0, **unknown))[0][0] == SwingState.OFF
+    state, pitch, roll = run(player(), *released(0.1, roll=-1.0), see(0.61, **unknown))[-1]
     assert state == SwingState.SWING
     np.testing.assert_allclose(roll, [-1.0, 0.0, 17.0, 5.0, 0.0])
     assert np.all(np.isfinite(pitch))
 
 
-def test_what_a_swing_lacks_is_named() -> None:
-    with pytest.raises(UserError, match=r"gains\.feedback: missing; tracking torque needs it"):
-        tracker("torque", gains__feedback=None)
-    with pytest.raises(UserError, match="roll_torque_n_m: missing; tracking open_loop needs it"):
-        tracker("open_loop", gains__feedback=None, knots__roll_torque_n_m=None)
-    with pytest.raises(UserError, match=r"controller.tracking: 'magic'; allowed: automatic"):
-        tracker("magic")
-
-
 def test_a_scenario_names_its_law() -> None:
     assert isinstance(law_of_scenario(load_scenario("turn_swing")), SwingLaw)
     named = load_scenario("turn_swing", ["controller.swing_file=thesis_8_rad_per_s"])
-    assert isinstance(law_of_scenario(named), SwingTracker)
+    assert isinstance(law_of_scenario(named), SwingPlayer)
     with pytest.raises(SwingFileError, match=r"swing 'nowhere': .*; allowed: \w+"):
         law_of_scenario(load_scenario("turn_swing", ["controller.swing_file=nowhere"]))
     with pytest.raises(SwingFileError, match=r"nowhere\.yaml: no such file"):
