@@ -47,12 +47,9 @@ from .metrics.turn_metrics import RunMetrics as RunMetrics
 from .metrics.turn_metrics import metrics_of as metrics_of
 from .plants.clearance import RangeOfMotion as RangeOfMotion
 from .plants.clearance import make_range_of_motion as make_range_of_motion
-from .plants.mesh_planform import planform_from_mesh as planform_from_mesh
 from .plants.tail import tail_geometry as tail_geometry
 from .plants.tail_file import read_tail as read_tail
 from .plants.tail_file import write_tail as write_tail
-from .plants.tail_findings import geometry_findings as geometry_findings
-from .plants.tail_findings import tail_findings as tail_findings
 from .plants.tail_geometry import TailArm as TailArm
 from .plants.tail_geometry import TailGeometry as TailGeometry
 from .plants.tail_plate import Plate as Plate

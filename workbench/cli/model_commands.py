@@ -68,14 +68,13 @@ def tail(
     save: Annotated[Path | None, typer.Option(help="Write the tail as a tail file.")] = None,
     force: Force = False,
 ) -> None:
-    """Areas, centres, mass and inertia of a tail, and what is odd about it on the car of a scenario.
+    """Areas, centres, mass and inertia of a tail.
 
     Example: aerodima models tail --save tail.yaml --out tail.png
     """
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.plants.tail import tail_geometry
     from aerodima.workbench.plants.tail_file import read_tail, write_tail
-    from aerodima.workbench.plants.tail_findings import overlap_findings, tail_findings
 
     for path in (out, html, save):
         if path is not None:
@@ -87,8 +86,6 @@ def tail(
     geometry = tail_geometry(car.tail) if file is None else read_tail(file)
     for line in tail_lines(geometry):
         typer.echo(line)
-    for line in tail_findings(car, geometry) + (overlap_findings(car) if file is None else []):
-        typer.echo(f"warning: {line}")
     if save is not None:
         typer.echo(f"tail: {write_tail(geometry, save, force=force)}")
     if out is not None:

@@ -156,13 +156,7 @@ def _run(name: str, flags: Flags, options: RunOptions, other_car: bool = False, 
         make_folder(replay.parent, UserError)
     new_folder = "" if log is None or log.parent.exists() else " (in a new folder)"
     run_log = _simulated(scenario, options, law)
-    from aerodima.workbench.plants.tail_findings import tail_findings
-
-    for line in [
-        *_turn_line(scenario, own),
-        *summary_lines(run_log),
-        *(f"note: {line}" for line in tail_findings(scenario)),
-    ]:
+    for line in [*_turn_line(scenario, own), *summary_lines(run_log)]:
         typer.echo(line)
     if log is not None:
         typer.echo(f"log: {log}{new_folder}")

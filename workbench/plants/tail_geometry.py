@@ -5,8 +5,9 @@ and y to the left while all joints are zero (design section 4).
 
 The arm is a thin rod, with the moment of a solid cylinder about its own axis. All integrals are closed forms.
 Areas are planform areas. The centre of pressure is that of even pressure, which is where sections put the force of a
-steady broadside wind; how it moves with the angle of attack is not modelled. Sections do not shade one another: see
-`tail_findings.py`.
+steady broadside wind; how it moves with the angle of attack is not modelled. Sections do not shade one another.
+Behind a plate with C_D the air is slower by 0.976 sqrt(C_D c / x) of its speed, x behind a chord c (Schlichting,
+Boundary-Layer Theory): a second row of plates is worth less than its sections say.
 """
 
 from __future__ import annotations

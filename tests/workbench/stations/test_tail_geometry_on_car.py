@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.plants.tail import arm_inertia, tail_geometry, tail_sdf
 from aerodima.workbench.plants.tail_file import read_tail, write_tail
-from aerodima.workbench.plants.tail_findings import overlap_findings
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_air import sail_layout, sail_strips
 
@@ -102,14 +100,6 @@ def test_motors_count_with_the_inertia_of_a_tail_that_is_bent_sideways(files: di
     rotor = car.tail_motor.rotor_inertia * car.tail_motor.gear_ratio**2
     found = np.diag(plant.CalcMassMatrix(context))[joints] - rotor
     np.testing.assert_allclose(arm_inertia(car.tail, car.tail_motor, car.car).about_joints(roll), found, rtol=1e-6)
-
-
-def test_bent_tail_is_drawn_so_that_the_car_is_asked_about_it(files: dict[str, Path], tmp_path: Path) -> None:
-    assert overlap_findings(scenario(files, "bent")) == []
-    tail = read_tail(files["bent"])
-    low = replace(tail, plates=(*tail.plates, replace(tail.plates[1], name="low", root=(0.1, 0, -0.15))))
-    path = write_tail(low, tmp_path / "low.yaml")
-    assert overlap_findings(load_scenario("turn_swing", ["tail.sail=locked", f"tail.geometry={path}"])) != []
 
 
 def test_wrong_uses_of_a_tail_file_are_one_line(files: dict[str, Path], tmp_path: Path) -> None:
