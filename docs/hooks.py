@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import re
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages to those of the folder."""
     from mkdocs.structure.files import File
 
-    from aerodima.workbench.report.statements import statements_page
+    sys.path.insert(0, str(ROOT))  # tests are not installed
+    from tests.built.statements import statements_page
 
     texts = {name: (ROOT / path).read_text(encoding="utf-8") for name, path in TEXTS.items()}
     texts["errata.md"] = re.sub(r"^### (E\d+)\. (.*)$", r"### \1. \2 { #\1 }", texts["errata.md"], flags=re.MULTILINE)

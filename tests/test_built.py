@@ -5,14 +5,14 @@ import pytest
 from aerodima.optimisation.calibration.calibration_plan import load_plan
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.metrics.published_values import published_values
-from aerodima.workbench.report.statements import (
+from tests.built.found import CHECKS, RUNS, SLOW
+from tests.built.statements import (
     Statement,
     load_statements,
     parameter_entry,
     published_row,
     statements_page,
 )
-from tests.built.found import CHECKS, RUNS, SLOW
 
 FILE = load_statements()
 FOUND = [

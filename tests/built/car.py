@@ -14,10 +14,10 @@ from aerodima.workbench.controllers.manoeuvre import ThrottleLine
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, RIG_FILTER_20_HZ
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
-from aerodima.workbench.report.statements import Value, parameter_entry
 from aerodima.workbench.resources import model_path
 from aerodima.workbench.stations.car_air import free_sail, sail_law
 from tests.built.registry import check
+from tests.built.statements import Value, parameter_entry
 
 
 @cache

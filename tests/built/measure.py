@@ -8,9 +8,9 @@ import re
 import sys
 
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.report.statements import FILE, Value, load_statements
 from aerodima.workbench.resources import model_path
 from tests.built.found import CHECKS, RUNS
+from tests.built.statements import FILE, Value, load_statements
 
 
 def written(value: Value) -> str:

@@ -5,8 +5,8 @@ from dataclasses import fields
 
 from aerodima.workbench.metrics.published_values import TurnMetrics, flip_bracket, published_values
 from aerodima.workbench.report.demo import DemoPlan
-from aerodima.workbench.report.statements import Value
 from tests.built.registry import check
+from tests.built.statements import Value
 
 
 @check

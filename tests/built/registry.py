@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from aerodima.workbench.report.statements import Value
+from tests.built.statements import Value
 
 Find = Callable[[], Value]
 CHECKS: dict[str, Find] = {}

@@ -6,8 +6,8 @@ from dataclasses import fields
 from aerodima.hardware.protocol import ak70, radio, teensy
 from aerodima.hardware.protocol.ak70 import MitCommand
 from aerodima.hardware.protocol.sail_encoder import AEAT_6012
-from aerodima.workbench.report.statements import Value
 from tests.built.registry import check
+from tests.built.statements import Value
 
 
 @check

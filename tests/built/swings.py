@@ -6,8 +6,8 @@ import numpy as np
 
 from aerodima.optimisation.calibration.reproduction_evidence import NO_FLICK_THROTTLE, throttle_speed
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.report.statements import Value
 from tests.built.registry import run
+from tests.built.statements import Value
 from tests.built.turns import TAILED, Trial, column, signals_of, trial
 
 

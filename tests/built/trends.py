@@ -10,8 +10,8 @@ from aerodima.optimisation.calibration.reproduction_evidence import throttle_spe
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.metrics.published_values import TurnMetrics
 from aerodima.workbench.metrics.run_summary import KM_PER_H
-from aerodima.workbench.report.statements import Value
 from tests.built.registry import RUNS, SLOW, slow
+from tests.built.statements import Value
 from tests.built.turns import ROUNDING, TAILED, TAILLESS, Trial, run_trial, trial
 
 WITHOUT = tuple(whole / KM_PER_H for whole in range(2, 22) if whole / KM_PER_H < TAILLESS + ROUNDING)

@@ -18,9 +18,9 @@ from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
 from aerodima.workbench.metrics.published_values import Platform, TurnMetrics, published_values
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-from aerodima.workbench.report.statements import Value
 from aerodima.workbench.simulate.simulation import simulate
 from tests.built.registry import RUNS, run
+from tests.built.statements import Value
 
 TAILLESS, TAILED = 12 / KM_PER_H, 16 / KM_PER_H
 """Fastest turns that the simulated car of the thesis survived without and with its tail, m/s (ERRATA E37)."""

@@ -12,12 +12,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.figures.comparison_figures import plot_comparison, plot_metrics, plot_outcomes, plot_triggers
-from aerodima.workbench.figures.figure_style import CAUSE_STYLES, MODE_STYLES, TURN_SHADE, png
+from aerodima.workbench.figures.comparison_figures import plot_metrics, plot_outcomes
+from aerodima.workbench.figures.figure_style import MODE_STYLES, TURN_SHADE, png
 from aerodima.workbench.figures.run_figures import plot_turn
-from aerodima.workbench.figures.tail_figures import plot_impulses, plot_moments
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.tail_impulses import Impulses
 from tests.workbench.made_up_runs import made_up_run
 from tests.workbench.made_up_summaries import made_up_summary
 
@@ -37,10 +35,6 @@ FIGURES: dict[str, Callable[[dict[str, RunLog]], Figure]] = {
     "turn, swing": lambda runs: plot_turn(runs["swing"], "swing"),
     "outcomes": lambda runs: plot_outcomes(SUMMARIES),
     "metrics": lambda runs: plot_metrics(SUMMARIES),
-    "comparison": lambda runs: plot_comparison(SUMMARIES),
-    "impulses": lambda runs: plot_impulses(SUMMARIES),
-    "moments": lambda runs: plot_moments([runs["held"], runs["swing"]], ["held", "swing"]),
-    "triggers": lambda runs: plot_triggers([runs["swing"]]),
 }
 
 
@@ -63,7 +57,7 @@ def test_every_axis_names_its_unit(figures: dict[str, Figure], name: str) -> Non
             assert any(re.search(r"\[.+\]", label) for label in y), (name, y)
 
 
-@pytest.mark.parametrize("name", ["turn, swing", "moments", "triggers"])
+@pytest.mark.parametrize("name", ["turn, no tail", "turn, swing"])
 def test_the_turn_is_shaded_from_steering_command_to_straight_wheels(figures: dict[str, Figure], name: str) -> None:
     # 2 s + 0.5 s of steering + 0.14 s in which the servo comes back.
     for axes in _axes_with_data(figures[name]):
@@ -81,12 +75,6 @@ def test_modes_differ_in_marker_and_line_not_only_in_colour() -> None:
         assert a.colour != b.colour
 
 
-def test_causes_differ_in_hatch_and_line() -> None:
-    hatches = [style[2] for style in CAUSE_STYLES.values()]
-    lines = [style[3] for style in CAUSE_STYLES.values()]
-    assert len(set(hatches)) == len(set(map(str, lines))) == len(CAUSE_STYLES)
-
-
 def test_outcomes_have_symbols_of_their_own() -> None:
     runs = [
         made_up_summary("none", 3.0),
@@ -99,26 +87,6 @@ def test_outcomes_have_symbols_of_their_own() -> None:
     assert marks[5.0].get_marker() == "X"
     assert marks[4.0].get_markerfacecolor() == "white"
     assert marks[3.0].get_markerfacecolor() != "white"
-
-
-def test_a_flipped_run_is_no_point_of_a_curve() -> None:
-    # Its heading change says nothing: it must neither be joined to others nor stretch the axis.
-    runs = [made_up_summary("none", 3.0, heading=1.0), made_up_summary("none", 4.0, result="flipped", heading=50.0)]
-    heading = next(a for a in plot_comparison(runs).get_axes() if a.get_ylabel().startswith("heading"))
-    assert all(len(line.get_xdata()) == 1 for line in heading.get_lines())
-    assert heading.get_ylim()[1] < 2 * np.degrees(1.0)
-
-
-def test_bars_add_up_to_the_impulses() -> None:
-    run = made_up_summary("swing", 3.33, impulses=Impulses(aerodynamic=1.0, weight=0.5, inertial=-0.25))
-    axes = plot_impulses([run]).get_axes()[0]
-    heights = [bar.get_height() for container in axes.containers for bar in container]
-    assert sum(heights) == pytest.approx(1.25)
-    (total,) = [line for line in axes.get_lines() if line.get_label() == "sum"]
-    assert float(total.get_ydata()[0]) == pytest.approx(1.25)
-    tops = [bar.get_y() + bar.get_height() for container in axes.containers for bar in container]
-    assert max(tops) == pytest.approx(1.5)  # what helps stands above the line, what hinders below it
-    assert min(tops) == pytest.approx(-0.25)
 
 
 def test_stars_stand_at_the_published_figures() -> None:
@@ -140,13 +108,6 @@ def test_angles_are_drawn_in_degrees() -> None:
     assert np.asarray(line.get_ydata()) == pytest.approx(10.0)
 
 
-def test_trigger_panel_tells_when_the_swing_began(standard_runs: dict[str, RunLog]) -> None:
-    run = standard_runs["swing"]
-    first = run.time[run.signal("controller_state") == 3.0][0]
-    (axes,) = plot_triggers([run]).get_axes()
-    assert f"{first:.2f} s" in axes.get_title(loc="left")
-
-
 def test_a_log_of_the_real_car_is_drawn_without_truth() -> None:
     figure = plot_turn(made_up_run(truth=False, tail_mode="none"))
     labels = {line.get_label() for axes in figure.get_axes() for line in axes.get_lines()}
@@ -164,13 +125,6 @@ def test_figures_need_no_display_and_open_no_window(figures: dict[str, Figure]) 
     import matplotlib.pyplot as plt
 
     assert plt.get_fignums() == []
-
-
-def test_impulses_without_a_tail_are_refused() -> None:
-    with pytest.raises(LogError, match="none of the runs has a tail"):
-        plot_impulses([made_up_summary("none")])
-    with pytest.raises(LogError, match="car without tail"):
-        plot_moments([made_up_run(tail_mode="none")], ["none"])
 
 
 def test_a_log_that_ends_in_the_turn_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The report says what the runs say: sentences change with the numbers, nothing is fetched, all text is escaped."""
+"""Pages say what the runs say, nothing is fetched, all text is escaped."""
 
 import math
 import re
@@ -12,9 +12,7 @@ from jinja2 import UndefinedError
 
 from aerodima.workbench.figures.figure_style import new_figure
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.published_values import FlipBracket, flip_bracket, published_values, tyre_damping
-from aerodima.workbench.metrics.run_summary import RunSummary, summarise
-from aerodima.workbench.report import turn_findings as findings
+from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.report.report_page import (
     Bullets,
     Finding,
@@ -27,133 +25,10 @@ from aerodima.workbench.report.report_page import (
     Preformatted,
     Section,
     Table,
+    percent,
     write_files,
 )
-from aerodima.workbench.report.turn_report import ReportFiles, turn_report
-from tests.workbench.made_up_summaries import made_up_summary
-
-PUBLISHED = FlipBracket(survived=3.33, flipped=3.61)
-
-
-def _runs(outcomes: dict[float, str], mode: str = "none") -> list[RunSummary]:
-    return [made_up_summary(mode, speed, result=result) for speed, result in outcomes.items()]
-
-
-@pytest.mark.parametrize(
-    ("outcomes", "words", "verdict"),
-    [
-        (
-            {3.333: "survived", 3.611: "flipped"},
-            "survives up to 3.33 m/s and flips from 3.61 m/s on",
-            "The runs meet this bracket.",
-        ),
-        (
-            {3.333: "survived", 3.611: "survived", 3.889: "flipped"},
-            "survives up to 3.61 m/s and flips from 3.89 m/s on",
-            "differ by +0.28 m/s (survived) and +0.28 m/s (flipped)",
-        ),
-        (
-            {3.333: "survived", 5.0: "survived"},
-            "survives every speed from 3.33 to 5.00 m/s",
-            "1.39 m/s faster than that",
-        ),
-        ({3.333: "flipped", 5.0: "flipped"}, "flips at every speed from 3.33 to 5.00 m/s", "none of them survives"),
-        ({3.0: "survived", 3.333: "survived"}, "survives every speed from 3.00 to 3.33 m/s", "No run is fast enough"),
-        ({3.3: "survived", 3.6: "flipped", 3.9: "survived"}, "not monotone", "(survived)"),
-    ],
-)
-def test_bracket(outcomes: dict[float, str], words: str, verdict: str) -> None:
-    bracket = findings.bracket_of(_runs(outcomes))
-    assert words in findings.bracket_in_words(bracket)
-    assert verdict in findings.bracket_verdict(bracket, PUBLISHED)
-
-
-def test_published_brackets_and_damping_are_those_of_the_thesis() -> None:
-    assert flip_bracket("tailless") == FlipBracket(3.33, 3.61)  # section 7.1.1
-    assert flip_bracket("tailed") == FlipBracket(4.44, 4.72)  # section 7.1.2
-    assert tyre_damping() == (986.93, 1480.56)  # Table 6.1
-
-
-def test_turning_faster_needs_a_clean_run_and_95_percent_of_the_heading_change() -> None:
-    reference = made_up_summary("none", 3.33, heading=1.0)
-
-    def claim(**changes: object) -> str:
-        return findings.faster_claim([made_up_summary("swing", 4.44, **changes)], "swing", reference)  # type: ignore[arg-type]
-
-    assert "turns faster, up to 4.44 m/s (+33 %)" in claim(heading=0.951)
-    refused = claim(heading=0.949)
-    assert "no claim of a faster turn holds" in refused
-    assert "95 % of the reference" in refused
-    assert "no clean run is faster" in claim(heading=1.0, touched=("tail",))
-    assert "no clean run is faster" in claim(heading=1.0, result="flipped")
-    slower = [made_up_summary("swing", 3.33, heading=1.0)]
-    assert "no clean run is faster" in findings.faster_claim(slower, "swing", reference)
-
-
-def test_reference_is_the_fastest_clean_run_without_tail() -> None:
-    runs = [
-        made_up_summary("none", 3.0),
-        made_up_summary("none", 3.3),
-        made_up_summary("none", 3.6, touched=("board",)),
-        made_up_summary("none", 3.9, result="flipped"),
-        made_up_summary("held", 5.0),
-    ]
-    found = findings.reference_run(runs)
-    assert found is not None
-    assert found.commanded_speed == 3.3
-    assert findings.reference_run(runs[3:]) is None
-
-
-def test_held_and_swung_tail_are_compared_at_equal_speeds() -> None:
-    runs = [
-        made_up_summary("held", 3.0, peak_roll=math.radians(2.0)),
-        made_up_summary("swing", 3.0, peak_roll=math.radians(6.5)),
-        made_up_summary("held", 4.0, peak_roll=math.radians(4.0)),
-        made_up_summary("swing", 4.0, peak_roll=math.radians(3.0)),
-        made_up_summary("swing", 5.0, peak_roll=math.radians(1.0)),
-    ]
-    said = findings.held_beside_swing(runs)
-    assert "at 1 of 2 speeds the swinging car leans less" in said
-    assert "+4.5° at 3.00 m/s" in said
-
-
-def test_late_and_missing_triggers_are_named_with_their_times() -> None:
-    runs = [
-        made_up_summary("swing", 3.33, trigger=2.13),
-        made_up_summary("swing", 4.44, trigger=2.55),
-        made_up_summary("swing", 5.00, trigger=None),
-    ]
-    said = " ".join(findings.trigger_sentences(runs, threshold=1.0, steering_back=2.5))
-    assert "At 4.44 m/s the swing begins only at 2.55 s, 0.05 s after" in said
-    assert "At 5.00 m/s the tail never swings: the IMU's yaw rate reaches 0.90 rad/s" in said
-    assert "3.33" not in said
-    early = " ".join(findings.trigger_sentences(runs[:1], threshold=1.0, steering_back=2.5))
-    assert "In every run" in early
-
-
-def test_tipping_is_that_of_a_rigid_car_on_the_edges_of_its_tyres() -> None:
-    # On points under the middle of its tyres 9.81 x 0.14 / 0.2433 = 5.64 m/s2, on edges 0.025 m outside 6.65 m/s2.
-    tailless = next(r for r in published_values() if r.source == "Table 7.1")
-    run = made_up_summary(raw={"max_linear_acceleration_m_per_s2": 6.2})
-    car = {"track": 0.28, "com_height": 0.2433, "tyre_friction": 0.6, "tyre_width": 0.05, "tyre_shape": "ellipsoid"}
-    said = " ".join(findings.tipping_sentences(car, 9.81, tailless, run))
-    assert "tips from 5.64 m/s²" in said
-    assert "5.01 m/s², -11 % beside" in said
-    assert "6.20 m/s² raw (+1.19)" in said
-    assert "7.16 m/s²" in said  # 3.30 m/s x 2.17 rad/s
-    edges = " ".join(findings.tipping_sentences(car | {"tyre_shape": "cylinder"}, 9.81, tailless, run))
-    assert "stand 0.165 m beside" in edges
-    assert "tips from 6.65 m/s²" in edges
-
-
-def test_a_jolt_is_told_from_cornering() -> None:
-    jolt = made_up_summary(
-        "swing",
-        raw={"max_linear_acceleration_m_per_s2": 14.0},
-        filtered={"max_linear_acceleration_m_per_s2": 4.5},
-    )
-    assert "14.00 m/s², is a jolt" in findings.jolt_sentence([jolt, made_up_summary("held")])
-    assert findings.jolt_sentence([made_up_summary("held")]) == ""
+from aerodima.workbench.report.thesis_turn_chapter import RunFiles, provenance, thesis_turn_chapter
 
 
 class _Reader(HTMLParser):
@@ -231,20 +106,20 @@ def test_files_of_a_folder_are_all_made_before_any_is_written(tmp_path: Path) ->
 
 
 @pytest.fixture(scope="module")
-def report(standard_runs: dict[str, RunLog]) -> str:
+def chapters(standard_runs: dict[str, RunLog]) -> str:
     logs = {f"{mode}_3.33": run for mode, run in standard_runs.items()}
     summaries = [summarise(run, name) for name, run in logs.items()]
-    files = ReportFiles(
+    files = RunFiles(
         summary="summary.csv",
         logs={name: f"logs/{name}.parquet" for name in logs},
         replays={"swing_3.33": "replay_swing_3.33.html"},
         strips={"swing_3.33": "strip_swing_3.33.png"},
     )
-    return turn_report(summaries, logs, ["none_3.33", "swing_3.33"], files).html()
+    return Page("Turns", "", (thesis_turn_chapter(summaries, files), provenance(logs, files))).html()
 
 
-def test_the_page_is_well_formed_and_needs_no_network(report: str) -> None:
-    reader = _read(report)
+def test_the_page_is_well_formed_and_needs_no_network(chapters: str) -> None:
+    reader = _read(chapters)
     assert reader.open == []
     for address in reader.addresses:
         assert address.startswith(("data:image/png;base64,", "#")) or re.fullmatch(r"[\w./-]+", address), address
@@ -252,37 +127,22 @@ def test_the_page_is_well_formed_and_needs_no_network(report: str) -> None:
     for rows in reader.rows:
         assert len(set(rows)) == 1, rows
     anchors = {address[1:] for address in reader.addresses if address.startswith("#")}
-    assert anchors == set(re.findall(r'<section id="(\w+)"', report))
+    assert anchors == set(re.findall(r'<section id="(\w+)"', chapters))
+    assert all(re.search(r'alt="[^"]{10,}"', found) for found in re.findall(r"<img [^>]*>", chapters))
 
 
-def test_every_picture_is_described(report: str) -> None:
-    pictures = re.findall(r"<img [^>]*>", report)
-    assert len(pictures) >= 8
-    assert all(re.search(r'alt="[^"]{10,}"', found) for found in pictures)
-
-
-def test_the_runs_stand_in_the_text(report: str, standard_runs: dict[str, RunLog]) -> None:
-    text = _read(report).text
+def test_the_runs_stand_in_the_tables_beside_the_published_figures(
+    chapters: str, standard_runs: dict[str, RunLog]
+) -> None:
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", chapters)
     run = summarise(standard_runs["none"], "none_3.33").metrics
-    assert f"{run.raw.max_yaw_rate_rad_per_s:.2f}" in text
-    assert f"{run.raw.max_yaw_rate_rad_per_s - 2.17:+.2f}" in text  # Table 7.1
-    assert f"{math.degrees(run.heading_change_rad):.1f}°" in text
-    assert "Table 7.4" in text  # named as one that no run corresponds to
-    assert standard_runs["none"].versions["drake"] in text
-
-
-def test_tyre_damping_that_is_not_representable_is_stated(report: str) -> None:
-    # 986.93 N s/m at 8 kg / 4 wheels and 1480.56 N s/m at 4.5 kg / 4 wheels, g = 9.81 m/s2: 50 to 134 s/m.
-    assert "50 to 134 s/m over the masses that the car may have (4.5 to 8 kg)" in _read(report).text
-
-
-def test_words_of_the_thesis_are_explained_beside_its_figures(report: str) -> None:
-    assert "Kohut is the thesis' measure of a turn" in _read(report).text
-    assert "E with a number is an entry of models/published/ERRATA.md" in report
-
-
-def test_parameters_that_are_published_nowhere_stand_out(report: str) -> None:
-    calibrated = r'<tr class="marked"><td>com_height</td>.*?◆ calibrated: calibration/car\.yaml.*?0\.12\xa0to\xa00\.32'
-    assert re.search(calibrated, report)
-    assert re.search(r'<tr class="marked"><td>knuckle_mass</td>.*?◆ assumed.*?0\.02\xa0to\xa00\.1', report)
-    assert not re.search(r'<tr class="marked"><td>tyre_stiffness_front</td>', report)
+    place = cells.index("largest yaw rate")
+    figure = run.raw.max_yaw_rate_rad_per_s
+    assert cells[place - 3 : place + 5] == [
+        "none_3.33", "Table 7.1", "simulated", "largest yaw rate", "rad/s", f"{figure:.2f}", "2.17",
+        percent(figure / 2.17 - 1.0),
+    ]  # fmt: skip
+    assert f"{math.degrees(run.heading_change_rad):.1f}" in cells
+    assert ["3.33", "3.61"] in [cells[at : at + 2] for at in range(len(cells))]  # section 7.1.1
+    assert ["4.44", "4.72"] in [cells[at : at + 2] for at in range(len(cells))]  # section 7.1.2
+    assert standard_runs["none"].versions["drake"] in cells

@@ -68,12 +68,12 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for report, table, replays and logs.")] = Path("out/demo"),
+    out: Annotated[Path, typer.Option(help="Folder for page, table, replays and logs.")] = Path("out/demo"),
     workers: Workers = 2,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 1,
     force: Anew = False,
 ) -> None:
-    """One short turn of four cars in step, then the published turn at 7 speeds, and a report on both.
+    """One short turn of four cars in step, then the thesis' own turn at four speeds, and a page on both.
 
     Asked for again after Ctrl-C it keeps the finished runs and goes on. Example: aerodima demo --out out/demo
     """
@@ -81,8 +81,8 @@ def demo(
     from aerodima.workbench.report.demo import DemoPlan, make_demo
 
     start = time.monotonic()
-    report = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal())
-    typer.echo(f"report: {report} ({time.monotonic() - start:.0f} s)")
+    page = make_demo(out, DemoPlan(seed=seed), workers=workers, force=force, progress=terminal())
+    typer.echo(f"page: {page} ({time.monotonic() - start:.0f} s)")
 
 
 @grouped

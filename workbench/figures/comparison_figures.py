@@ -1,10 +1,8 @@
 """Figures over many runs: outcome map, published metrics, held and swung tail beside no tail, triggers."""
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,16 +14,12 @@ from aerodima.workbench.figures.figure_style import (
     GREY,
     MODE_STYLES,
     VERMILION,
-    mark_top,
     modes_of,
     new_figure,
-    shade_turn,
     styled,
 )
-from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.published_values import Platform, PublishedValues, published_values
-from aerodima.workbench.metrics.run_summary import RunSummary, summarise
-from aerodima.workbench.metrics.turn_signals import turn_window
+from aerodima.workbench.metrics.run_summary import RunSummary
 
 _METRIC_LABELS = {
     "max_yaw_rate_rad_per_s": "largest yaw rate [rad/s]",
@@ -148,64 +142,3 @@ def _published_legend(platform: Platform) -> list[Line2D]:
             )
         )  # fmt: skip
     return handles
-
-
-def plot_comparison(summaries: Sequence[RunSummary]) -> Figure:
-    """Held and swung tail beside no tail over the speed: peak roll, yaw rate, heading change, time on two wheels.
-
-    Flipped runs have no meaningful heading or peak roll: they are crosses at the top edge.
-    """
-    panels: tuple[tuple[str, Callable[[RunSummary], float]], ...] = (
-        ("peak roll outwards [deg]", lambda s: float(np.degrees(s.metrics.peak_roll_rad))),
-        ("mean yaw rate in the turn [rad/s]", lambda s: s.metrics.raw.average_yaw_rate_rad_per_s),
-        ("heading change [deg]", lambda s: float(np.degrees(s.metrics.heading_change_rad))),
-        ("time on two wheels or fewer [s]", lambda s: s.metrics.two_wheel_time_s or 0.0),
-    )
-    modes = modes_of(summaries)
-    with styled():
-        figure, grid = new_figure(11.0, 6.0, 2, 2, sharex=True)
-        for axes, (label, value) in zip(grid.flat, panels, strict=True):
-            top = mark_top(axes, np.array([value(s) for s in summaries if s.survived]))
-            for number, mode in enumerate(modes):
-                _curve(axes, [s for s in summaries if s.tail_mode == mode], mode, value, top * (1.0 + 0.04 * number))
-            axes.set_ylabel(label)
-        for axes in grid[-1]:
-            axes.set_xlabel("commanded speed [m/s]")
-        figure.legend(handles=_mode_legend(modes), loc="outside upper center", ncols=len(modes) + 1)
-    return figure
-
-
-def _curve(axes: Axes, runs: list[RunSummary], mode: str, value: Callable[[RunSummary], float], top: float) -> None:
-    style = MODE_STYLES[mode]
-    ordered = sorted(runs, key=lambda s: s.commanded_speed)
-    for left, right in pairwise(ordered):
-        if left.survived and right.survived:
-            speeds = [left.commanded_speed, right.commanded_speed]
-            axes.plot(speeds, [value(left), value(right)], color=style.colour, linestyle=style.line)
-    for run in ordered:
-        _point(axes, run, run.commanded_speed, value(run) if run.survived else top)
-
-
-def plot_triggers(run_logs: Sequence[RunLog]) -> Figure:
-    """Yaw rate of the IMU in the runs of a swinging tail, one small panel per speed, with threshold and trigger.
-
-    Args:
-        run_logs: of runs with tail mode `swing`.
-    """
-    with styled():
-        figure, grid = new_figure(11.0, 2.5, 1, len(run_logs), sharex=True, sharey=True)
-        for axes, run_log in zip(grid[0], run_logs, strict=True):
-            summary, window = summarise(run_log, ""), turn_window(run_log)
-            side = -1.0 if run_log.scenario["manoeuvre"]["direction"] == "right" else 1.0
-            shade_turn(axes, window)
-            axes.plot(run_log.time, side * run_log.signal("imu_gyro_z_rad_per_s"), color=BLACK, linewidth=1.2)
-            axes.axhline(run_log.scenario["controller"]["trigger_yaw_rate"], color=GREEN, linestyle=(0, (1, 1)))
-            when = "never"
-            if summary.trigger_time is not None:
-                axes.axvline(summary.trigger_time, color=VERMILION, linewidth=1.6)
-                when = f"{summary.trigger_time:.2f} s"
-            axes.set_title(f"{summary.commanded_speed:.2f} m/s\nswing: {when}", fontsize=9)
-            axes.set_xlim(window[0] - 0.1, window[1] + 0.2)
-        grid[0, 0].set_ylabel("yaw rate [rad/s]")
-        figure.supxlabel("time [s]   (shaded: the turn; dotted: threshold; upright line: the swing begins)", fontsize=9)
-    return figure

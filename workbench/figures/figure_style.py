@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -75,13 +74,6 @@ def modes_of(summaries: "Iterable[RunSummary]") -> list[str]:
     return [mode for mode in MODE_STYLES if mode in present]
 
 
-CAUSE_STYLES = {
-    "aerodynamic": ("air", SKY, "////", "-"),
-    "weight": ("weight", ORANGE, "....", (0, (5, 2))),
-    "inertial": ("inertia", PURPLE, "\\\\\\\\", (0, (1, 1))),
-}
-"""Cause of a moment of the tail -> word, colour, hatch, line style."""
-
 FLIPPED_MARKER = "X"
 
 
@@ -101,13 +93,6 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **o
 def shade_turn(axes: Axes, window: tuple[float, float], label: str = "") -> None:
     """Marks the turn: from the steering command until the wheels are straight again."""
     axes.axvspan(*window, color=TURN_SHADE, zorder=0, linewidth=0, label=label or None)
-
-
-def mark_top(axes: Axes, values: np.ndarray, headroom: float = 1.15) -> float:
-    """Sets the upper limit so that `values` fit below the place for marks of flipped runs; that place in data units."""
-    top = headroom * float(np.max(values, initial=0.0)) or 1.0
-    axes.set_ylim(min(0.0, 1.1 * float(np.min(values))) if values.size else 0.0, top * 1.1)
-    return top
 
 
 def png(figure: Figure, dpi: int = 130) -> bytes:

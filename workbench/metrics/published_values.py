@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
-from aerodima.workbench.errors import LogError
 from aerodima.workbench.resources import published_rows
 
 SAMPLE_TIMES = {"simulated": 0.001, "physical": 0.01}
@@ -75,35 +74,6 @@ class PublishedValues:
         return self.metrics.average_kohut_deg_m_per_s2 / math.degrees(self.metrics.average_yaw_rate_rad_per_s)
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """One metric of a run beside the published figure.
-
-    Attributes:
-        metric: field name of `TurnMetrics`, unit at its end, or the printed roll sum.
-        platform: of the published figure.
-        ours: of the run, from the signals of that platform (`SIGNALS`).
-        published: the published figure.
-        difference: ours - published.
-        relative: difference / published.
-    """
-
-    metric: str
-    platform: Platform
-    ours: float
-    published: float
-
-    @property
-    def difference(self) -> float:
-        """Ours less published, in the unit of the metric."""
-        return self.ours - self.published
-
-    @property
-    def relative(self) -> float:
-        """Difference over the published figure."""
-        return self.difference / self.published
-
-
 def published_values() -> tuple[PublishedValues, ...]:
     """The four published rows, as in `models/published/manoeuvre_metrics.csv`."""
     return tuple(_figures(row) for row in published_rows("manoeuvre_metrics"))
@@ -127,40 +97,6 @@ def flip_bracket(configuration: Literal["tailless", "tailed"]) -> FlipBracket:
 def inner_lift_yaw_rate() -> float:
     """Yaw rate up to which both inner wheels of the thesis' simulated car stay on the ground, rad/s (thesis 6.3.4)."""
     return _constants("rad/s")["tail_trigger_yaw_rate"]
-
-
-def tyre_damping() -> tuple[float, float]:
-    """Published damping of a front and of a rear tyre, N s/m (thesis Table 6.1)."""
-    rows = published_rows("tyre_suspension")
-    named = {row["unit"]: float(row["damping_constant_n_s_per_m"]) for row in rows}
-    return named["Front tyres"], named["Back tyres"]
-
-
-def compare_values(
-    ours: TurnMetrics,
-    configuration: Literal["tailless", "tailed"],
-    platform: Platform = "simulated",
-) -> tuple[Comparison, ...]:
-    """Nine comparisons: the eight metrics, and the roll integral once more as the sum of samples that is printed.
-
-    Args:
-        ours: of the run, from the signals of the platform, `RunMetrics.like(platform)`.
-        configuration: of the published row.
-        platform: of the published row.
-
-    Raises:
-        LogError: nothing is published for that platform and configuration.
-    """
-    rows = [row for row in published_values() if (row.platform, row.configuration) == (platform, configuration)]
-    if not rows:
-        raise LogError(f"no published figures for {platform!r}, {configuration!r}")
-    row, sample_time = rows[0], SAMPLE_TIMES[platform]
-    eight = [
-        Comparison(name, platform, getattr(ours, name), getattr(row.metrics, name))
-        for name in (field.name for field in fields(TurnMetrics))
-    ]
-    printed = Comparison(_ROLL_SUM, platform, ours.roll_integral_rad / sample_time, row.roll_sum_as_printed)
-    return (*eight, printed)
 
 
 def metric_column(metric: str, platform: str) -> str:

@@ -1,4 +1,4 @@
-"""The demo: the published turn over speed and tail mode, its logs, table, replays and report in one folder."""
+"""The demo: the short turn of four cars and the thesis' own turn, with logs, table, replays and page in one folder."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.journal import journal_path
 from aerodima.workbench.logs.schema import RunLog, read_run_log, software_versions
 from aerodima.workbench.metrics.run_summary import KM_PER_H, RunSummary, summarise, write_summary
-from aerodima.workbench.report.report_page import Page, write_files
+from aerodima.workbench.report.report_page import Page, Section, write_files
 from aerodima.workbench.report.short_turn import load_short_turn
 
 DEMO_SCHEMA = "aerodima/demo/2"
-REPORT, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
+PAGE, SUMMARY, MARK, FINISHED = "index.html", "summary.csv", "demo.json", "finished"
 """`MARK` says of which scenarios a folder's logs are, and whether the demo is finished."""
 
 
@@ -30,18 +30,15 @@ class DemoPlan:
     Args:
         speeds: commanded, m/s.
         tail_modes: of `none`, `held`, `swing`, `designed`; scenarios `turn_<mode>`.
-        shown: (tail mode, speed) of the runs with replay, strip and plots over time; the first gives the provenance.
+        shown: (tail mode, speed) of the runs with replay and strip.
         seed: of every run.
         settings: overrides of every scenario, such as `manoeuvre.duration=3.0`.
         opening: whether the page begins with the short turn of the shipped table, four runs more.
     """
 
-    speeds: tuple[float, ...] = tuple(whole / KM_PER_H for whole in range(12, 19))
-    tail_modes: tuple[str, ...] = ("none", "held", "swing", "designed")
-    shown: tuple[tuple[str, float], ...] = tuple(
-        (mode, whole / KM_PER_H)
-        for mode, whole in (("none", 12), ("none", 13), ("held", 16), ("swing", 16), ("designed", 16))
-    )
+    speeds: tuple[float, ...] = tuple(whole / KM_PER_H for whole in (12, 13, 16, 17))
+    tail_modes: tuple[str, ...] = ("none", "swing")
+    shown: tuple[tuple[str, float], ...] = (("none", 13 / KM_PER_H), ("swing", 16 / KM_PER_H))
     seed: int = 1
     settings: tuple[str, ...] = ()
     opening: bool = True
@@ -81,14 +78,14 @@ def make_demo(
     force: bool = False,
     progress: ProgressLine = silent,
 ) -> Path:
-    """Runs the demo and writes its report; the path of the report.
+    """Runs the demo and writes its page; the path of the page.
 
     A demo that was interrupted goes on where it stopped when it is asked for again: finished logs of the same scenario
     and versions are kept.
 
     Args:
         out: folder; made when it is not there.
-        plan: what to run; the short turn and the 28 runs at the thesis' speeds by default.
+        plan: what to run; the short turn, and the thesis' turn on both sides of its two flips, by default.
         workers: processes.
         force: make a finished demo again, or write among other files.
         progress: told lines of progress.
@@ -109,10 +106,10 @@ def make_demo(
     with _claimed(out, runs, force) as store, saying_how_to_go_on(progress, kept):
         progress(f"{len(runs)} runs in {min(workers, len(runs))} process(es), results in {out}")
         summaries = run_batch(do_run, runs, workers, done, progress=progress, record=out / WORKER_RECORD)
-        progress("writing table and report ...")
-        _write_report(out, runs, summaries)
+        progress("writing table and page ...")
+        _write_page(out, runs, summaries)
         store.add(FINISHED, {})
-    return out / REPORT
+    return out / PAGE
 
 
 def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
@@ -184,42 +181,44 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
         store.close()
         raise UserError(f"{out}: holds a finished demo already; choose another folder, or --force to make it again")
     make_folder(out / "logs", UserError)
-    for path in [out / REPORT, out / SUMMARY, *(path for run in runs for path in run.files)] if force else ():
+    for path in [out / PAGE, out / SUMMARY, *(path for run in runs for path in run.files)] if force else ():
         path.unlink(missing_ok=True)
     return store
 
 
-def _write_report(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
-    from aerodima.workbench.report.turn_report import ReportFiles, turn_report
+def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
+    from aerodima.workbench.report.thesis_turn_chapter import RunFiles, provenance, thesis_turn_chapter
 
     modes = list(MODE_STYLES)
     first = {run.log.stem: read_run_log(run.log) for run in runs if run.opening}
-    opening_names = {run.name for run in runs if run.opening}
     runs = [run for run in runs if not run.opening]
+    own = {run.name for run in runs}
     ordered = sorted(
-        (s for s in summaries if s.name not in opening_names),
-        key=lambda s: (modes.index(s.tail_mode), s.commanded_speed),
+        (s for s in summaries if s.name in own), key=lambda s: (modes.index(s.tail_mode), s.commanded_speed)
     )
     write_summary(ordered, out / SUMMARY, force=True)
-    standard = [run.name for run in runs if run.replay is not None] or [runs[0].name]
-    drawn = [run for run in runs if run.name in standard or run.scenario["tail"]["mode"] == "swing"]
 
     def beside(path: Path) -> str:
         return path.relative_to(out).as_posix()
 
-    files = ReportFiles(
+    files = RunFiles(
         summary=SUMMARY,
         logs={run.name: beside(run.log) for run in runs},
         replays={run.name: beside(run.replay) for run in runs if run.replay is not None},
         strips={run.name: beside(run.strip) for run in runs if run.strip is not None},
     )
-    opening = _opening(first) if first else None
-    page = turn_report(ordered, {run.name: read_run_log(run.log) for run in drawn}, standard, files, opening)
-    write_files(out, {REPORT: page})
+    last = (
+        thesis_turn_chapter(ordered, files),
+        provenance({run.name: read_run_log(run.log) for run in runs}, files),
+    )
+    write_files(out, {PAGE: _page(first, last)})
 
 
-def _opening(run_logs: Mapping[str, RunLog]) -> Page:
+def _page(first: Mapping[str, RunLog], last: tuple[Section, ...]) -> Page:
+    """The page; `first` are the runs of the short turn, which come before the last chapters when there are any."""
+    if not first:
+        return Page("The car turns, with and without its tail", "", last)
     from aerodima.workbench.report.short_turn_chapter import lead_of, short_turn_chapter
 
     table = load_short_turn()
-    return Page("One turn, four cars", lead_of(table, run_logs), short_turn_chapter(table, run_logs))
+    return Page("One turn, four cars", lead_of(table, first), (*short_turn_chapter(table, first), *last))

@@ -287,9 +287,3 @@ def percent(ratio: float) -> str:
 def degrees(angle: float) -> str:
     """An angle in rad as degrees."""
     return f"{math.degrees(angle):.1f}°"
-
-
-def span(values: Sequence[float]) -> str:
-    """`0.12`, or `-0.10 to 0.30` where they differ in what is printed."""
-    low, high = (f"{value:.2f}".replace("-0.00", "0.00") for value in (min(values), max(values)))
-    return low if low == high else f"{low} to {high}"

@@ -7,7 +7,7 @@ import pytest
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.signals import IMU_FILTER, low_pass
-from aerodima.workbench.metrics.published_values import compare_values, published_values
+from aerodima.workbench.metrics.published_values import published_values
 from aerodima.workbench.metrics.turn_metrics import metrics_of, outcome_from, outcome_of
 from aerodima.workbench.metrics.turn_signals import turn_signals
 from tests.workbench.made_up_runs import SPEED, STEP, made_up_run, times
@@ -386,25 +386,6 @@ def test_published_kohut_figures_are_speed_times_yaw_rate_in_degrees() -> None:
         assert m.average_kohut_deg_m_per_s2 == pytest.approx(
             m.speed_m_per_s * math.degrees(m.average_yaw_rate_rad_per_s), rel=0.017
         )
-
-
-def test_comparison_gives_all_metrics_and_the_roll_integral_both_ways() -> None:
-    metrics = metrics_of(made_up_run(turning(1.0)))
-    compared = {row.metric: row for row in compare_values(metrics.raw, "tailless", "simulated")}
-    assert len(compared) == 9
-    speed = compared["speed_m_per_s"]
-    assert (speed.ours, speed.published) == (3.0, 3.30)
-    assert speed.difference == pytest.approx(-0.30)
-    assert speed.relative == pytest.approx(-0.30 / 3.30)
-    assert compared["roll_integral_rad"].published == pytest.approx(0.93243)
-    printed = compared["integral_of_roll_rate_as_printed"]
-    assert printed.published == 932.43
-    assert printed.ours == pytest.approx(1000.0 * metrics.raw.roll_integral_rad)
-    on_the_car = {row.metric: row for row in compare_values(metrics.filtered, "tailed", "physical")}
-    assert on_the_car["speed_m_per_s"].published == 6.10
-    assert on_the_car["integral_of_roll_rate_as_printed"].ours == pytest.approx(
-        100.0 * metrics.filtered.roll_integral_rad
-    )
 
 
 def test_a_row_for_a_table_is_flat_and_names_units() -> None:

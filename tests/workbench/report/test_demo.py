@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log
-from aerodima.workbench.metrics.published_values import metric_column
+from aerodima.workbench.metrics.published_values import flip_bracket, metric_column
 from aerodima.workbench.metrics.settling import settled_row
 from aerodima.workbench.metrics.tail_impulses import tail_impulses
 from aerodima.workbench.metrics.turn_metrics import metrics_of
@@ -252,19 +252,18 @@ def test_wrong_input_is_one_line_and_changes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_the_plan_of_the_command_is_the_published_range() -> None:
-    # Whole km/h from 12 to 18 (ERRATA E37), four tail modes.
+def test_the_plan_of_the_command_has_both_sides_of_the_published_flips() -> None:
+    # Thesis 7.1, speeds in whole km/h (ERRATA E37): without tail 3.33 and 3.61 m/s, swung 4.44 and 4.72 m/s.
     everything = demo_runs(Path("out"), DemoPlan())
     first = [run for run in everything if run.opening]
     assert [run.log.stem for run in first] == ["no_tail", "held", "published_swing", "best_swing"]
     assert len({run.scenario["manoeuvre"]["steer_angle"] for run in first}) == 1
     runs = [run for run in everything if not run.opening]
-    speeds = sorted({round(3.6 * run.scenario["manoeuvre"]["speed"], 9) for run in runs})
-    assert speeds == [12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0]
-    assert len(runs) == 28
-    designed = {run.name for run in runs if run.scenario["tail"]["name"] != "built"}
-    assert designed == {run.name for run in runs if run.name.startswith("designed_")}
-    shown = {run.name for run in runs if run.replay is not None}
-    assert shown == {"none_3.33", "none_3.61", "held_4.44", "swing_4.44", "designed_4.44"}
+    speeds = {f"{run.scenario['manoeuvre']['speed']:.2f}" for run in runs}
+    brackets = (flip_bracket("tailless"), flip_bracket("tailed"))
+    assert speeds == {f"{speed:.2f}" for one in brackets for speed in (one.survived, one.flipped)}
+    assert len(runs) == 8
+    assert {run.scenario["tail"]["name"] for run in runs} == {"built"}
+    assert {run.name for run in runs if run.replay is not None} == {"none_3.61", "swing_4.44"}
     assert all(run.scenario["manoeuvre"]["duration"] == 4.0 for run in runs)
     assert all(run.scenario["controller"]["swing_speed"] == 8.0 for run in runs)
