@@ -37,8 +37,12 @@ from .figures.run_figures import plot_overlay as plot_overlay
 from .figures.run_figures import plot_turn as plot_turn
 from .figures.tail_figures import plot_range_of_motion as plot_range_of_motion
 from .figures.tail_geometry_figure import plot_tail as plot_tail
+from .logs.conditioning import fill_gaps as fill_gaps
+from .logs.conditioning import low_pass_columns as low_pass_columns
+from .logs.conditioning import remove_drift as remove_drift
 from .logs.schema import RunLog as RunLog
 from .logs.schema import read_run_log as read_run_log
+from .logs.signals import LowPass as LowPass
 from .metrics.plant_metrics import plant_metrics as plant_metrics
 from .metrics.plant_metrics import plant_outcome as plant_outcome
 from .metrics.turn_course import TurnCourse as TurnCourse

@@ -57,8 +57,6 @@ EXTRAS = {
         ("mcap", "MCAP logs"),
         ("mcap_protobuf", "writing MCAP logs"),
         ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
-        ("rosbags", "bags of ROS"),
-        ("pyulog", "ULog of PX4"),
     ),
     "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
     "compiled": (("numba", "studies a tenth faster"),),

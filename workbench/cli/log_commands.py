@@ -16,7 +16,7 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
-    from aerodima.workbench.logs.message_logs import SceneMessage
+    from aerodima.workbench.logs.mcap_files import SceneMessage
     from aerodima.workbench.logs.schema import RunLog
     from aerodima.workbench.metrics.turn_metrics import RunMetrics
 
@@ -118,10 +118,7 @@ def recover(
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            help="Foreign log: CSV, Parquet, MAT, MCAP, ULog, a bag of ROS 1 (.bag) or of ROS 2 (its folder); several "
-            "files when they share a clock."
-        ),
+        typer.Argument(help="Foreign log: CSV, Parquet, MAT or MCAP; several files when they share a clock."),
     ],
     out: LogOut,
     mapping: Annotated[
@@ -162,7 +159,7 @@ def export(
 
     MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
     """
-    from aerodima.workbench.logs.foreign_files import FORMATS, export_log
+    from aerodima.workbench.logs.exporters import FORMATS, export_log
     from aerodima.workbench.logs.schema import read_run_log
 
     form = next((known for known in FORMATS if known == to), None)
@@ -181,7 +178,7 @@ def export(
 
 def _follow(log: Path, path: Path, form: str, force: bool) -> None:
     """Writes a run that is still going on, and says how far it is; once, why nothing of it can be drawn."""
-    from aerodima.workbench.logs.foreign_files import export_live
+    from aerodima.workbench.logs.exporters import export_live
 
     if form != "mcap":
         raise LogError(f"--follow: {form} is written of a run that has ended; allowed: --to mcap")
@@ -217,32 +214,41 @@ def _scene(run_log: RunLog, first_row: int = 0, say: Callable[[str], None] = _no
 
 def condition(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
-    recipe: Annotated[Path, typer.Option(help="Recipe (YAML): the steps and their order.")],
     out: LogOut,
-    plot: Annotated[Path | None, typer.Option(help="Also write before and after as a PNG.")] = None,
+    fill: Annotated[float | None, typer.Option(help="Longest gap that straight lines bridge, s.")] = None,
+    rest: Annotated[
+        tuple[float, float] | None, typer.Option(metavar="START END", help="The drift in this rest goes, s.")
+    ] = None,
+    low_pass: Annotated[float | None, typer.Option(help="Cut-off of a filter of order 6 without delay, Hz.")] = None,
+    columns: Annotated[
+        list[str] | None, typer.Option(help="To correct and filter; by default forces and torques.")
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Filter, cut, resample and correct a run log as a recipe states; the log that is read stays as it is.
+    """Fill gaps, remove drift and filter, in this order; the log that is read stays as it is.
 
-    Example: aerodima log condition swing.parquet --recipe swing_recipe.yaml --out ready.parquet --plot ready.png
+    Example: aerodima log condition swing.parquet --fill 0.05 --rest 0 2 --low-pass 20 --out ready.parquet
     """
-    from aerodima.workbench.logs.recipe import apply_recipe, load_recipe
+    from aerodima.workbench.logs.conditioning import conditioning_notes, fill_gaps, low_pass_columns, remove_drift
     from aerodima.workbench.logs.schema import read_run_log, write_run_log
+    from aerodima.workbench.logs.signals import LowPass
 
     _refuse_raw(out, log)
-    for path in (out, plot):
-        if path is not None:
-            refuse_existing(path, force, LogError)
-    before = read_run_log(log)
-    result = apply_recipe(before, load_recipe(recipe))
-    write_run_log(result.run_log, out, force)
-    if plot is not None:
-        from aerodima.workbench.figures.conditioning_figure import plot_conditioning
-        from aerodima.workbench.figures.figure_style import png
-
-        write_atomically(plot, png(plot_conditioning(before, result.run_log, result.rest)), force, LogError)
-    typer.echo(f"{out}: {len(result.run_log.table)} rows, {len(result.run_log.table.columns)} columns")
-    for note in result.notes:
+    refuse_existing(out, force, LogError)
+    if (fill, rest, low_pass) == (None, None, None):
+        raise LogError("nothing to do: state --fill, --rest or --low-pass")
+    run_log = read_run_log(log)
+    before = len(conditioning_notes(run_log))
+    chosen = columns or [name for name in run_log.table.columns if name.startswith(("force_", "torque_"))]
+    if fill is not None:
+        run_log = fill_gaps(run_log, fill)
+    if rest is not None:
+        run_log = remove_drift(run_log, chosen, [rest])
+    if low_pass is not None:
+        run_log = low_pass_columns(run_log, chosen, LowPass(6, low_pass))
+    write_run_log(run_log, out, force)
+    typer.echo(f"{out}: {len(run_log.table)} rows, {len(run_log.table.columns)} columns")
+    for note in conditioning_notes(run_log)[before:]:
         typer.echo(note)
 
 

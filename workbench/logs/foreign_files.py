@@ -1,34 +1,28 @@
-"""Logs in other programs' files: read from CSV, Parquet, MAT, MCAP, bags of ROS and ULog, written as CSV and MCAP.
+"""Logs in other programs' files as named columns of numbers: CSV, Parquet and MAT.
 
-A log that is read is named columns of numbers, in whatever unit and rate they were written; `logs.importers` makes it a
-run log. One that is written keeps every bit of every number, and the metadata, so that `aerodima log import` gives back
-the same log: a CSV has its metadata in a file beside it, `run.csv.json`; MCAP has them inside.
+They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT files of version 5
+to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra `logs`). Vectors become columns. A struct
+field is called `data.force`, the second column of a matrix `force(2)`. Objects such as `timeseries` are stored in a
+form that only MATLAB reads: they are listed as unreadable.
 """
 
-import json
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.quantity import nearest
-from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.journal import follow_run
 from aerodima.workbench.logs.mapping import CsvFormat
-from aerodima.workbench.logs.schema import METADATA_KEY, RunLog, decode_metadata
-
-if TYPE_CHECKING:
-    from aerodima.workbench.logs.message_logs import SceneMessage
+from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata
 
 SIDECAR_SUFFIX = ".json"
 """An exported `run.csv` has its metadata in `run.csv.json`."""
@@ -89,46 +83,6 @@ class ForeignLog:
         return self.columns[name]
 
 
-def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignLog:
-    """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap, .bag, .ulg; a folder is a bag of ROS 2.
-
-    Raises:
-        LogError: missing, of another kind, damaged, or an optional package is not installed (names the extra).
-    """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if path.is_dir() and not (path / "metadata.yaml").is_file():
-        raise LogError(f"{path}: a folder without metadata.yaml, so not a bag of ROS 2")
-    if path.is_dir() or (suffix == ".bag" and path.is_file()):
-        from aerodima.workbench.logs.message_logs import read_bag
-
-        return read_bag(path)
-    if not path.is_file():
-        raise LogError(f"{path}: no such file")
-    if suffix in (".csv", ".txt", ".tsv"):
-        return _read_csv(path, csv or CsvFormat(delimiter="\t" if suffix == ".tsv" else ","))
-    if suffix == ".parquet":
-        return _read_parquet(path)
-    if suffix == ".mat":
-        from aerodima.workbench.logs.mat_files import read_mat
-
-        return read_mat(path)
-    if suffix == ".mcap":
-        from aerodima.workbench.logs.message_logs import read_mcap
-
-        return read_mcap(path)
-    if suffix == ".ulg":
-        from aerodima.workbench.logs.message_logs import read_ulog
-
-        return read_ulog(path)
-    if suffix == ".db3":
-        raise LogError(f"{path}: a part of a bag of ROS 2; name its folder, with metadata.yaml: {path.parent}")
-    raise LogError(
-        f"{path}: {suffix or 'a file without ending'} is not read; allowed: .csv .txt .tsv .parquet .mat .mcap .bag "
-        ".ulg, and the folder of a bag of ROS 2"
-    )
-
-
 def joined(logs: list[ForeignLog]) -> ForeignLog:
     """Several files of one run as one: the columns of the second file are called `2:<name>`, and so on."""
     if len(logs) == 1:
@@ -149,7 +103,8 @@ def sidecar(path: Path) -> Path:
     return path.with_name(path.name + SIDECAR_SUFFIX)
 
 
-def _read_csv(path: Path, form: CsvFormat) -> ForeignLog:
+def read_csv(path: Path, form: CsvFormat) -> ForeignLog:
+    """Columns of a CSV, with the metadata beside it; LogError when it is not a table that can be read."""
     first = form.skip_lines + 1
     skipped = [*range(form.skip_lines), *range(first, first + form.skip_after_names)]
     try:
@@ -183,7 +138,8 @@ def _read_csv(path: Path, form: CsvFormat) -> ForeignLog:
     return ForeignLog(str(path), {str(name).strip(): table[name] for name in table.columns}, metadata=metadata)
 
 
-def _read_parquet(path: Path) -> ForeignLog:
+def read_parquet(path: Path) -> ForeignLog:
+    """Columns of a Parquet file, with the metadata inside; LogError when it is damaged."""
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as cause:
@@ -194,107 +150,98 @@ def _read_parquet(path: Path) -> ForeignLog:
     return ForeignLog(str(path), {str(name): frame[name] for name in frame.columns}, metadata=metadata)
 
 
-Format = Literal["csv", "mcap"]
-FORMATS: tuple[Format, ...] = ("csv", "mcap")
+MOST_COLUMNS = 64
+"""A matrix with more columns than this (and than rows) is a picture or a table of something else, not a log."""
 
 
-def export_log(
-    run_log: RunLog, path: Path | str, form: Format, force: bool = False, scene: "Iterable[SceneMessage]" = ()
-) -> list[Path]:
-    """Writes a run log as CSV or MCAP; gives the files written.
+_OBJECT = "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
 
-    Args:
-        run_log: the run.
-        path: to write.
-        form: of the file.
-        force: replace an existing file.
-        scene: for MCAP, what a viewer draws, such as `aerodima.workbench.replay.foxglove_scene` gives.
+
+def read_mat(path: Path) -> ForeignLog:
+    """Columns of a MAT file.
 
     Raises:
-        LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.
+        LogError: damaged or not a MAT file; h5py is not installed and the file is of version 7.3.
     """
-    path = Path(path)
-    metadata = json.dumps(_exported(run_log), sort_keys=True, indent=1, allow_nan=False)
-    if form == "csv":
-        beside = sidecar(path)
-        refuse_existing(beside, force, LogError)
-        write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
-        write_atomically(beside, metadata + "\n", force, LogError)
-        return [path, beside]
-    from aerodima.workbench.logs.message_logs import McapFile
-
-    def write(temporary: Path) -> None:
-        with open(temporary, "wb") as stream:
-            written = McapFile(stream, topics_of(list(run_log.table.columns)), TIME)
-            written.add(run_log.table, scene)
-            written.finish(metadata)
-
-    write_atomically(path, write, force, LogError)
-    return [path]
+    columns: dict[str, NDArray[np.float64]] = {}
+    unreadable: dict[str, str] = {}
+    for name, value in _leaves_7_3(path) if is_version_7_3(path) else _leaves_5(path):
+        if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+            columns |= _vectors(name, value)
+        elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
+            columns[name] = np.array([value], dtype=np.float64)
+        elif not isinstance(value, str | bytes):
+            unreadable[name] = _OBJECT
+    if not columns:
+        raise LogError(
+            f"{path}: no vectors of numbers" + (f"; {', '.join(unreadable)}: {_OBJECT}" if unreadable else "")
+        )
+    return ForeignLog(str(path), {name: pd.Series(values) for name, values in columns.items()}, unreadable=unreadable)
 
 
-def export_live(
-    run: Path, path: Path, scene: "Callable[[RunLog, int], Iterable[SceneMessage]]", wait: float = 0.5,
-    force: bool = False,
-) -> Iterator[int]:  # fmt: skip
-    """Writes a run as MCAP while it is still going on; gives the rows so far at every look, until it has ended.
+def is_version_7_3(path: Path) -> bool:
+    """Whether a MAT file is HDF5: its text header says so, or the HDF5 signature is at a place where it may be."""
+    with open(path, "rb") as stream:
+        head = stream.read(520)
+    return head.startswith(b"MATLAB 7.3") or b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
 
-    Its journal is read from beside, so that the program that writes it does nothing for it. When the reading is ended
-    (`close` of the generator, Ctrl-C), the file is ended in order, with the rows of until then.
 
-    Args:
-        run: the run log to be.
-        path: to write.
-        scene: what a viewer draws of the rows from one on, such as `foxglove_scene`.
-        wait: between two looks at the journal, s.
-        force: replace an existing file, once the run is found.
+def _vectors(name: str, value: NDArray) -> dict[str, NDArray[np.float64]]:
+    value = np.squeeze(value)
+    if value.ndim <= 1:
+        return {name: np.atleast_1d(value).astype(np.float64)}
+    if value.ndim > 2 or (value.shape[1] > MOST_COLUMNS and value.shape[1] > value.shape[0]):
+        return {}
+    return {f"{name}({column + 1})": value[:, column].astype(np.float64) for column in range(value.shape[1])}
 
-    Raises:
-        LogError: no such run, the file is there or cannot be written, a package is missing, or negative times.
-    """
-    from aerodima.workbench.logs.message_logs import McapFile
 
-    following = follow_run(run, wait)
-    first = run_log = next(following)
-    seen, written = 0, None
+def _leaves_5(path: Path) -> Iterator[tuple[str, Any]]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
     try:
-        with open(path, "wb" if force else "xb") as stream:
-            try:
-                for run_log in chain([first], following):
-                    written = written or McapFile(stream, topics_of(list(run_log.table.columns)), TIME)
-                    if len(run_log.table) > seen:
-                        written.add(run_log.table.iloc[seen:], scene(run_log, seen))
-                        seen = len(run_log.table)
-                    yield seen
-            finally:
-                if written is not None:
-                    written.finish(json.dumps(_exported(run_log), sort_keys=True, indent=1, allow_nan=False))
+        contents = loadmat(path, simplify_cells=True)
+    except (ValueError, TypeError, MatReadError, NotImplementedError, OSError, KeyError, IndexError) as cause:
+        raise LogError(f"{path}: damaged or not a MAT file ({' '.join(str(cause).split())})") from cause
+    for name, value in contents.items():
+        if not name.startswith("__"):
+            yield from _walk(name, value)
+
+
+def _walk(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _walk(f"{name}.{key}", inner)
+    else:
+        yield name, value
+
+
+def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
+    try:
+        import h5py
+    except ImportError:
+        raise LogError(
+            f"{path}: a MAT file of version 7.3 needs h5py: pip install 'aerodima-workbench[logs]'"
+        ) from None
+    try:
+        with h5py.File(path, "r") as file:
+            yield from _walk_7_3(h5py, "", file)
     except OSError as cause:
-        raise LogError(f"{path}: cannot be written ({cause.strerror})") from None
+        raise LogError(f"{path}: damaged or not a MAT file of version 7.3") from cause
 
 
-def topics_of(columns: list[str]) -> dict[str, list[str]]:
-    """MCAP topics and their columns: one per device, so that a viewer shows them in groups."""
-    topics: dict[str, list[str]] = {}
-    for name in columns:
-        if name != TIME:
-            topics.setdefault(_topic(name), []).append(name)
-    return topics
-
-
-def _topic(column: str) -> str:
-    if column.startswith(PLANT_POSITION_PREFIX):
-        return "/plant"
-    if "_truth" in column:
-        return "/truth"
-    for device in ("imu", "tail", "sail", "status", "speed"):
-        if column.startswith(f"{device}_"):
-            return f"/{device}"
-    if column.startswith(("angle", "angular", "current", "force", "torque")):
-        return "/rig"
-    return "/driver"
-
-
-def _exported(run_log: RunLog) -> dict[str, Any]:
-    metadata = run_log.metadata()
-    return {**metadata, "extra": {**metadata["extra"], "exported_columns": list(run_log.table.columns)}}
+def _walk_7_3(h5py: Any, prefix: str, group: Any) -> Iterator[tuple[str, Any]]:
+    for key in group:
+        if key in ("#refs#", "#subsystem#"):
+            continue
+        value, name = group[key], prefix + key
+        matlab_class = value.attrs.get("MATLAB_class", b"")
+        if isinstance(value, h5py.Group):
+            yield from _walk_7_3(h5py, f"{name}.", value)
+        elif matlab_class == b"char":
+            yield name, ""
+        elif value.dtype.kind in "fiub" and "MATLAB_object_decode" not in value.attrs:
+            # HDF5 keeps MATLAB's order of the numbers, so rows and columns are exchanged.
+            yield name, np.array([]) if "MATLAB_empty" in value.attrs else np.asarray(value).T
+        else:
+            yield name, None

@@ -17,7 +17,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.quantity import unit_factor
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_foreign_log
+from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_csv, read_mat, read_parquet
 from aerodima.workbench.logs.log_findings import (
     LogFinding,
     gap_findings,
@@ -26,7 +26,8 @@ from aerodima.workbench.logs.log_findings import (
     refuse_inconsistent_rates,
     table_findings,
 )
-from aerodima.workbench.logs.mapping import ColumnSource, Mapping, known_columns
+from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping, known_columns
+from aerodima.workbench.logs.mcap_files import read_mcap
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
 
@@ -66,6 +67,29 @@ def import_log(paths: Sequence[Path | str] | Path | str, mapping: Mapping | None
     findings = [*findings, *table_findings(table, mapping.kind)]
     metadata = _metadata(mapping, [Path(path).name for path in paths], findings)
     return Imported(run_log_from_metadata(table, metadata, source=foreign.path), tuple(findings))
+
+
+def read_foreign_log(path: Path | str, csv: CsvFormat | None = None) -> ForeignLog:
+    """Reads a file by its ending: .csv, .txt, .tsv, .parquet, .mat, .mcap.
+
+    Raises:
+        LogError: missing, of another kind, damaged, or an optional package is not installed (names the extra).
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise LogError(f"{path}: no such file")
+    if suffix in (".csv", ".txt", ".tsv"):
+        return read_csv(path, csv or CsvFormat(delimiter="\t" if suffix == ".tsv" else ","))
+    if suffix == ".parquet":
+        return read_parquet(path)
+    if suffix == ".mat":
+        return read_mat(path)
+    if suffix == ".mcap":
+        return read_mcap(path)
+    raise LogError(
+        f"{path}: {suffix or 'a file without ending'} is not read; allowed: .csv .txt .tsv .parquet .mat .mcap"
+    )
 
 
 def mapped_table(foreign: ForeignLog, mapping: Mapping) -> tuple[pd.DataFrame, list[LogFinding]]:

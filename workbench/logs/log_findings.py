@@ -1,7 +1,7 @@
 """What is odd in a log: gaps, lost samples, dead sensors, and values that betray a wrong unit.
 
 A finding names column and time. What makes every later figure wrong (times that run back, a wrong unit) is an error;
-what a recipe can deal with (a gap, NaN) or a user must judge (a constant signal) is reported and kept.
+what conditioning can deal with (a gap, NaN) or a user must judge (a constant signal) is reported and kept.
 """
 
 from collections.abc import Mapping

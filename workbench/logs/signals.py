@@ -134,38 +134,6 @@ def resting_line(time: FloatArray, signal: FloatArray, resting: NDArray[np.bool_
     return float(slope), float(level), centre
 
 
-def even_times(time: FloatArray, rate: float) -> FloatArray:
-    """Times from the first to the last of `time` (s) at `rate` (Hz), both ends within the original span."""
-    check_time(time)
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise LogError(f"resampling rate {rate} Hz: must be a positive number")
-    count = int(np.floor((time[-1] - time[0]) * rate * (1.0 + 1e-12))) + 1
-    return time[0] + np.arange(count) / rate
-
-
-def resample(
-    time: FloatArray, signal: FloatArray, new_time: FloatArray, hold: bool = False, column: str = "signal"
-) -> FloatArray:
-    """The signal at other times, by linear interpolation, or by holding the last sample (states, commands).
-
-    Going to a lower rate folds what lies above half of it: low-pass first.
-
-    Raises:
-        LogError: NaN, gap, unsorted time, or a new time outside the signal's span (no extrapolation).
-    """
-    check_signals(time, {column: signal})
-    new_time = np.asarray(new_time, dtype=np.float64)
-    margin = _SAME_TIME * (time[-1] - time[0])
-    if new_time.size and (new_time.min() < time[0] - margin or new_time.max() > time[-1] + margin):
-        raise LogError(
-            f"column {column!r}: asked for {new_time.min():g} to {new_time.max():g} s, there is only "
-            f"{time[0]:g} to {time[-1]:g} s"
-        )
-    if not hold:
-        return np.interp(new_time, time, signal)
-    return hold_last(new_time, time, signal)
-
-
 def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) -> FloatArray:
     """Samples (m,) taken at `sample_time`, held until the next one, at the times `time` (n,); NaN before the first."""
     margin = _SAME_TIME * (sample_time[-1] - sample_time[0])
@@ -176,10 +144,6 @@ def hold_last(time: FloatArray, sample_time: FloatArray, samples: FloatArray) ->
 BoolArray = NDArray[np.bool_]
 Interval = tuple[float, float]
 
-REST_AVERAGE = 0.1
-"""Signals are averaged over this time (s) before they are compared with the limits of rest."""
-REST_MARGIN = 0.2
-"""Cut off a resting part at either side of a motion, s: motion begins and dies away below the limits."""
 LEAST_REST_SAMPLES = 10
 """Fewer samples do not make a resting part."""
 REST = "rest_s"
@@ -192,59 +156,12 @@ def stated_rest(run_log: RunLog) -> Interval | None:
     return None if stated is None else (stated[0], stated[1])
 
 
-def resting_parts(run_log: RunLog, within: Mapping[str, Interval], shortest: float = 0.5) -> list[Interval]:
-    """Times at which everything that tells about motion stays within its limits.
-
-    Args:
-        run_log: may have gaps; NaN is not rest.
-        within: column to lowest and highest value at rest; averaged over 0.1 s first, so that noise does not count.
-        shortest: a shorter standstill, such as the turning point of a swing, is not rest, s.
-
-    Returns:
-        First and last time of each part, s; an empty list when the log has no rest.
-
-    Raises:
-        LogError: a column is not in the log, or the times are not increasing.
-    """
-    time = run_log.time
-    check_time(time)
-    step = float(np.median(np.diff(time)))
-    quiet = np.ones(time.size, dtype=bool)
-    for name, (low, high) in within.items():
-        average = _moving_average(run_log.signal(name), max(1, round(REST_AVERAGE / step)))
-        quiet &= (average >= low) & (average <= high)
-    breaks = gaps_in(time) + 1
-    parts = []
-    for first, end in stretches(quiet, breaks):
-        start = time[first] if first == 0 else time[first] + REST_MARGIN
-        stop = time[end - 1] if end == time.size else time[end - 1] - REST_MARGIN
-        if stop - start >= shortest and np.count_nonzero((time >= start) & (time <= stop)) >= LEAST_REST_SAMPLES:
-            parts.append((float(start), float(stop)))
-    return parts
-
-
 def in_parts(time: FloatArray, parts: Sequence[Interval]) -> BoolArray:
     """Which times lie in any of the parts, both ends included."""
     inside = np.zeros(time.size, dtype=bool)
     for start, end in parts:
         inside |= (time >= start) & (time <= end)
     return inside
-
-
-def _moving_average(signal: FloatArray, width: int) -> FloatArray:
-    """Centred mean over `width` samples; the ends use what there is."""
-    kernel = np.ones(min(width, signal.size))
-    return np.convolve(signal, kernel, mode="same") / np.convolve(np.ones(signal.size), kernel, mode="same")
-
-
-def stretches(chosen: BoolArray, breaks: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Start and end (exclusive) of the stretches of chosen samples; a stretch does not cross a break."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    runs = []
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
-        inner = [int(at) for at in breaks if start < at < end]
-        runs += list(zip([int(start), *inner], [*inner, int(end)], strict=True))
-    return runs
 
 
 UNWRAPPED = ("yaw_truth_rad", "imu_yaw_rad")

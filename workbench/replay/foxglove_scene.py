@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.message_logs import SceneMessage, stamp_of
+from aerodima.workbench.logs.mcap_files import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows, shortest_turn
 from aerodima.workbench.replay.logged_car import replayable

@@ -15,7 +15,6 @@ from aerodima.optimisation.identify.static_balance import StaticBalance
 from aerodima.optimisation.identify.static_fit import fit_static, static_parameters, static_problem
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.errors import FitError, LogError
-from aerodima.workbench.logs.conditioning import cut
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.stations.rig_logs import simulate_static_log
@@ -126,7 +125,9 @@ def test_without_rest_phase_the_bias_widens_the_intervals_and_is_told(windy: Run
 
 
 def test_a_log_that_was_cut_and_starts_at_zero_again_keeps_its_rest_phase(windy: RunLog) -> None:
-    part = cut(windy, 0.5, float(windy.time[-1]), restart_time=True).run_log
+    kept = windy.table[windy.time > 0.5 - 1e-9].reset_index(drop=True)
+    rest = [at - 0.5 for at in windy.extra["rest_s"]]
+    part = replace(windy, table=kept.assign(time_s=kept.time_s - 0.5), extra={**windy.extra, "rest_s": rest})
     assert part.time[0] == 0.0
     assert fit_static(static_data(part))["cd"].holds(truth.CD)
 

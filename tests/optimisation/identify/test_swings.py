@@ -21,7 +21,6 @@ from aerodima.optimisation.identify.swing_coefficients import fit_friction, fit_
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError, LogError
-from aerodima.workbench.logs.recipe import apply_recipe, recipe_from
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate
 from tests.optimisation.identify import swing_truth as truth
@@ -176,8 +175,9 @@ def test_the_release_of_a_log_that_was_cut_is_found(told: str) -> None:
     experiment = {**swing.scenario["experiment"], "rest": 1.0}
     extra = {**swing.extra, **({"rest_s": [0.0, 1.0]} if told == "metadata" else {})}
     log = replace(swing, table=table, scenario={**swing.scenario, "experiment": experiment}, extra=extra)
-    steps = {"steps": [{"step": "cut", "from_s": 0.6, "restart_time": True}]}
-    part = apply_recipe(log, recipe_from({"schema": "aerodima/log-recipe/1", **steps})).run_log
+    kept = table[table.time_s > 0.6 - 1e-9].reset_index(drop=True)
+    moved = {"rest_s": [-0.6, 0.4]} if told == "metadata" else {"conditioning": [{"time_shift_s": 0.6}]}
+    part = replace(log, table=kept.assign(time_s=kept.time_s - 0.6), extra={**extra, **moved})
     assert swing_data(log, "bar_swing").release == pytest.approx(1.0)
     assert swing_data(part, "bar_swing").release == pytest.approx(0.4)
 

@@ -16,10 +16,6 @@ kind: static
 time: {from: t}
 columns: {angle_rad: {from: theta}}
 """
-RECIPE = """
-schema: aerodima/log-recipe/1
-steps: [{step: cut, from_s: 1}]
-"""
 
 
 @pytest.fixture
@@ -27,7 +23,6 @@ def folder(tmp_path: Path) -> Path:
     time = np.arange(300) / 100
     pd.DataFrame({"t": time, "theta": np.sin(time)}).to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "m.yaml").write_text(MAPPING)
-    (tmp_path / "r.yaml").write_text(RECIPE)
     write_run_log(made_up_run(), tmp_path / "run.parquet")
     return tmp_path
 
@@ -53,14 +48,15 @@ def test_condition_keeps_the_raw_log_and_refuses_to_overwrite(
 ) -> None:
     raw, out = folder / "raw.parquet", folder / "out.parquet"
     assert call("log", "import", folder / "log.csv", "--mapping", folder / "m.yaml", "--out", raw).exit_code == 0
-    condition = ("log", "condition", raw, "--recipe", folder / "r.yaml", "--out")
+    condition = ("log", "condition", raw, "--columns", "angle_rad", "--low-pass", "5", "--out")
     assert "raw logs are kept" in refused(*condition, raw, "--force")
     assert "--force" in refused(*condition, untouched)
-    assert "--force" in refused(*condition, out, "--plot", untouched)
+    assert "state --fill, --rest or --low-pass" in refused("log", "condition", raw, "--out", out)
     assert not out.exists()
-    assert call(*condition, out, "--plot", folder / "out.png").exit_code == 0
-    assert read_run_log(out).time[0] == 1.0
-    assert read_run_log(raw).time[0] == 0.0
+    assert "low pass (order 6, 5 Hz" in call(*condition, out).stdout
+    ours = read_run_log(raw).signal("angle_rad")
+    assert np.array_equal(ours, np.sin(np.arange(300) / 100))
+    assert 0.0 < np.max(np.abs(read_run_log(out).signal("angle_rad") - ours)) < 0.05
 
 
 def test_export_goes_beside_the_log_and_names_a_wrong_format(call: Callable, refused: Callable, folder: Path) -> None:

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from aerodima.workbench.logs.conditioning import WRENCH
+from aerodima.workbench.config.signal_table import rig_columns
 
+WRENCH = tuple(column.name for column in rig_columns() if column.name.startswith(("force_", "torque_")))
 RATE = 500.0
 GAP = (9.0, 9.04)
 """The laboratory's program lost the samples between these times, s."""

@@ -6,7 +6,7 @@ import pytest
 from mcap.reader import make_reader
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.foreign_files import export_log, topics_of
+from aerodima.workbench.logs.exporters import export_log, topics_of
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.schema import RunLog, signals_equal
 from tests.workbench.made_up_runs import made_up_run

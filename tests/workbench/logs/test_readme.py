@@ -3,7 +3,7 @@
 import re
 import shlex
 from pathlib import Path
-from typing import get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +12,6 @@ from typer.testing import CliRunner, Result
 
 from aerodima.workbench import logs
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.logs.conditioning import WRENCH, published_offsets
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from tests.workbench.logs.foreign_logs import (
@@ -20,6 +19,7 @@ from tests.workbench.logs.foreign_logs import (
     GAP,
     GPS_LATE,
     RELEASED_AT,
+    WRENCH,
     YAW_RATE,
     car_files,
     swing_readings,
@@ -63,28 +63,23 @@ def test_swing_of_the_readme_comes_out_as_it_was(folder: Path) -> None:
     assert "Temp" in notes
     said = call(conditioning).stdout
     assert "filled with 19 rows" in said
-    assert "Table 4.4, tail 1" in said
+    assert "drift of force_x_n" in said
     run_log = read_run_log(folder / "swing.parquet")
     assert run_log.kind == "swing"
     assert run_log.extra["tail"] == "1"
     assert run_log.extra["wind_speed_m_per_s"] == pytest.approx(10.0)
-    shift = run_log.extra["conditioning"][0]["time_shift_s"]
-    assert run_log.time[0] == 0.0
-    assert np.allclose(np.diff(run_log.time), 1 / 250.0)
+    assert np.allclose(np.diff(run_log.time), 1 / 500.0)
     # The kinks at lift and release ring in a 20 Hz filter of order 6; the swing itself (0.64 Hz) passes it.
-    swinging = run_log.time + shift > RELEASED_AT + 1.0
-    truth = swing_truth(run_log.time + shift)[swinging]
+    swinging = run_log.time > RELEASED_AT + 1.0
+    truth = swing_truth(run_log.time)[swinging]
     away = np.abs(truth["time_s"].to_numpy() - np.mean(GAP)) > 0.2
-    offsets = published_offsets("1")
     for name, noise in zip(WRENCH, [0.01, 0.01, 0.02, 5e-4, 5e-4, 5e-4], strict=True):
-        error = (run_log.signal(name)[swinging] - offsets[name] - truth[name].to_numpy())[away]
-        # 20 of 250 Hz are left of the white noise, 0.28 of its amplitude; the drift line adds about as much.
-        assert np.sqrt(np.mean(error**2)) < 0.5 * noise, name
+        error = (run_log.signal(name)[swinging] - truth[name].to_numpy())[away]
+        # 20 of 250 Hz are left of the white noise. One rest of 2.9 s leaves a slope of sqrt(12 / 1450) / 2.9 s of the
+        # noise, 0.03 per s, half of it noise of the mean; over up to 24.5 s that is 0.8 of it, twice that at 2 sigma.
+        assert np.sqrt(np.mean(error**2)) < 1.6 * noise, name
     # The gap is bridged by straight lines: the angle bends by at most pi/2 * 16.5/s2 * (0.04 s)2 / 8 = 5e-3 rad there.
     assert np.max(np.abs(run_log.signal("angle_rad")[swinging] - truth["angle_rad"])) < 6e-3
-    rate = np.gradient(truth["angle_rad"].to_numpy(), truth["time_s"].to_numpy())
-    assert np.max(np.abs(run_log.signal("angular_velocity_rad_per_s")[swinging] - rate)[away]) < 0.02
-    assert (folder / "swing.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
@@ -110,15 +105,20 @@ def test_run_of_the_car_of_the_readme_gives_its_metrics(folder: Path) -> None:
     assert measured.tail_energy_j is None, "the log has no tail"
 
 
-def test_every_yaml_of_the_readme_is_read_and_every_step_is_explained() -> None:
-    assert len(blocks("yaml")) == 4
+def test_every_yaml_of_the_readme_is_read_and_every_key_is_explained() -> None:
+    assert len(blocks("yaml")) == 2
     assert all("schema" in yaml.safe_load(block) for block in blocks("yaml"))
     from aerodima.workbench.config.checked_files import keys_of
     from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping
-    from aerodima.workbench.logs.recipe import DESIGNS, Step
 
-    steps = get_args(get_args(Step)[0])
-
-    words = [step.model_fields["step"].annotation.__args__[0] for step in steps] + list(DESIGNS)
-    words += [key for model in (*steps, ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]
+    words = [key for model in (ColumnSource, CsvFormat, Mapping) for key in keys_of(model)]
     assert [word for word in words if word not in README] == []
+
+
+def test_the_python_of_the_readme_runs(folder: Path) -> None:
+    write_laboratory_csv(folder / "swing.csv", swing_readings())
+    call(commands(0)[0])
+    names: dict[str, Any] = {}
+    (code,) = blocks("python")
+    exec(code, names)
+    assert len(names["log"].extra["conditioning"]) == 3

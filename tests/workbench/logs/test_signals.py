@@ -10,9 +10,7 @@ from aerodima.workbench.logs.signals import (
     LowPass,
     check_gaps,
     check_signals,
-    even_times,
     low_pass,
-    resample,
 )
 
 FILTERS = [IMU_FILTER, GPS_FILTER, RIG_FILTER_10_HZ, RIG_FILTER_20_HZ]
@@ -66,23 +64,6 @@ def test_a_filter_that_the_sample_rate_cannot_carry_is_refused() -> None:
         low_pass(time[:4] / 10.0, np.zeros(4), IMU_FILTER, "gyro")
 
 
-def test_resampling_keeps_a_line_and_does_not_extrapolate() -> None:
-    time = np.arange(101) / 100.0
-    grid = even_times(time, 30.0)
-    assert grid.size == 31
-    np.testing.assert_allclose(resample(time, 2.0 * time - 1.0, grid), 2.0 * grid - 1.0, atol=1e-12)
-    with pytest.raises(LogError, match=r"asked for 0 to 1\.1 s, there is only 0 to 1 s"):
-        resample(time, time, np.array([0.0, 1.1]))
-    with pytest.raises(LogError, match="rate"):
-        even_times(time, -1.0)
-
-
-def test_holding_takes_the_last_sample_at_or_before_the_time() -> None:
-    time, state = np.array([0.0, 1.0, 2.0]), np.array([4.0, 5.0, 6.0])
-    held = resample(time, state, np.array([0.0, 0.999, 1.0, 1.5, 2.0]), hold=True)
-    np.testing.assert_array_equal(held, [4.0, 4.0, 5.0, 5.0, 6.0])
-
-
 def test_a_nan_is_reported_with_column_and_time() -> None:
     time = np.arange(100) / 100.0
     bad = np.zeros(100)
@@ -90,7 +71,6 @@ def test_a_nan_is_reported_with_column_and_time() -> None:
     for act in (
         lambda: check_signals(time, {"fine": np.zeros(100), "current_a": bad}),
         lambda: low_pass(time, bad, IMU_FILTER, "current_a"),
-        lambda: resample(time, bad, time, column="current_a"),
     ):
         with pytest.raises(LogError, match=r"'current_a': 2 sample\(s\) not finite, first nan at 0.42 s"):
             act()

@@ -11,7 +11,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.logs.foreign_files import export_live, export_log
+from aerodima.workbench.logs.exporters import export_live, export_log
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, run_metadata, signals_equal

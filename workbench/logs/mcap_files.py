@@ -1,18 +1,12 @@
-"""Logs of messages, as robots write them: MCAP, bags of ROS, ULog of PX4; read as columns of numbers, written as MCAP.
+"""MCAP files (https://mcap.dev) with JSON messages: read as columns of numbers, and written.
 
 A number in a message becomes the column `<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a
-topic was logged are the column `<topic>@log_time`, those at which it was published `<topic>@publish_time`, that of its
-`header.stamp` `<topic>@header_stamp`, all s. Text, and lists of more than `MOST_NUMBERS`, are left out.
-
-MCAP (https://mcap.dev) is read with the package `mcap`: JSON messages, and those of ROS 2 (CDR, their definition in
-the file). Bags of ROS 1 and 2 and the messages in them are read with `rosbags`, ULog with `pyulog`. All are in the
-extra `logs`.
+topic was logged are the column `<topic>@log_time`, those at which it was published `<topic>@publish_time`, both s.
+Text, and lists of more than `MOST_NUMBERS`, are left out. The packages are those of the extra `logs`.
 """
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import fields, is_dataclass
 from heapq import merge
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +22,7 @@ METADATA_RECORD = "aerodima"
 """Name of the metadata record that carries the metadata of an exported run log, as JSON."""
 MOST_NUMBERS = 64
 """A list with more numbers than this is a picture, a scan or a map, not a signal."""
-_NANOSECOND, _MICROSECOND = 1e-9, 1e-6
+_NANOSECOND = 1e-9
 
 
 class SceneMessage(NamedTuple):
@@ -64,86 +58,15 @@ def read_mcap(path: Path) -> ForeignLog:
                 if record.name == METADATA_RECORD:
                     stored = {METADATA_KEY: record.metadata.get("json", "").encode()}
                     metadata = decode_metadata(stored, str(path))
-            decoders: dict[int, Any] = {}
-            for schema, channel, message in reader.iter_messages():
-                if channel.id not in decoders:
-                    decoders[channel.id] = _decoder(path, channel.message_encoding, schema)
-                if isinstance(decode := decoders[channel.id], str):
-                    found.unreadable[channel.topic] = decode
+            for _, channel, message in reader.iter_messages():
+                if channel.message_encoding != "json":
+                    found.unreadable[channel.topic] = f"its messages are {channel.message_encoding!r}; read are 'json'"
                     continue
                 times = {"log_time": message.log_time, "publish_time": message.publish_time}
-                found.add(channel.topic, times, decode(message.data))
+                found.add(channel.topic, times, json.loads(message.data))
     except (McapError, ValueError, EOFError) as cause:
         raise LogError(f"{path}: cut off, damaged or not an MCAP file ({str(cause) or repr(cause)})") from cause
     return found.log(metadata)
-
-
-def _decoder(path: Path, encoding: str, schema: Any) -> Any:
-    """What makes a message of its bytes, or why nothing can."""
-    if encoding == "json":
-        return json.loads
-    if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
-        _need(path, "a message of ROS 2", "rosbags")
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-        types = get_typestore(Stores.EMPTY)
-        with suppress(Exception):  # rosbags names its own exceptions for some of what a bad definition causes
-            types.register(get_types_from_msg(schema.data.decode(), schema.name))
-            return lambda data: types.deserialize_cdr(data, schema.name)
-        return f"the definition of {schema.name} cannot be read"
-    definition = f" with a definition in {schema.encoding!r}" if encoding == "cdr" and schema is not None else ""
-    return f"its messages are {encoding!r}{definition}; read are 'json', and 'cdr' with 'ros2msg'"
-
-
-def read_bag(path: Path) -> ForeignLog:
-    """Columns of a bag: the folder of one of ROS 2 (SQLite or MCAP), or a file `.bag` of ROS 1.
-
-    Raises:
-        LogError: the package is not installed, the bag is damaged, no topic can be read.
-    """
-    _need(path, "a bag of ROS", "rosbags")
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    found = _Messages(path)
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            for connection, stamp, data in reader.messages():
-                try:
-                    message = reader.deserialize(data, connection.msgtype)
-                except Exception as cause:  # one topic of an unknown type must not cost the others
-                    found.unreadable[connection.topic] = f"a {connection.msgtype} cannot be read ({_line(cause)})"
-                    continue
-                found.add(connection.topic, {"log_time": stamp}, message)
-    except Exception as cause:  # the storages (SQLite, MCAP, YAML) raise what they like
-        raise LogError(f"{path}: cut off, damaged or not a bag of ROS ({_line(cause)})") from cause
-    return found.log()
-
-
-def read_ulog(path: Path) -> ForeignLog:
-    """Columns of a ULog file of PX4, `<topic>.<field>`, `<topic>_1.<field>` for the second instance of a topic.
-
-    Raises:
-        LogError: the package is not installed, the file is damaged or holds no data.
-    """
-    _need(path, "ULog", "pyulog")
-    from pyulog import ULog
-
-    try:
-        data = ULog(str(path)).data_list
-    except Exception as cause:  # pyulog checks only the header; what follows breaks anywhere
-        raise LogError(f"{path}: cut off, damaged or not a ULog file ({_line(cause)})") from cause
-    columns, time_of = {}, {}
-    for topic in data:
-        name = topic.name + (f"_{topic.multi_id}" if topic.multi_id else "")
-        columns[f"{name}@log_time"] = pd.Series(topic.data["timestamp"] * _MICROSECOND)
-        for field, values in topic.data.items():
-            if field != "timestamp":
-                columns[f"{name}.{field}"] = pd.Series(np.asarray(values, dtype=np.float64))
-                time_of[f"{name}.{field}"] = f"{name}@log_time"
-    if not columns:
-        raise LogError(f"{path}: no messages that can be read")
-    return ForeignLog(str(path), columns, time_of)
 
 
 class _Messages:
@@ -158,9 +81,6 @@ class _Messages:
         """Takes one message; its times are ns."""
         row = {f"{topic}@{name}": time * _NANOSECOND for name, time in times.items()}
         row.update(_numbers(f"{topic}.", message))
-        if f"{topic}.header.stamp.sec" in row:
-            stamp = (row[f"{topic}.header.stamp.{part}"] for part in ("sec", "nanosec"))
-            row[f"{topic}@header_stamp"] = next(stamp) + next(stamp) * _NANOSECOND
         self._rows.setdefault(topic, []).append(row)
 
     def log(self, metadata: dict[str, Any] | None = None) -> ForeignLog:
@@ -176,18 +96,15 @@ class _Messages:
 
 def _numbers(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
     """Every number in a message with its name; null is NaN."""
-    if is_dataclass(value):
-        value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, dict):
         for key, inner in value.items():
-            nested = isinstance(inner, dict) or is_dataclass(inner)
-            yield from _numbers(f"{prefix}{key}." if nested else f"{prefix}{key}", inner)
-    elif isinstance(value, list | np.ndarray):
+            yield from _numbers(f"{prefix}{key}." if isinstance(inner, dict) else f"{prefix}{key}", inner)
+    elif isinstance(value, list):
         if len(value) <= MOST_NUMBERS:
             for index, inner in enumerate(value, start=1):
-                if isinstance(inner, int | float | np.number):
+                if isinstance(inner, int | float):
                     yield f"{prefix}({index})", float(inner)
-    elif value is None or isinstance(value, int | float | np.number):
+    elif value is None or isinstance(value, int | float):
         yield prefix, float("nan") if value is None else float(value)
 
 
@@ -273,7 +190,3 @@ def _need(path: Path | str, what: str, *packages: str) -> None:
             raise LogError(
                 f"{path}: {what} needs the package {package}: pip install 'aerodima-workbench[logs]'"
             ) from None
-
-
-def _line(cause: Exception) -> str:
-    return " ".join(str(cause).split()) or repr(cause)
