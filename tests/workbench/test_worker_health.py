@@ -16,6 +16,7 @@ from pathlib import Path
 
 import dask
 import pytest
+from distributed import Future
 
 from aerodima.workbench.batch import (
     WORKER_RECORD,
@@ -124,6 +125,62 @@ def test_worker_killed_in_the_middle_is_said_and_only_its_run_is_made_again(open
     (event,) = recorded(tmp_path)
     assert (event["event"], event["process"]) == ("lost", processes(marks)[4][0])
     assert re.match(r"worker [01] \(process \d+\) was lost after \d runs .*; its run is made again$", said[0])
+
+
+def test_result_that_dies_with_its_worker_is_made_again(opened, marks, tmp_path, monkeypatch):
+    """The worker is killed after it has ended a piece and before the result is fetched."""
+    engine, said = opened(2)
+    ended, killed = type(engine)._ended, list[int]()
+
+    def kill_before_fetching(self):
+        found = ended(self)
+        with_pieces = [future for future in found if self._under_way[future][1] is not None]
+        if with_pieces and not killed:
+            address, place = self._under_way[with_pieces[0]]
+            killed.extend(processes(marks)[place])
+            os.kill(killed[0], signal.SIGKILL)
+            until = time.monotonic() + 10.0
+            while with_pieces[0].done() and time.monotonic() < until:
+                time.sleep(0.01)
+            assert not with_pieces[0].done(), f"the scheduler has not noticed that {address} died"
+        return found
+
+    monkeypatch.setattr(type(engine), "_ended", kill_before_fetching)
+    assert engine.map(partial(leak, marks, 0, 0.05), range(6)) == [n * n for n in range(6)]
+    assert len(killed) == 1
+    assert [event["event"] for event in recorded(tmp_path)] == ["lost"]
+    assert re.match(r"worker [01] \(process \d+\) was lost", said[0])
+
+
+def test_result_that_does_not_arrive_is_made_again(opened, marks, tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_engine, "RESULT_WITHIN", 0.0)
+    monkeypatch.setattr(dask_engine, "LOOK_EVERY", 0.2)
+    engine, said = opened(1)
+    result, refused = Future.result, list[Future]()
+
+    def late(self, timeout=None):
+        if not refused:
+            refused.append(self)
+        if self is refused[0]:
+            time.sleep(timeout)
+            raise TimeoutError
+        return result(self, timeout)
+
+    monkeypatch.setattr(Future, "result", late)
+    assert engine.map(partial(leak, marks, 0, 0.0), range(3)) == [0, 1, 4]
+    assert [len(pids) for _, pids in sorted(processes(marks).items())].count(2) == 1
+    assert said == ["the result of a run did not arrive within 0 s: the run is made again"]
+    assert engine.events == {"taken_back": 1}
+
+
+def refuse_in_time(number: int) -> int:
+    raise TimeoutError(f"piece {number} took too long")
+
+
+def test_timeout_that_a_piece_raises_is_its_own_error(opened):
+    engine, _ = opened(1)
+    with pytest.raises(TimeoutError, match="piece 0 took too long"):
+        engine.map(refuse_in_time, range(2))
 
 
 def test_stopped_worker_is_killed_and_its_run_made_again(opened, marks, tmp_path, monkeypatch):

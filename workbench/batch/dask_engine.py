@@ -28,6 +28,10 @@ PAUSED_LOOKS = 5
 """So many looks in a row must find a paused worker idle although it has a piece before it is replaced."""
 RETIRED_FOR = 60.0
 """s; a worker that is still there so long after it was given up is a worker again."""
+RESULT_WITHIN = 30.0
+"""s; a result that a worker does not hand over in this time is lost, and its piece is made again."""
+ANSWER_WITHIN = 30.0
+"""s, for an answer of the scheduler."""
 DEATHS_AT_THE_START = 3
 """Workers, and as many for each that works, that may die before any piece is done: then it is not the pieces' fault."""
 
@@ -165,7 +169,7 @@ class DaskEngine:
             return None, None
         address, place = self._under_way[future]
         try:
-            result, seconds, pid, memory = future.result()
+            fetched = self._fetch(future)
         except KilledWorker:
             self._lost(address)
             return None, None
@@ -173,6 +177,9 @@ class DaskEngine:
             self._record.event("taken_back", f"Dask took a run back ({error}): it is made again")
             self._forget_future(future, self._again)
             return None, None
+        if fetched is None:
+            return None, None
+        result, seconds, pid, memory = fetched
         del self._under_way[future]
         future.release()
         worker = self._workers.get(address)
@@ -187,6 +194,29 @@ class DaskEngine:
             self._still.ended(seconds)
         return place, result
 
+    def _fetch(self, future: Future) -> tuple[Any, float, int, int] | None:
+        """What `do_piece` returned; None once it is lost and its piece was taken back.
+
+        A worker that dies between the end of a piece and this call takes the result with it. The scheduler then keeps
+        the piece for that worker alone, so the future would wait forever.
+        """
+        until = time.monotonic() + RESULT_WITHIN
+        while True:
+            try:
+                fetched: tuple[Any, float, int, int] = future.result(timeout=LOOK_EVERY)
+                return fetched
+            except TimeoutError:
+                if future.status == "error":  # the piece itself raised it
+                    raise
+            self._look()
+            if future not in self._under_way:
+                return None
+            if time.monotonic() > until:
+                text = f"the result of a run did not arrive within {RESULT_WITHIN:g} s: the run is made again"
+                self._record.event("taken_back", text)
+                self._forget_future(future, self._again)
+                return None
+
     def _look(self) -> None:
         """Finds out which workers are new, gone, paused or stopped, and acts on it; at most every `LOOK_EVERY`."""
         if time.monotonic() - self._looked < LOOK_EVERY:
@@ -195,7 +225,7 @@ class DaskEngine:
         try:
             # Not `scheduler_info`: the client's own refresh may put an answer without workers in its place.
             ask: Any = self._client.scheduler.identity
-            present: dict[str, Any] = self._client.sync(ask, n_workers=-1)["workers"]
+            present: dict[str, Any] = self._client.sync(ask, n_workers=-1, callback_timeout=ANSWER_WITHIN)["workers"]
         except (OSError, TimeoutError) as error:
             raise UserError(f"the Dask scheduler does not answer any more ({error})") from None
         oldest = self._looked - RETIRED_FOR  # a new worker may get the port of an old one
@@ -262,6 +292,7 @@ class DaskEngine:
             wait_for_workers=False,
             on_error="return",
             stimulus_id=f"workbench-replaces-{time.time()}",
+            callback_timeout=2.0 * ANSWER_WITHIN,
         )
 
     def _lost(self, address: str) -> None:
