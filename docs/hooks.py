@@ -120,9 +120,9 @@ def _coefficients() -> str:
     lines = [
         "# Coefficient sets",
         "",
-        "The aerodynamic coefficient sets that ship in `models/coefficients`; `aerodima coefficients plot NAME` draws "
-        "one. C_N is the normal-force coefficient: the drag coefficient of a surface broadside to the wind. Formula, "
-        "signs and where the laws hold: [Aerodynamic law](../aerodynamics.md). Which set the car uses is "
+        "The aerodynamic coefficient sets that ship in `models/coefficients`; `aerodima models coefficients plot NAME` "
+        "draws one. C_N is the normal-force coefficient: the drag coefficient of a surface broadside to the wind. "
+        "Formula, signs and where the laws hold: [Aerodynamic law](../aerodynamics.md). Which set the car uses is "
         "`coefficients` and `normal_force_coefficient` of its [tail](parameters.md#tail): by default C_N = 2, constant "
         "(thesis section 6.3.3, ERRATA E26).",
     ]

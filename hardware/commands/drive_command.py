@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 def drive(
     scenario: Annotated[
-        str, typer.Argument(help="Scenario file (YAML), the name of one that ships, or a bundle (.json) of `export`.")
+        str,
+        typer.Argument(
+            help="Scenario file (YAML), the name of one that ships, or a bundle (.json) of `models export`."
+        ),
     ],
     ports: Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, see docs/deployment.md.")],
     wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",

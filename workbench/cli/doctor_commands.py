@@ -70,7 +70,7 @@ PROGRAMS = {
         ("chromium", "chromium-browser", "google-chrome", "firefox"),
         "open replays on another machine, or install chromium",
     ),
-    "graphviz": (("dot",), "install graphviz; `aerodima diagram` writes .dot files without it"),
+    "graphviz": (("dot",), "install graphviz; `aerodima models diagram` writes .dot files without it"),
     "C++ compiler": (
         (os.environ.get("CXX", "g++"),),
         "install g++; the emulated car compiles the Teensy's firmware with it",

@@ -1,4 +1,4 @@
-"""`aerodima compare`, `metrics` and the group `log`: what is done with run logs."""
+"""The group `log`: what is done with run logs."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _SILENCE = 10.0
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    app.command(rich_help_panel=RUNS)(compare)
-    app.command(rich_help_panel=RUNS)(metrics)
-    group = command_group(app, "log", "Work on run logs.", RUNS)
+    group = command_group(app, "log", "Measure, compare, import, condition and export run logs.", RUNS)
+    group.command()(metrics)
+    group.command()(compare)
     group.command()(recover)
     group.command("import")(import_)
     group.command()(export)
@@ -259,7 +259,7 @@ def compare(
 ) -> None:
     """Compare runs: what was set differently, the metrics side by side, and with --html replays and signals in step.
 
-    Example: aerodima compare none.parquet swing.parquet --html compare.html
+    Example: aerodima log compare none.parquet swing.parquet --html compare.html
     """
     from aerodima.workbench.logs.schema import read_run_log
 

@@ -1,4 +1,4 @@
-"""Commands that look into models and scenarios: `models`, `range-of-motion`, `coefficients`, `diagram`, `export`."""
+"""The group `models`: what looks into models, coefficients and scenarios."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import typer
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.cli.options import (
     CHECKS,
-    COEFFICIENTS,
     Force,
     ScenarioArgument,
     ScenarioOption,
@@ -28,15 +27,15 @@ if TYPE_CHECKING:
 
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
-    models = command_group(app, "models", "Look after models and parameters.", CHECKS)
+    models = command_group(app, "models", "Look into models, parameters, coefficients and scenarios.", CHECKS)
     models.command()(check)
     models.command()(tail)
-    app.command("range-of-motion", rich_help_panel=CHECKS)(range_of_motion)
-    coefficients = command_group(app, "coefficients", "Look at sets of aerodynamic coefficients.", COEFFICIENTS)
+    models.command("range-of-motion")(range_of_motion)
+    coefficients = command_group(models, "coefficients", "Look at sets of aerodynamic coefficients.")
     coefficients.command("list")(list_sets)
     coefficients.command()(plot)
-    app.command(rich_help_panel=CHECKS)(diagram)
-    app.command(rich_help_panel=CHECKS)(export)
+    models.command()(diagram)
+    models.command()(export)
 
 
 def check(
@@ -131,7 +130,7 @@ def range_of_motion(
 ) -> None:
     """Map the clearance of rod and sail to cage, deck, wheels and ground over pitch and roll of the tail.
 
-    Example: aerodima range-of-motion --out range.csv
+    Example: aerodima models range-of-motion --out range.csv
     """
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.figures.figure_style import png
@@ -182,7 +181,7 @@ def plot(
 ) -> None:
     """Plot a set: curves with percentile bands, measured and seed nodes, and the surface.
 
-    Example: aerodima coefficients plot cheetah_tail_1_major --out tail_1.png
+    Example: aerodima models coefficients plot cheetah_tail_1_major --out tail_1.png
     """
     from aerodima.workbench.aero.coefficient_files import load_coefficients
     from aerodima.workbench.figures.coefficient_figures import plot_coefficients

@@ -43,7 +43,7 @@ def replay(
         raise UserError(f"--strip {strip}: ending {strip.suffix!r}; allowed: .png")
     others = html is not None or strip is not None or port is not None
     if len(runs) > 1 and (video is None or others):
-        raise UserError(f"{len(runs)} runs: allowed with --video alone; `aerodima compare` makes a page of them")
+        raise UserError(f"{len(runs)} runs: allowed with --video alone; `aerodima log compare` makes a page of them")
     for path in (html, strip, video):
         if path is not None:
             refuse_existing(path, force, UserError)

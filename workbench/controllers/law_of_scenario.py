@@ -158,7 +158,7 @@ def load_drive(name_or_path: str, settings: Sequence[str] = ()) -> tuple[Scenari
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{path}: cannot be read as JSON: {error}") from None
     if not isinstance(data, dict):
-        raise ScenarioError(f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima export`")
+        raise ScenarioError(f"{path}: holds a {type(data).__name__}; allowed is a bundle of `aerodima models export`")
     swing = data.pop(_SWING, None)
     scenario = scenario_from_dict(data, str(path))
     if swing is None:

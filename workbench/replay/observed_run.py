@@ -148,7 +148,7 @@ def observe(
         base: the body whose tilt, heading and speed count, its z axis up; by default the only floating base, if any.
         rate: rows per second, Hz.
         name: of the run, for titles; by default that of the plant.
-        settings: what `aerodima compare` names when runs differ: numbers and texts, nested as one likes.
+        settings: what `aerodima log compare` names when runs differ: numbers and texts, nested as one likes.
         signals: further vector ports, by the name of their columns; with more than one element `<name>_0`, ...
         air_scale: length of the arrows, m per N.
         force: replace an existing log.

@@ -144,7 +144,9 @@ def test_same_swing_and_outcome_as_in_simulation_and_a_log_that_everything_reads
 @each_wiring
 def test_without_drake_from_a_bundle_the_car_swings_the_same(tmp_path, wiring, simulated):
     bundle = tmp_path / "bundle.json"
-    subprocess.run([PROGRAM, "export", "auto_turn", *FLAGS, "--out", str(bundle)], check=True, capture_output=True)
+    subprocess.run(
+        [PROGRAM, "models", "export", "auto_turn", *FLAGS, "--out", str(bundle)], check=True, capture_output=True
+    )
     program = (sys.executable, "-c", NO_DRAKE)
 
     def same_swing(folder):

@@ -1,4 +1,4 @@
-"""`aerodima coefficients`: every embedded set has a picture, and wrong calls end in one line."""
+"""`aerodima models coefficients`: every embedded set has a picture, and wrong calls end in one line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def app() -> typer.Typer:
 
 
 def test_the_list_names_every_set_with_its_range_and_source() -> None:
-    lines = RUNNER.invoke(app(), ["coefficients", "list"]).output.splitlines()
+    lines = RUNNER.invoke(app(), ["models", "coefficients", "list"]).output.splitlines()
     assert [line.split(":")[0] for line in lines] == embedded_sets()
     assert "measured 10-30 m/s, |gamma| 0.000-0.524 rad" in next(
         line for line in lines if "cheetah_tail_1_major" in line
@@ -32,7 +32,7 @@ def test_the_list_names_every_set_with_its_range_and_source() -> None:
 
 def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path) -> None:
     target = tmp_path / "tail.png"
-    command = ["coefficients", "plot", "robot_tail_weighted_average", "--out", str(target)]
+    command = ["models", "coefficients", "plot", "robot_tail_weighted_average", "--out", str(target)]
     assert RUNNER.invoke(app(), command).exit_code == 0
     assert target.read_bytes().startswith(b"\x89PNG")
     assert isinstance(RUNNER.invoke(app(), command).exception, ModelError)
@@ -84,6 +84,6 @@ def test_curve_and_limit_beyond_the_measured_speeds_stand_within_the_frame(tmp_p
     ],
 )
 def test_wrong_calls_name_what_is_allowed(arguments, message) -> None:
-    error = RUNNER.invoke(app(), ["coefficients", "plot", *arguments]).exception
+    error = RUNNER.invoke(app(), ["models", "coefficients", "plot", *arguments]).exception
     assert isinstance(error, ModelError)
     assert message in str(error)

@@ -1,4 +1,4 @@
-"""`aerodima compare`: two runs beside one another, on the terminal and as a page."""
+"""`aerodima log compare`: two runs beside one another, on the terminal and as a page."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def runs(logs: dict[str, Path]) -> dict[str, RunLog]:
 
 
 def compare(*arguments: str | Path):
-    return CliRunner().invoke(build_app(), ["compare", *map(str, arguments)])
+    return CliRunner().invoke(build_app(), ["log", "compare", *map(str, arguments)])
 
 
 def test_only_what_was_set_differently_is_listed(runs: dict[str, RunLog]) -> None:

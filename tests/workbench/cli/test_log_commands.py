@@ -1,4 +1,4 @@
-"""`aerodima metrics` and `aerodima log recover`."""
+"""`aerodima log metrics` and `aerodima log recover`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_metrics_prints_and_writes_the_figures_of_the_log(call: Callable, log: Path, tmp_path: Path) -> None:
     table = tmp_path / "metrics.csv"
-    result = call("metrics", log, "--csv", table)
+    result = call("log", "metrics", log, "--csv", table)
     assert result.exit_code == 0, result.output
     assert "max_yaw_rate_rad_per_s" in result.stdout
     written = pd.read_csv(table, index_col="run").loc[str(log)]
@@ -39,7 +39,7 @@ def test_metrics_prints_and_writes_the_figures_of_the_log(call: Callable, log: P
 
 
 def test_metrics_prints_the_eight_raw_and_filtered(call: Callable, log: Path) -> None:
-    lines = call("metrics", log).stdout.splitlines()
+    lines = call("log", "metrics", log).stdout.splitlines()
     raw, filtered = (next(i for i, line in enumerate(lines) if word in line) for word in ("raw:", "filtered:"))
     expected = metrics_of(read_run_log(log))
     for start, metrics in ((raw, expected.raw), (filtered, expected.filtered)):
@@ -49,24 +49,24 @@ def test_metrics_prints_the_eight_raw_and_filtered(call: Callable, log: Path) ->
 
 
 def test_a_folder_is_no_log(refused: Callable, tmp_path: Path) -> None:
-    for words in (("metrics",), ("replay",)):
+    for words in (("log", "metrics"), ("replay",)):
         assert "is a folder" in refused(*words, tmp_path)
 
 
 def test_metrics_names_the_file_that_is_no_log(refused: Callable, untouched: Path) -> None:
-    assert "precious.txt" in refused("metrics", untouched)
-    assert "missing.parquet" in refused("metrics", "missing.parquet")
+    assert "precious.txt" in refused("log", "metrics", untouched)
+    assert "missing.parquet" in refused("log", "metrics", "missing.parquet")
 
 
 def test_metrics_csv_is_not_overwritten(refused: Callable, log: Path, untouched: Path) -> None:
-    assert "--force" in refused("metrics", log, "--csv", untouched)
+    assert "--force" in refused("log", "metrics", log, "--csv", untouched)
     assert untouched.read_text() == "precious"
 
 
 def test_truncated_log_points_to_recover(refused: Callable, log: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.parquet"
     cut.write_bytes(log.read_bytes()[:-2000])
-    assert "log recover" in refused("metrics", cut)
+    assert "log recover" in refused("log", "metrics", cut)
 
 
 def test_recover_says_what_it_saved(call: Callable, refused: Callable, tmp_path: Path) -> None:

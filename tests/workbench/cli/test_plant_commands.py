@@ -20,7 +20,7 @@ def swings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def test_metrics_say_what_needs_a_car(swings: list[Path], call: Callable, tmp_path: Path) -> None:
-    printed = call("metrics", *swings, "--csv", tmp_path / "metrics.csv").output
+    printed = call("log", "metrics", *swings, "--csv", tmp_path / "metrics.csv").output
     assert "tail_force_pole_max_n" in printed
     assert "the metrics of a turn need a run of the car" in printed
     assert "tail_force_pole_max_n" in (tmp_path / "metrics.csv").read_text(encoding="utf-8")
@@ -35,7 +35,7 @@ def test_replay_draws_the_plant(swings: list[Path], call: Callable, tmp_path: Pa
 
 
 def test_comparison_names_what_differs(swings: list[Path], call: Callable, tmp_path: Path) -> None:
-    result = call("compare", *swings, "--html", tmp_path / "both.html")
+    result = call("log", "compare", *swings, "--html", tmp_path / "both.html")
     assert result.exit_code == 0
     assert "plate.width_m" in result.output
     assert "different cars" not in result.output
@@ -46,5 +46,5 @@ def test_comparison_names_what_differs(swings: list[Path], call: Callable, tmp_p
 
 def test_car_and_plant_are_not_put_into_one_table(swings: list[Path], refused: Callable, standard_runs: dict) -> None:
     car = standard_runs["none"].source
-    assert "is a run of another plant than the car" in refused("metrics", swings[0], car)
-    assert "is a run of another plant than the car" in refused("compare", swings[0], car)
+    assert "is a run of another plant than the car" in refused("log", "metrics", swings[0], car)
+    assert "is a run of another plant than the car" in refused("log", "compare", swings[0], car)

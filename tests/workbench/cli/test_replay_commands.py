@@ -82,7 +82,7 @@ def test_video_of_two_runs_is_named_after_their_files(call: Callable, log: Path,
 
 
 def test_several_runs_without_video_are_refused(refused: Callable, log: Path, tmp_path: Path) -> None:
-    assert "2 runs: allowed with --video alone; `aerodima compare`" in refused("replay", log, log)
+    assert "2 runs: allowed with --video alone; `aerodima log compare`" in refused("replay", log, log)
     message = refused("replay", log, log, "--video", tmp_path / "run.gif", "--html", tmp_path / "run.html")
     assert "2 runs: allowed with --video alone" in message
     assert "named twice" in refused("replay", log, log, "--video", tmp_path / "run.gif")

@@ -1,4 +1,4 @@
-"""`aerodima diagram` and `aerodima export`."""
+"""`aerodima models diagram` and `aerodima models export`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 
 
 def test_export_is_the_whole_scenario(call: Callable) -> None:
-    result = call("export", "turn_swing", "--set", "manoeuvre.speed=4.0")
+    result = call("models", "export", "turn_swing", "--set", "manoeuvre.speed=4.0")
     assert result.exit_code == 0, result.output
     bundle = json.loads(result.stdout)
     assert bundle["car"]["tyre_stiffness_front"] == 9869.34  # Table 6.1: not in the scenario file, so resolved
@@ -21,15 +21,15 @@ def test_export_is_the_whole_scenario(call: Callable) -> None:
 
 def test_export_to_a_file_is_not_overwritten(call: Callable, refused: Callable, tmp_path: Path) -> None:
     out = tmp_path / "bundle.json"
-    assert call("export", "turn_none", "--out", out).exit_code == 0
+    assert call("models", "export", "turn_none", "--out", out).exit_code == 0
     before = out.read_text()
-    assert "--force" in refused("export", "turn_swing", "--out", out)
+    assert "--force" in refused("models", "export", "turn_swing", "--out", out)
     assert out.read_text() == before
 
 
 def test_diagram_as_text_names_the_parts(call: Callable, tmp_path: Path) -> None:
     out = tmp_path / "car.dot"
-    assert call("diagram", "turn_swing", "--out", out).exit_code == 0
+    assert call("models", "diagram", "turn_swing", "--out", out).exit_code == 0
     text = out.read_text()
     for part in ("car_station", "tail_controller", "driver", "roll_estimator"):
         assert part in text
@@ -39,15 +39,15 @@ def test_diagram_falls_back_to_text_without_graphviz(
     call: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    result = call("diagram", "turn_none", "--out", tmp_path / "car.svg")
+    result = call("models", "diagram", "turn_none", "--out", tmp_path / "car.svg")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "car.dot").read_text().startswith("digraph")
     assert not (tmp_path / "car.svg").exists()
 
 
 def test_diagram_refuses_other_endings(refused: Callable, tmp_path: Path) -> None:
-    assert ".jpeg" in refused("diagram", "turn_none", "--out", tmp_path / "car.jpeg")
+    assert ".jpeg" in refused("models", "diagram", "turn_none", "--out", tmp_path / "car.jpeg")
 
 
 def test_unknown_scenario_names_the_nearest(refused: Callable) -> None:
-    assert "did you mean 'turn_none'?" in refused("export", "turn_nune")
+    assert "did you mean 'turn_none'?" in refused("models", "export", "turn_nune")

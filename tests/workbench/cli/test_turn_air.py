@@ -44,4 +44,4 @@ def test_settings_of_the_air_are_refused_in_one_line(refused: Callable) -> None:
 
 
 def test_coefficients_are_a_command(call: Callable) -> None:
-    assert "robot_tail_line" in call("coefficients", "list").stdout
+    assert "robot_tail_line" in call("models", "coefficients", "list").stdout

@@ -88,9 +88,9 @@ except SystemExit as end:
         ("turn", "--set", "car.com_heigth=0.2"),
         ("turn", "--scenario", "turn_swin"),
         ("turn", "--log", "precious.txt"),
-        ("metrics", "nowhere.parquet"),
+        ("log", "metrics", "nowhere.parquet"),
         ("replay", "nowhere.parquet"),
-        ("compare", "nowhere.parquet", "here.parquet"),
+        ("log", "compare", "nowhere.parquet", "here.parquet"),
     ],
 )
 def test_wrong_input_is_told_before_drake_is_imported(untouched: Path, words: tuple[str, ...]) -> None:

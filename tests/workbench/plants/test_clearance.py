@@ -98,7 +98,7 @@ def test_command(tmp_path: Path) -> None:
 
     from aerodima.workbench.cli.program import build_app
 
-    run: Callable = lambda *words: CliRunner().invoke(build_app(), ["range-of-motion", *map(str, words)])  # noqa: E731
+    run: Callable = lambda *words: CliRunner().invoke(build_app(), ["models", "range-of-motion", *map(str, words)])  # noqa: E731
     out = tmp_path / "map.csv"
     result = run("--out", out, "--pitch-nodes", 5, "--roll-nodes", 5)
     assert result.exit_code == 0, result.output
