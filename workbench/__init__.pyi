@@ -36,7 +36,7 @@ from .figures.diagram_picture import draw_diagram as draw_diagram
 from .figures.run_figures import plot_overlay as plot_overlay
 from .figures.run_figures import plot_turn as plot_turn
 from .figures.tail_figures import plot_range_of_motion as plot_range_of_motion
-from .figures.tail_geometry_figure import plot_tail as plot_tail
+from .figures.tail_figures import plot_tail as plot_tail
 from .logs.conditioning import fill_gaps as fill_gaps
 from .logs.conditioning import low_pass_columns as low_pass_columns
 from .logs.conditioning import remove_drift as remove_drift

@@ -11,7 +11,7 @@ import pytest
 
 from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
 from aerodima.optimisation.fit.fit_report import write_report
-from aerodima.workbench.report.page_templates import _templates
+from aerodima.workbench.report.report_page import _templates
 from tests.browser.contrast import too_faint
 
 pytestmark = pytest.mark.realtime

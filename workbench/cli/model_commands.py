@@ -88,7 +88,7 @@ def tail(
     if save is not None:
         typer.echo(f"tail: {write_tail(geometry, save, force=force)}")
     if out is not None:
-        from aerodima.workbench.figures.tail_geometry_figure import plot_tail
+        from aerodima.workbench.figures.tail_figures import plot_tail
 
         figure = plot_tail(geometry)
         write_atomically(out, lambda path: figure.savefig(path, format=kind), force, UserError)

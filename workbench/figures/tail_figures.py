@@ -1,7 +1,10 @@
-"""Figures of the tail: impulses by cause over the speed, moments over time, and where it touches nothing."""
+"""Figures of the tail: where it touches nothing; outline, sections with their normals, axis, centres of a geometry."""
+
+from __future__ import annotations
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -10,18 +13,16 @@ from aerodima.workbench.figures.figure_style import (
     BLACK,
     BLUE,
     GREEN,
+    GREY,
     ORANGE,
     PURPLE,
     VERMILION,
     new_figure,
     styled,
 )
-from aerodima.workbench.logs.signals import LowPass
 from aerodima.workbench.plants.clearance import PARTS, RangeOfMotion
-
-_MOMENT_FILTER = LowPass(order=2, cutoff_hz=20.0)
-"""For the eye only: the inertial moment is a derivative of logged momentum and jumps with every step of the motor."""
-
+from aerodima.workbench.plants.tail_geometry import TailGeometry
+from aerodima.workbench.plants.tail_plate import Piece, unit_vector
 
 _PART_COLOURS = dict(zip(PARTS, (VERMILION, ORANGE, PURPLE, BLUE), strict=True))
 _FINE = 241
@@ -65,3 +66,81 @@ def plot_range_of_motion(motion: RangeOfMotion, margin: float = 0.01) -> Figure:
         right.plot([-90, 90], [0, 0], color=GREEN, linewidth=2.5)
         right.annotate("swing in roll alone", (0.0, 3.0), color=GREEN, ha="center")
     return figure
+
+
+_ARROW = 0.12
+"""Length of a normal over the size of the tail."""
+
+
+def plot_tail(geometry: TailGeometry) -> Figure:
+    """Two views: onto the face of the first plate, and along its width, z of the frame T upwards; m."""
+    normal, up = geometry.plates[0].pieces[0].normal, np.array([0.0, 0.0, 1.0])
+    if abs(normal[2]) > 0.9:
+        up = geometry.plates[0].pieces[0].axis
+    views = (("onto the face", unit_vector(np.cross(normal, up))), ("from the side", normal))
+    with styled():
+        figure, grid = new_figure(6.5, 7.0, 1, 2, sharey=True)
+        for axes, (title, sideways) in zip(grid[0], views, strict=True):
+            _view(axes, geometry, sideways, up)
+            axes.set(xlabel=f"along {_direction(sideways)} [m]", title=title, aspect="equal")
+        grid[0, 0].set_ylabel(f"along {_direction(up)} [m]")
+        figure.legend(
+            handles=[
+                Line2D([], [], color=BLACK, linewidth=3.0, label="arm"),
+                Line2D([], [], color=ORANGE, label="sections and their centres", marker="o", markersize=4),
+                Line2D([], [], color=BLUE, label="normals"),
+                Line2D([], [], color=VERMILION, marker="X", linestyle="none", label="centre of pressure"),
+                Line2D([], [], color=BLACK, marker="P", linestyle="none", label="centre of mass"),
+            ],
+            loc="outside lower center", ncols=3,
+        )  # fmt: skip
+        figure.suptitle(
+            f"{geometry.name}: {1000 * geometry.inertial.mass:.3g} g, {1e4 * geometry.area:.3g} cm² of planform"
+        )
+    return figure
+
+
+def _view(axes: Axes, geometry: TailGeometry, sideways: np.ndarray, up: np.ndarray) -> None:
+    plane = np.column_stack([sideways, up])
+    size = float(np.ptp(geometry.points, axis=0).max())
+    axes.plot(*(geometry.arm.points @ plane).T, color=BLACK, linewidth=3.0, solid_capstyle="round")
+    for plate in geometry.plates:
+        for piece in plate.pieces:
+            outline = piece.corners @ plane
+            axes.fill(*outline.T, color=ORANGE, alpha=0.25, linewidth=0.0)
+            axes.plot(*np.vstack([outline, outline[:1]]).T, color=ORANGE)
+            low, high = piece.corners[[0, 1]], piece.corners[[3, 2]]
+            for share in np.linspace(0.0, 1.0, plate.sections + 1)[1:-1]:
+                axes.plot(*((low + share * (high - low)) @ plane).T, color=ORANGE, linewidth=0.8)
+            if plate.kind == "half_shell":
+                _crown(axes, piece, plane)
+        for layout in plate.section_layouts():
+            centres, normal = layout.p_BoSi_B @ plane, _ARROW * size * np.asarray(layout.normal_B) @ plane
+            axes.plot(*centres.T, color=ORANGE, marker="o", markersize=4, linestyle="none")
+            if np.linalg.norm(normal) > 1e-6:
+                across, along = np.broadcast_to(normal, centres.shape).T
+                axes.quiver(
+                    *centres.T, across, along, color=BLUE, angles="xy", scale_units="xy", scale=1.0, width=0.006
+                )
+                axes.update_datalim(centres + normal)
+    axes.plot(*(geometry.centre_of_pressure() @ plane), color=VERMILION, marker="X", markersize=10)
+    axes.plot(*(np.asarray(geometry.inertial.com) @ plane), color=BLACK, marker="P", markersize=10)
+    axes.plot(*(np.zeros(3) @ plane), color=GREY, marker="o", markersize=9, fillstyle="none")
+    axes.margins(x=0.2, y=0.05)
+    axes.autoscale_view()
+
+
+def _crown(axes: Axes, piece: Piece, plane: np.ndarray) -> None:
+    """Of the round side of a half shell."""
+    ends = np.array([piece.start, piece.start + piece.length * piece.axis])
+    axes.plot(*((ends + np.outer(piece.chords, piece.normal) / 2) @ plane).T, color=ORANGE, linestyle=(0, (3, 2)))
+
+
+def _direction(vector: np.ndarray) -> str:
+    """Name of an axis of T, or its numbers."""
+    for name, unit in zip("xyz", np.eye(3), strict=True):
+        if np.allclose(vector, unit):
+            return name
+        if np.allclose(vector, -unit):
+            return f"-{name}"
+    return "(" + ", ".join(f"{value:.2g}" for value in vector) + ")"

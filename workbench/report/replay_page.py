@@ -22,7 +22,6 @@ from aerodima.workbench.replay.logged_car import replayable
 from aerodima.workbench.replay.logged_run import LoggedRun
 from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
 from aerodima.workbench.replay.viewer import open_meshcat
-from aerodima.workbench.report.page_templates import render
 from aerodima.workbench.report.report_page import (
     Finding,
     Folded,
@@ -32,6 +31,7 @@ from aerodima.workbench.report.report_page import (
     Section,
     Table,
     Templated,
+    render,
     write_files,
 )
 from aerodima.workbench.report.run_channels import channels_of, line_looks

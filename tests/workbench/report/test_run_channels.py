@@ -12,7 +12,7 @@ import pytest
 from aerodima.workbench.config.signal_table import sensor_columns, truth_columns
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.report import report_page
-from aerodima.workbench.report.page_templates import PLOT_LIBRARY
+from aerodima.workbench.report.report_page import PLOT_LIBRARY
 from aerodima.workbench.report.run_channels import MOST_POINTS, channels_of, family, thinned
 
 

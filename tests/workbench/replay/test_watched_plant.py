@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.workbench.replay.live_scene import LiveScene, reach_of
+from aerodima.workbench.replay.watched_plant import LiveScene, reach_of
 
 ARROW = "/drake/forces/air_on_tail"
 
