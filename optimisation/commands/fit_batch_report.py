@@ -1,4 +1,4 @@
-"""What the commands of `aerodima fit` share: a batch with its report, tables, choices, messages; and `coverage`."""
+"""What the commands of `aerodima fit` share: a batch with its report, tables, choices, messages."""
 
 from __future__ import annotations
 
@@ -179,24 +179,3 @@ def bounds_of(given: list[str] | None) -> tuple[tuple[str, float, float], ...]:
             raise FitError(f"--bound {text}: the lowest must be below the highest")
         found.append((name, low, high))
     return tuple(found)
-
-
-def coverage(
-    fits: Annotated[Path, typer.Argument(help="Folder that `aerodima fit ... --out` wrote, of simulated logs.")],
-) -> None:
-    """How often the 95 % intervals of fits hold the truth that simulated logs carry.
-
-    Example: aerodima rig campaign static --out holds, aerodima fit static holds/*.parquet --out fits,
-    aerodima coverage fits
-    """
-    from aerodima.optimisation.fit.fit_batch import coverage as measure
-
-    table = measure(fits)
-    path = fits / "coverage.csv"
-    table.to_csv(path, index=False)
-    for row in table.to_dict("records"):
-        typer.echo(
-            f"{row['parameter']:12s} held in {row['held']:4d} of {row['identifiable']:4d} intervals, "
-            f"{100.0 * row['coverage']:5.1f} % (not determined in {row['fits'] - row['identifiable']})"
-        )
-    typer.echo(f"wrote {path}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Annotated, Any
@@ -49,7 +48,7 @@ class SpringOptions(report.BatchOptions):
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the group `fit` and the command `coverage`."""
+    """Adds the group `fit`."""
     group = typer.Typer(no_args_is_help=True, help="Fit coefficients to logs and tables.")
     group.callback()(_group)
     group.command()(static)
@@ -57,11 +56,8 @@ def register(app: typer.Typer) -> None:
     group.command("added-mass")(added_mass)
     group.command("robot-tail")(robot_tail)
     group.command()(springs)
-    group.command()(throttle)
     group.command()(published)
-    group.command("tail-size")(tail_size)
     app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
-    app.command(rich_help_panel=COEFFICIENTS)(report.coverage)
 
 
 def _group() -> None:
@@ -180,46 +176,6 @@ def springs(batch: SpringOptions, loss: LossOption = "squares") -> None:
     report.fit_batch("Spring rates", work, batch, {"fit": "springs", "loss": loss})
 
 
-def throttle(
-    logs: report.Logs,
-    out: Out,
-    window: Annotated[float, typer.Option(help="Length of the steady end of a part, s.", min=0.1)] = 1.0,
-    drift: Annotated[float, typer.Option(help="Largest change of speed over it, of the mean.", min=0.0)] = 0.03,
-    loss: LossOption = "squares",
-) -> None:
-    """Throttle to steady speed, one line through the steady parts of all drives.
-
-    There is one fit, over all drives; reading them takes no time worth keeping, so a second call begins anew.
-
-    Example: aerodima fit throttle drive_1.parquet drive_2.parquet --out fits
-    """
-    import pandas as pd
-
-    from aerodima.optimisation.fit.fit_report import write_report
-    from aerodima.optimisation.identify.line_fits import SteadyRule, fit_throttle, read_drive, steady_points
-    from aerodima.workbench.errors import UserError
-
-    chosen = _loss(loss)
-    rule = SteadyRule(window=window, drift=drift)
-    points, failed = [], {}
-    for path in logs:
-        try:
-            found = steady_points(read_drive(path), rule, str(path))
-        except UserError as error:
-            failed[str(path)] = str(error)
-            continue
-        if not found:
-            failed[str(path)] = "no steady part: no throttle was held until the speed settled"
-        points += found
-    report.warn(failed)
-    result = fit_throttle(points, loss=chosen)
-    units = {"speed": "speed_m_per_s", "scatter": "scatter_m_per_s", "start": "start_s", "end": "end_s"}
-    table = pd.DataFrame(points).rename(columns=units)
-    write_report(out, "Throttle to speed", [result], failed=failed, tables={"steady_points": table})
-    report.show([result])
-    report.finish(out, failed, len(logs))
-
-
 def _loss(name: str) -> Any:
     from aerodima.optimisation.fit.least_squares import LOSSES
 
@@ -273,28 +229,3 @@ def published(
     for note in found.notes():
         typer.echo(note)
     typer.echo(f"wrote {out / 'report.html'}")
-
-
-def tail_size(
-    out: Out,
-    tails: Annotated[int, typer.Option(help="Tails drawn from the prior.", min=2**8, max=2**20)] = 2**15,
-    seed: Annotated[int, typer.Option(help="Of the draw.", min=0)] = 1,
-) -> None:
-    """Size of the robot's sail from the published swings in the tunnel (thesis section 6.3).
-
-    Possible tails are swung and weighted by the published speeds; prior: models/identification/tail_size.yaml.
-    Example: aerodima fit tail-size --out fits
-    """
-    from aerodima.optimisation.fit.fit_report import write_report
-    from aerodima.optimisation.identify.tail_size import find_tails, published_ranges
-    from aerodima.optimisation.identify.tail_size_tables import report_tables
-    from aerodima.workbench.atomic_write import make_folder
-    from aerodima.workbench.errors import FitError
-
-    make_folder(out, FitError)
-    with typer.progressbar(length=tails, label="swinging", file=sys.stderr) as bar:
-        found = find_tails(published_ranges(), tails, seed, progress=bar.update)
-    result, tables, figures = report_tables(found, seed)
-    write_report(out, "Size of the robot's sail from the tunnel", [result], tables=tables, figures=figures)
-    report.show([result])
-    report.finish(out, {}, 1)

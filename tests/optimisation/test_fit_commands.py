@@ -102,58 +102,10 @@ def test_static_logs_in_two_processes(tmp_path: Path) -> None:
     assert json.loads(lines[0])["settings"]["fit"] == "static"
 
 
-def test_throttle_line_from_held_parts_of_two_drives(tmp_path: Path) -> None:
-    time = np.arange(0.0, 12.0, 0.1)
-    paths = []
-    for number, levels in enumerate([(0.2, 0.4, 0.6), (0.3, 0.5, 0.5)]):
-        throttle = np.repeat(levels, len(time) // 3)
-        steady, speed = 9.0 * throttle + 0.4, np.zeros(len(time))
-        for i in range(1, len(time)):
-            speed[i] = speed[i - 1] + 0.1 / 0.5 * (steady[i] - speed[i - 1])
-        paths.append(tmp_path / f"drive_{number}.csv")
-        pd.DataFrame({"time_s": time, "throttle_command": throttle, "speed_m_per_s": speed}).to_csv(
-            paths[-1], index=False
-        )
-    done = run("throttle", *paths, "--out", tmp_path / "fits")
-    assert done.exit_code == 0
-    row = pd.read_csv(tmp_path / "fits" / "fits.csv").iloc[0]
-    # Four seconds are eight time constants; the mean over the last second lacks about exp(-6).
-    assert (row.throttle_gain_m_per_s, row.throttle_offset_m_per_s) == pytest.approx((9.0, 0.4), abs=0.03)
-    assert row.points == 5
-
-
-def test_a_drive_that_never_settles_is_told(tmp_path: Path) -> None:
-    time = np.arange(0.0, 12.0, 0.1)
-    path = tmp_path / "ramp.csv"
-    pd.DataFrame({"time_s": time, "throttle_command": time / 20.0, "speed_m_per_s": time}).to_csv(path, index=False)
-    done = run("throttle", path, "--out", tmp_path / "fits")
-    assert done.exit_code == 2
-    assert "no steady part" in done.stderr
-
-
 def test_unknown_bounds_are_refused(tmp_path: Path) -> None:
     done = run("static", tmp_path / "x.parquet", "--out", tmp_path, "--bounds", "tight")
     assert done.exit_code == 2
     assert "--bounds tight: allowed: wide, printed" in done.stderr
-
-
-def test_drives_that_cannot_be_read_are_one_line_each(tmp_path: Path) -> None:
-    head = "time_s,throttle_command,speed_m_per_s\n"
-    rows = "".join(f"{0.1 * i:.1f},{20 + 10 * (i // 40)},2\n" for i in range(120))
-    files = {"word": head + "0,0.1,fast\n1,0.1,2\n", "percent": head + rows, "short": "time_s,speed_m_per_s\n0,1\n"}
-    for name, text in files.items():
-        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
-    paths = [tmp_path / f"{name}.csv" for name in (*files, "missing")]
-    done = run("throttle", *paths, "--out", tmp_path / "fits")
-    assert done.exit_code == 2
-    told = [line.removeprefix(f"error: {tmp_path}/") for line in done.stderr.splitlines()]
-    assert told[:4] == [
-        "word.csv: column 'speed_m_per_s': 'fast' in row 0 is not a finite number",
-        "percent.csv: column 'throttle_command' reaches 40; allowed: -1 to 1. Is it in per cent?",
-        "short.csv: no column throttle_command; there are time_s, speed_m_per_s",
-        "missing.csv: no such file",
-    ]
-    assert "0 steady part(s) in any drive; a line needs at least 3" in told[4]
 
 
 def test_wrong_options_are_told_once_and_leave_nothing(springs: list[Path], tmp_path: Path) -> None:

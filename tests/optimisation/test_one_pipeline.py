@@ -12,7 +12,7 @@ import pytest
 from pydrake.solvers import MathematicalProgram
 
 from aerodima.optimisation.fit import least_squares_solvers
-from aerodima.optimisation.identify.line_fits import SteadyPoint, fit_spring, fit_throttle
+from aerodima.optimisation.identify.line_fits import fit_spring
 from aerodima.optimisation.identify.published_check import robot_tail_line
 
 ROOT = Path(least_squares_solvers.__file__).parent.parent
@@ -44,9 +44,8 @@ def test_identification_uses_no_other_optimiser() -> None:
     [
         robot_tail_line,
         lambda: fit_spring(pd.DataFrame({"displacement_m": 0.01 * np.arange(9.0), "force_n": np.arange(9.0) ** 1.1})),
-        lambda: fit_throttle([SteadyPoint(x, 9.0 * x + 0.1 * x**2, 0.0, 0.0, 1.0) for x in (0.2, 0.4, 0.5, 0.7)]),
     ],
-    ids=["line", "spring", "throttle"],
+    ids=["line", "spring"],
 )
 def test_a_fit_is_solved_in_mathematical_program(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> None:
     programs = []
