@@ -40,6 +40,7 @@ DRAWS = 32
 TORQUE_SHARE = 0.9
 """Of the roll motor's torque limit may be asked."""
 COMPLEX_STEP = 1e-30
+"""Length of the imaginary step with which slopes are taken; no digits cancel, so it may be this small."""
 
 
 class Row(NamedTuple):
