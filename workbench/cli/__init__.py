@@ -8,7 +8,6 @@ import typer
 
 COMMAND_MODULES: tuple[str, ...] = (
     "turn_commands",
-    "play_command",
     "replay_commands",
     "log_commands",
     "model_commands",

@@ -53,13 +53,6 @@ class Noted:
 
 
 @dataclass(frozen=True)
-class Heading:
-    """A heading inside a chapter."""
-
-    words: str
-
-
-@dataclass(frozen=True)
 class Finding:
     """What a chapter comes to, set off from the rest."""
 
@@ -180,7 +173,7 @@ def zoomable(drawing: Figure, caption: Text, alternative: str, name: str = "") -
     return plot
 
 
-Part: TypeAlias = Text | Heading | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
+Part: TypeAlias = Text | Finding | Bullets | Table | Plot | Folded | Preformatted | Templated
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from aerodima.workbench.metrics.run_summary import RunSummary, published_for
 from aerodima.workbench.report.report_page import (
     Folded,
     Link,
+    Part,
     Plot,
     Preformatted,
     Section,
@@ -59,7 +60,13 @@ def thesis_turn_chapter(summaries: Sequence[RunSummary], files: RunFiles) -> Sec
         "start of the turn on.",
         "Map of outcomes over commanded speed and tail mode",
     )
-    parts = [outcome_map, _bracket_table(summaries), _outcome_table(summaries), *strips, _metric_table(summaries)]
+    parts: list[Part] = [
+        outcome_map,
+        _bracket_table(summaries),
+        _outcome_table(summaries),
+        *strips,
+        _metric_table(summaries),
+    ]
     return Section("The thesis' own turn, at full steering lock", parts)
 
 
