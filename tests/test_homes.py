@@ -73,6 +73,50 @@ def test_a_basename_occurs_once_in_a_package(package: str) -> None:
     assert sorted(names) == sorted(set(names))
 
 
+def file_arrows(root: Path) -> dict[Path, set[Path]]:
+    """Every file of the packages and those that it imports, also inside functions."""
+    files = {path for package in LAYERS for path in (root / package).rglob("*.py")}
+    return {
+        path: {
+            target
+            for *module, name in imports(path.read_text(encoding="utf-8"))
+            for target in (root.joinpath(*module, f"{name}.py"), root.joinpath(*module).with_suffix(".py"))
+            if target in files
+        }
+        for path in files
+    }
+
+
+def circles(arrows: dict[Path, set[Path]]) -> list[tuple[str, str]]:
+    """Pairs of files that reach each other."""
+
+    def reached(start: Path) -> set[Path]:
+        found, waiting = set[Path](), [start]
+        while waiting:
+            new = arrows[waiting.pop()] - found
+            found |= new
+            waiting += new
+        return found
+
+    ways = {path: reached(path) for path in arrows}
+    return sorted((a.stem, b.stem) for a in ways for b in ways[a] if a <= b and a in ways[b])
+
+
+def test_no_files_import_each_other() -> None:
+    assert circles(file_arrows(ROOT)) == []
+
+
+def test_a_circle_of_files_is_seen(tmp_path: Path) -> None:
+    for folder, name, text in (
+        ("aero", "laws", "from aerodima.workbench.aero import sail"),
+        ("aero", "sail", "def later():\n    from aerodima.workbench.plants.tail import TailPlant"),
+        ("plants", "tail", "from aerodima.workbench.aero.laws import NormalForceLaw"),
+    ):
+        (tmp_path / "workbench" / folder).mkdir(parents=True, exist_ok=True)
+        (tmp_path / "workbench" / folder / f"{name}.py").write_text(text, encoding="utf-8")
+    assert ("laws", "sail") in circles(file_arrows(tmp_path))
+
+
 def test_an_arrow_upwards_is_seen() -> None:
     assert upward("workbench", "aero", "from aerodima.workbench.plants.car import make_car_plant")
     assert upward("hardware", "devices", "def later():\n    from aerodima.hardware import car")

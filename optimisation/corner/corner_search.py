@@ -18,7 +18,7 @@ from aerodima.optimisation.sweep.rollover_threshold import Case, find_thresholds
 from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.optimisation.swing.full_car import FINE_STEP, drive
 from aerodima.optimisation.swing.swing_construction import steered_swing
-from aerodima.workbench.batch.engine import ProgressLine, silent
+from aerodima.workbench.batch.worker_record import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.swing_file import SwingFile

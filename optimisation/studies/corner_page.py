@@ -28,8 +28,8 @@ from aerodima.optimisation.studies.pulse_lengths import WORDS, gains_by_pulse, p
 from aerodima.optimisation.studies.study_store import drop_stale, open_runs
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
-from aerodima.workbench.batch.engine import ProgressLine, silent
 from aerodima.workbench.batch.row_store import saying_how_to_go_on
+from aerodima.workbench.batch.worker_record import ProgressLine, silent
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.figures.figure_style import BLUE, GREY, new_figure, styled
 from aerodima.workbench.report.report_page import Finding, Folded, Page, Section, Table, write_files, zoomable

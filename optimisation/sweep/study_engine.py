@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from aerodima.workbench import batch
-from aerodima.workbench.batch.engine import ProgressLine, on_stderr, silent
 from aerodima.workbench.batch.row_store import ProgressBar, RowStore, content_key
+from aerodima.workbench.batch.worker_record import ProgressLine, on_stderr, silent
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError

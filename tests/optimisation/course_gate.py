@@ -25,7 +25,7 @@ from aerodima.optimisation.studies.law_training import TRAINED, screened_courses
 from aerodima.optimisation.studies.study_store import open_runs
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, open_run_engine
 from aerodima.workbench import load_ensemble
-from aerodima.workbench.batch.engine import on_stderr
+from aerodima.workbench.batch.worker_record import on_stderr
 from aerodima.workbench.config.array_types import FloatArray
 
 BEST = 0.1

@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 
 from aerodima.workbench.atomic_write import make_folder
-from aerodima.workbench.batch.engine import WORKER_RECORD, ProgressLine
+from aerodima.workbench.batch.worker_record import WORKER_RECORD, ProgressLine
 from aerodima.workbench.errors import UserError
 
 Row = dict[str, Any]

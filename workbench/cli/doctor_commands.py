@@ -31,8 +31,6 @@ def register(app: typer.Typer) -> None:
 
 def doctor() -> None:
     """Check Python, Drake, solvers, extras, browser, CAN, serial ports and disk; says how to get what is missing."""
-    from aerodima.workbench.cli.doctor_commands import examine
-
     findings = examine()
     for finding in findings:
         mark = "ok  " if finding.ok else ("FAIL" if finding.required else "none")
