@@ -77,12 +77,6 @@ def centre_of_raised(scenario: Scenario, mount_height: float) -> float:
     return car.com_height + car.gearbox_mass / car.mass * (mount_height - scenario.tail.mount_height)
 
 
-def raised_gearbox(scenario: Scenario, mount_height: float) -> tuple[str, ...]:
-    """The car with the tail's joints at another height, m, its gearbox moved with them."""
-    centre = centre_of_raised(scenario, mount_height)
-    return (f"car.com_height={centre!r}", f"tail.mount_height={mount_height!r}")
-
-
 LOW_BALLAST = Contestant("no tail, its mass low", NO_TAIL.settings, ballast=low_ballast)
 LOW_CENTRE = Contestant(
     "no tail, centre of mass at 0.2 m", (*NO_TAIL.settings, f"car.com_height={LOW_CENTRE_HEIGHT!r}")

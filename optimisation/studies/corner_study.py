@@ -175,17 +175,6 @@ class CornerRuns:
         best = [one.worth if one else 0.0 for one in self._search(aim, turns, self._plan.shapes[:1])]
         return np.array(best).reshape(len(drivers), len(floors))
 
-    def best_runs(self, turns: Sequence[Turn], name: str) -> list[dict[str, Any]]:
-        """Rows of the turns at 2 ms with their best steering of one level, impulses too; empty where none counts."""
-        self._engine.stage, aim = name, Aim(pulse=self._plan.pulses[0])
-        tasks = {
-            place: replace(self.task((*turn, one.place, one.shape), self._plan.step, aim.searching), signals="all")
-            for place, (turn, one) in enumerate(zip(turns, self._search(aim, turns, [ONE_LEVEL]), strict=True))
-            if one is not None
-        }
-        rows = dict(zip(tasks, self._engine.rows(list(tasks.values())), strict=True))
-        return [rows.get(place, {}) for place in range(len(turns))]
-
     def task(self, run: Run, step: float, times: tuple[float, float]) -> RunTask:
         """A turn with a step of the plant (s), steered, and going on after that, for these times (s)."""
         who, floor, place, (ratio, first) = run

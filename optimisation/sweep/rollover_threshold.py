@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -179,8 +178,6 @@ def critical_friction(
     scenario: str | Path,
     settings: Sequence[str] = (),
     engine: RunEngine | None = None,
-    *,
-    rolling: bool = False,
     **changes: Any,
 ) -> Threshold:
     """Highest tyre friction that is survived at the scenario's speed, and the lowest that is not.
@@ -189,11 +186,10 @@ def critical_friction(
         scenario: name or path.
         settings: overrides; the speed is among them or the scenario's.
         engine: where to run; None runs here, one after the other.
-        rolling: for a search: its runs share their straight (`find_thresholds`).
         changes: of `FRICTION_SEARCH`: `low`, `high`, `scan`, `tolerance`.
     """
     case = Case("", str(scenario), tuple(settings))
-    return find_thresholds([case], replace(FRICTION_SEARCH, **changes), engine, rolling=rolling)[0]
+    return find_thresholds([case], replace(FRICTION_SEARCH, **changes), engine)[0]
 
 
 def is_clean(row: Mapping[str, Any]) -> bool:
@@ -207,14 +203,8 @@ def find_thresholds(
     engine: RunEngine | None = None,
     done: Callable[[int, int], None] | None = None,
     starts: Sequence[float] | None = None,
-    rolling: bool = False,
 ) -> list[Threshold]:
     """The thresholds of several cases at once, so that all workers have something to do.
-
-    With `rolling` the runs of a scan over friction share their straight where they can (`RunTask.rolling`): for
-    searches, not for claims, since near the limit one run in a hundred comes to something else. What the threshold
-    names is from rest even so: the last value survived, the first one lost and the islands beyond are run again, and
-    where one comes to something else, the whole case is searched from rest. A climb has too few runs for that.
 
     Args:
         cases: what is searched.
@@ -222,7 +212,6 @@ def find_thresholds(
         engine: where to run; None runs here.
         done: told how many runs are finished, and how many are known to be needed so far.
         starts: where the climb of each case over clean runs begins; None scans for survival.
-        rolling: whether scans over friction begin just before the turn.
 
     Raises:
         SweepError: the scenario of a scan cannot be resolved at all.
@@ -236,13 +225,11 @@ def find_thresholds(
         if done is not None:
             done(finished, needed)
 
-    def run(wanted: Sequence[tuple[int, float]], rolled: bool = False) -> list[dict[str, Any]]:
+    def run(wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
         nonlocal needed
         needed += len(wanted)
         tasks = [
-            RunTask(
-                f"{case.name} {value:g}", case.scenario, (*case.settings, f"{search.factor}={value!r}"), rolling=rolled
-            )
+            RunTask(f"{case.name} {value:g}", case.scenario, (*case.settings, f"{search.factor}={value!r}"))
             for case, value in ((cases[place], value) for place, value in wanted)
         ]
         return runner.rows(tasks, one_more)
@@ -251,28 +238,7 @@ def find_thresholds(
         load_scenario(case.scenario, case.settings)
     if starts is not None:
         return search_rows(search, starts, run, is_clean)
-    if not (rolling and search.factor == FRICTION):
-        return search_rows(search, ["scan"] * len(cases), run, _survival)
-    found = search_rows(search, ["scan"] * len(cases), partial(run, rolled=True), _survival)
-    said = [(place, value) for place, one in enumerate(found) for value in _reported(one)]
-    again: set[int] = set()
-    for (place, value), row in zip(said, run(said), strict=True):
-        if _survival(row) is not _survival(found[place].rows[value]):
-            again.add(place)
-        found[place].rows[value] = row
-
-    def from_rest(place: int, wanted: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
-        return run([(place, value) for _, value in wanted])
-
-    for place in sorted(again):
-        (found[place],) = search_rows(search, ["scan"], partial(from_rest, place), _survival)
-    return found
-
-
-def _reported(found: Threshold) -> list[float]:
-    """Values that a threshold names: its edges, and what survived beyond."""
-    beyond = (v for v, row in found.rows.items() if found.lost is not None and v > found.lost and _survival(row))
-    return [value for value in (found.survived, found.lost, *beyond) if value is not None]
+    return search_rows(search, ["scan"] * len(cases), run, _survival)
 
 
 def search_rows(

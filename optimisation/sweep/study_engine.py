@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 from aerodima.workbench import batch
 from aerodima.workbench.batch.row_store import ProgressBar, RowStore, content_key
@@ -26,17 +24,11 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, software_versions
 from aerodima.workbench.metrics.run_summary import RunSummary
 
-if TYPE_CHECKING:
-    from aerodima.workbench.simulate.rolling_start import RollingStart
-
 WORKER_LOST = "its worker process was lost"
 """Begins the error of a run whose worker died under it again and again."""
 
 DRIVING = 0.9
 """Share of the commanded speed that a car must have reached when its turn begins."""
-
-ROLLED_EVERY = 0.2
-"""Of tyre friction: the grid on which searches drive the straight."""
 
 CAUSES = ("aerodynamic", "weight", "inertial")
 
@@ -50,15 +42,12 @@ class RunTask:
         scenario: name or path, as for `load_scenario`.
         settings: overrides, such as `car.tyre_friction=0.7`.
         signals: `all` also gives the impulses of the tail, at twice the price.
-        rolling: begin just before the turn if the straight can be shared with runs at other frictions
-            (`nearest_start`). For searches, not for claims.
     """
 
     name: str
     scenario: str
     settings: tuple[str, ...] = ()
     signals: Literal["all", "outcome"] = "outcome"
-    rolling: bool = False
 
 
 def evaluate(task: RunTask) -> dict[str, Any]:
@@ -97,15 +86,13 @@ def failed_row(task: RunTask, error: str, scenario: Scenario | None = None) -> d
 def _measured(task: RunTask, scenario: Scenario) -> dict[str, Any]:
     from aerodima.workbench.simulate.simulation import simulate
 
-    start = nearest_start(scenario) if task.rolling else None
-    return measured_row(task, scenario, simulate(scenario, record=task.signals, start=start, stop_when_certain=True))
+    return measured_row(task, scenario, simulate(scenario, record=task.signals, stop_when_certain=True))
 
 
 def measured_row(task: RunTask, scenario: Scenario, run: RunLog) -> dict[str, Any]:
     """The row of a task whose scenario has been run, as `evaluate` gives it."""
     from aerodima.workbench.metrics.run_summary import summarise
     from aerodima.workbench.metrics.turn_course import turn_course
-    from aerodima.workbench.simulate.car_run import ROLLED
     from aerodima.workbench.stations.outcome_record import STOPPED
 
     summary = summarise(run, scenario.name)
@@ -122,36 +109,7 @@ def measured_row(task: RunTask, scenario: Scenario, run: RunLog) -> dict[str, An
 
             yaw = tail_yaw_impulses(run)
             row |= {f"{cause}_yaw_impulse_window_n_m_s": getattr(yaw, cause) for cause in CAUSES}
-    if ROLLED in run.extra:
-        row[ROLLED] = run.extra[ROLLED]
     return row | {"error": "", **_provenance(task, scenario)}
-
-
-def nearest_start(scenario: Scenario) -> RollingStart | None:
-    """Where a run of a search begins: just before its turn, with the straight of the nearest friction on a grid.
-
-    None, that is from rest, unless the car comes to its turn calm and alike at the frictions on both sides: a car that
-    tips over backwards while it gathers speed does so where it has most grip, one whose wheels spin where it has least,
-    so that in between it does neither if it does not at the ends.
-    """
-    friction = scenario.car.tyre_friction
-    below = math.floor(friction / ROLLED_EVERY + 1e-9)
-    try:
-        ends = [scenario.varied(car={"tyre_friction": round(k * ROLLED_EVERY, 9)}) for k in (below, below + 1)]
-    except UserError:  # a friction that this car cannot have
-        return None
-    one, other = (_straight(end, _swing(end.controller.swing_file)) for end in ends)
-    if one is None or other is None or not one.resembles(other):
-        return None
-    return min(one, other, key=lambda start: abs(start.friction - friction))
-
-
-@lru_cache(maxsize=64)
-def _straight(scenario: Scenario, _swing_content: str) -> RollingStart | None:
-    """The straight of a scenario; the content of its swing file is part of what decides it."""
-    from aerodima.workbench.simulate.car_run import rolling_start
-
-    return rolling_start(scenario)
 
 
 def _numbers(summary: RunSummary) -> dict[str, Any]:
@@ -212,16 +170,6 @@ class RunEngine(Protocol):
 
     def call(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """`function` (of a module) of each item; raises what it raises, and UserError when it kills its worker."""
-
-
-def in_waves(engine: RunEngine, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """`RunEngine.call`, as many items at a time as the engine has workers: who stops asking stops the work.
-
-    So what is found does not depend on the number of workers, only how much is done in vain.
-    """
-    waiting = iter(items)
-    while wave := list(islice(waiting, engine.workers)):
-        yield from engine.call(function, wave)
 
 
 class BatchRunEngine:
@@ -354,8 +302,7 @@ class RememberingEngine:
 def run_key(task: RunTask) -> str:
     """The same for the same run, whatever it is called: of everything that determines its row, swing file included."""
     content = scenario_content(task.scenario, task.settings)
-    rolling = ["rolling"] if task.rolling else []
-    return content_key(task.scenario, task.settings, task.signals, _versions(), content, *rolling)
+    return content_key(task.scenario, task.settings, task.signals, _versions(), content)
 
 
 def scenario_content(name: str, settings: Sequence[str] = ()) -> list[Any]:

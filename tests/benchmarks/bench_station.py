@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -16,24 +15,18 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from aerodima.optimisation.sweep.study_engine import RunTask, evaluate
-from aerodima.workbench.batch.dask_cluster import local_cluster
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.recorder import RunRecorder, recorded_columns
 from aerodima.workbench.logs.schema import run_metadata, signals_equal
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.simulate.car_run import ROLLED, assemble
+from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.systems.event_order import Stage
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5
 """Runs of each kind, in turns so that all meet the same disturbances."""
-
-SEARCHES = 3
-FRICTIONS = [round(0.62 + 0.01 * k, 2) for k in range(17)]
-"""Around the critical one of the published swing: what a scan and its refinement drive."""
 
 
 def bench_step() -> list[BenchRow]:
@@ -91,35 +84,6 @@ def bench_outcome_trial() -> list[BenchRow]:
         for record in ("all", "outcome")
     }
     return [BenchRow("outcome_trials_per_cpu_second", per_second["outcome"], "1/s", ">= 2.5", per_second["all"])]
-
-
-def bench_search_trial() -> list[BenchRow]:
-    """Trials of a search over friction per second of CPU time: rolling start and allocator, in a worker of the engine.
-
-    The straights that its runs share are counted. Peer: runs from rest that record everything on separate systems, in
-    this process. In turns, the least of each.
-    """
-    seconds: dict[str, list[float]] = {"search": [], "all": []}
-    for _ in range(SEARCHES):
-        with local_cluster(1) as client:  # a new process, which has driven no straight yet
-            seconds["search"].append(client.submit(_search_seconds, FRICTIONS, pure=False).result())
-        start = time.process_time()
-        simulate(load_scenario("turn_swing"), record="all")
-        seconds["all"].append(time.process_time() - start)
-    least = {kind: min(values) for kind, values in seconds.items()}
-    return [BenchRow("search_trials_per_cpu_second", 1.0 / least["search"], "1/s", ">= 4", 1.0 / least["all"])]
-
-
-def _search_seconds(frictions: Sequence[float]) -> float:
-    """CPU time of a rolling trial of the published swing, s, over trials at these frictions."""
-    evaluate(RunTask("warm", "turn_none", ("manoeuvre.duration=2.8",)))  # what is loaded once in a worker
-    tasks = [RunTask(f"{mu:g}", "turn_swing", (f"car.tyre_friction={mu!r}",), rolling=True) for mu in frictions]
-    start = time.process_time()
-    rows = [evaluate(task) for task in tasks]
-    seconds = time.process_time() - start
-    if not all(row.get(ROLLED) for row in rows):
-        raise RuntimeError("a trial of the search began at rest")
-    return seconds / len(frictions)
 
 
 def bench_repeated_run() -> list[BenchRow]:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import published_rows
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class SectionLayout:
         distances: of the section centres from the root (n), m.
         areas: planform area of each section (n), m2; no cosine (design section 5, ERRATA E40).
         chord: width that the Reynolds number is made with, m.
-        start, end: of the sectioned length, distances from the root, m; `end` equals `start` for a lumped section.
+        start, end: of the sectioned length, distances from the root, m.
 
     Raises:
         ModelError: no sections, a length, width or area that is not above zero, or axes that are not perpendicular.
@@ -191,41 +190,3 @@ class SectionLayout:
         return cls.strip(
             start=start, length=length, width=width, number=number, p_BoRo_B=p_BoRo_B, axis_B=axis_B, normal_B=normal_B
         )
-
-    @classmethod
-    def lumped(
-        cls,
-        *,
-        distance: float,
-        area: float,
-        chord: float,
-        p_BoRo_B: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        axis_B: tuple[float, float, float] = (0.0, 0.0, 1.0),
-        normal_B: tuple[float, float, float] = (0.0, 1.0, 0.0),
-    ) -> SectionLayout:
-        """One section at a given distance: the robot-tail model of the thesis (6.3.2, L_cor)."""
-        return cls(p_BoRo_B, axis_B, normal_B, (distance,), (area,), chord, distance, distance)
-
-
-def cheetah_tail_layout(tail: int, *, start: float, number: int = 5) -> SectionLayout:
-    """A cheetah tail of the thesis, hanging along -z of its body: length x major width for both axes (ERRATA E2).
-
-    Args:
-        tail: 1, 2 or 3 (Table 4.2).
-        start: distance of the tail's root from the body origin, m; 0.270 from the pivot on the rig.
-        number: of sections.
-
-    Raises:
-        ModelError: there is no such tail.
-    """
-    rows = {int(row["tail"]): row for row in published_rows("tail_properties")}
-    if tail not in rows:
-        raise ModelError(f"cheetah tail {tail} does not exist (tails: {', '.join(map(str, rows))})")
-    return SectionLayout.strip(
-        start=start,
-        length=float(rows[tail]["length_m"]),
-        width=float(rows[tail]["major_axis_m"]),
-        number=number,
-        axis_B=(0.0, 0.0, -1.0),
-        normal_B=(0.0, 1.0, 0.0),
-    )

@@ -1,4 +1,4 @@
-"""The motion of the air: constant wind, gusts, seeded turbulence, the tunnel's jet, and what a driving car feels."""
+"""The motion of the air: constant wind, gusts, seeded turbulence and the tunnel's jet."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import cos, sin
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.jet import Jet
-from aerodima.workbench.aero.tail_force import resolve_body
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.systems.autodiff_system import LeafSystem_, system_template
 from aerodima.workbench.systems.event_order import Stage, period_of
@@ -131,62 +128,6 @@ def WindSource_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 WindSource = WindSource_[float]
 
 
-@system_template("ApparentWind_", __name__)
-def ApparentWind_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
-    """Template over the scalar type; see `ApparentWind`."""
-
-    class Impl(LeafSystem_[T]):  # type: ignore[misc]  # the base is not in the stubs
-        """What a sensor on a moving body feels: v_air - v_point, in body axes. `TailForce` needs no such system.
-
-        Input ports:
-            plant_state: multibody state [q; v].
-            wind_velocity (optional, 3): v_WA in W, m/s.
-        Output ports:
-            apparent_wind (3): in body axes, m/s; a car that drives forward in still air reads (-speed, 0, 0).
-        """
-
-        def _construct(self, plant: Any, body: Any, p_BoQ_B: Vector3 = _CALM, converter: Any = None) -> None:
-            LeafSystem_[T].__init__(self, converter=converter)
-            self._plant, self._body, self._point = plant, resolve_body(plant, body).index(), p_BoQ_B
-            self._kinematics = plant.CreateDefaultContext()
-            self._state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-            self._wind = self.DeclareVectorInputPort("wind_velocity", 3)
-            self.DeclareVectorOutputPort("apparent_wind", 3, self._calc)
-
-        def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            plant = other._plant.ToScalarType[T]()
-            Impl._construct(self, plant, plant.get_body(other._body), other._point, converter)
-
-        def _calc(self, context: Any, output: Any) -> None:
-            plant, kinematics, body = self._plant, self._kinematics, self._plant.get_body(self._body)
-            plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
-            R_WB = plant.EvalBodyPoseInWorld(kinematics, body).rotation().matrix()
-            V_WB = plant.EvalBodySpatialVelocityInWorld(kinematics, body)
-            v = V_WB.translational() + np.cross(V_WB.rotational(), R_WB @ np.asarray(self._point))
-            wind = self._wind.Eval(context) if self._wind.HasValue(context) else np.zeros(3)
-            output.SetFromVector(R_WB.T @ (wind - v))
-
-    return Impl
-
-
-ApparentWind = ApparentWind_[float]
-
-
 def add_wind(builder: DiagramBuilder, model: WindModel | None = None) -> OutputPort:
     """Adds a `WindSource`; returns its port for `add_tail_force(..., wind=port)`."""
     return builder.AddNamedSystem("wind", WindSource(model or WindModel())).GetOutputPort("wind_velocity")
-
-
-def add_apparent_wind(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    body: RigidBody | str,
-    p_BoQ_B: Vector3 = _CALM,
-    wind: OutputPort | None = None,
-) -> System:
-    """Adds an `ApparentWind` sensor at a point of a body and wires it."""
-    sensor = builder.AddSystem(ApparentWind(plant, body, p_BoQ_B))
-    builder.Connect(plant.get_state_output_port(), sensor.GetInputPort("plant_state"))
-    if wind is not None:
-        builder.Connect(wind, sensor.GetInputPort("wind_velocity"))
-    return sensor

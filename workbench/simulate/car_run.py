@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
@@ -22,7 +22,6 @@ from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metada
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.live_view import LiveView
-from aerodima.workbench.simulate.rolling_start import RollingStart
 from aerodima.workbench.stations.car_station import InterfaceFactory, Systems, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.event_order import LEAD, Stage, step_instant
@@ -32,10 +31,6 @@ _TIME_MARGIN = 1e-9
 
 LOOKS = 50.0
 """Looks per second, Hz, for a certain outcome that ends a trial; its table ends at the row of the flip all the same."""
-
-
-ROLLED = "rolled_at_friction"
-"""Key in `extra` of a trial that began rolling: the tyre friction of its straight."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +116,16 @@ def run_outcome(
     stop_when_certain: bool,
     law: TailLaw | None,
     view: LiveView,
-    start: RollingStart | None = None,
 ) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
 
     The plant is driven by fused systems, nothing is recorded in Python, and the roll estimator is left out.
     """
-    simulator, outcome, metadata = _trial(scenario, law, view.meshcat)
-    if start is not None:
-        start.restore(scenario, law, simulator.get_mutable_context(), outcome)
-        metadata["extra"][ROLLED] = start.friction
-    view.begin(simulator, run_time(scenario), resumed=start is not None)
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, systems="fused", lean=True)
+    outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
+    metadata = _metadata(car, scenario, law)
+    simulator = Simulator(car.builder.Build())
+    view.begin(simulator, run_time(scenario))
     stop_after = turn_end(scenario) if stop_when_certain else math.inf
     for time in _looks(scenario, stop_after):
         simulator.AdvanceTo(time)
@@ -142,35 +136,6 @@ def run_outcome(
     table, ended = outcome.table(simulator.get_context(), stop_after)
     metadata["extra"] |= ended
     return run_log_from_metadata(table, metadata)
-
-
-def rolling_start(scenario: Scenario, law: TailLaw | None = None) -> RollingStart | None:
-    """Drives the straight before a turn; None if the car is not calm at its end, or if there is no turn.
-
-    For `start` of `simulate`: a search over `car.tyre_friction` drives the straight once.
-    """
-    if scenario.manoeuvre.kind not in ("turn", "auto_turn"):
-        return None
-    time = turn_start(scenario) - 0.5 * scenario.simulation.step
-    if time <= 0.0:
-        return None
-    simulator, outcome, _ = _trial(scenario, law, None)
-    LiveView().run(simulator, time)
-    context = simulator.get_context()
-    return RollingStart.of(scenario, law, context, outcome) if outcome.is_calm(context, 0.0) else None
-
-
-class _Trial(NamedTuple):
-    simulator: Simulator
-    outcome: OutcomeRecord
-    metadata: dict[str, Any]
-
-
-def _trial(scenario: Scenario, law: TailLaw | None, meshcat: Meshcat | None) -> _Trial:
-    car = assemble(scenario, meshcat=meshcat, tail_law=law, systems="fused", lean=True)
-    outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
-    metadata = _metadata(car, scenario, law)
-    return _Trial(Simulator(car.builder.Build()), outcome, metadata)
 
 
 def _looks(scenario: Scenario, first: float) -> Iterator[float]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import InitializeParams, Simulator
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 Progress = Callable[[float, float], None]
@@ -30,12 +30,12 @@ class LiveView:
         self.begin(simulator, length, check)
         simulator.AdvanceTo(length + margin)
 
-    def begin(self, simulator: Simulator, length: float, check: Check | None = None, *, resumed: bool = False) -> None:
-        """Initialises a run of `length` s, or one whose context is that of a run under way."""
+    def begin(self, simulator: Simulator, length: float, check: Check | None = None) -> None:
+        """Initialises a run of `length` s."""
         simulator.set_target_realtime_rate(self.real_time_rate)
         if self.progress is not None or check is not None:
             simulator.set_monitor(self._monitor(length, check))
-        simulator.Initialize(InitializeParams(suppress_initialization_events=resumed))
+        simulator.Initialize()
 
     def _monitor(self, length: float, check: Check | None) -> Callable[[Context], EventStatus]:
         last, period = -np.inf, TOLD_EVERY if check is None else CHECKED_EVERY

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
     from aerodima.workbench.simulate.live_view import Progress
-    from aerodima.workbench.simulate.rolling_start import RollingStart
 
 
 def simulate(
@@ -24,7 +23,6 @@ def simulate(
     record: Literal["all", "outcome"] = "all",
     stop_when_certain: bool | None = None,
     law: TailLaw | None = None,
-    start: RollingStart | None = None,
     force: bool = False,
     meshcat: Meshcat | None = None,
     real_time_rate: float = 0.0,
@@ -48,8 +46,6 @@ def simulate(
             heading change, time on two wheels, tail energy) is that until the stop.
         law: drives the tail of a car instead of the law that the scenario names; the log has the name of its class as
             `tail_law` in its `extra`.
-        start: from `car_run.rolling_start`, for trials of a search: the straight is that of another tyre friction,
-            which the log has as `ROLLED` in its `extra`. No claim is made of such a run.
         force: replace an existing log.
         meshcat: shows the run live.
         real_time_rate: 0 runs as fast as possible, 1 in real time.
@@ -66,17 +62,15 @@ def simulate(
     if isinstance(scenario, RigScenario):
         from aerodima.workbench.simulate.rig_run import run_rig
 
-        if law is not None or stop_when_certain or start is not None or record != "all":
+        if law is not None or stop_when_certain or record != "all":
             raise UserError(
-                f"{scenario.name}: law, start, stop_when_certain and record='outcome' are for scenarios of the car"
+                f"{scenario.name}: law, stop_when_certain and record='outcome' are for scenarios of the car"
             )
         return run_rig(scenario, log, force=force, view=view)
     from aerodima.workbench.simulate.car_run import run_car, run_outcome
 
     if record == "all":
-        if start is not None:
-            raise UserError(f"{scenario.name}: a rolling start is for searches; allowed: record='outcome'")
         return run_car(scenario, log, bool(stop_when_certain), law, force, view)
     if log is not None:
         raise UserError(f"{log}: record='outcome' leaves out columns of a log file; allowed: record='all'")
-    return run_outcome(scenario, stop_when_certain is not False, law, view, start)
+    return run_outcome(scenario, stop_when_certain is not False, law, view)

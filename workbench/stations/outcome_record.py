@@ -146,9 +146,9 @@ class OutcomeRecord:
         state, time = self._states(context), self._times(context)
         if self._over(state, time, turn_end).any():
             return True
-        return self._may_settle and self.is_calm(context, turn_end)
+        return self._may_settle and self._is_calm(context, turn_end)
 
-    def is_calm(self, context: Context, since: float) -> bool:
+    def _is_calm(self, context: Context, since: float) -> bool:
         """Whether the car has been calm in the last instants, and not before `since`, s."""
         state, time = self._states(context), self._times(context)
         first = int(np.searchsorted(time, max(since, time[-1] - self._look_back)))
@@ -159,19 +159,6 @@ class OutcomeRecord:
         if settled_row(motion | pressed, since) is None:
             return False  # whatever the forces of the ground are, which cost most
         return settled_row(motion | self._contacts(state, self._steps(time[first:])), since) is not None
-
-    def history(self, context: Context) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Times (n) and values (size, n) of every logger."""
-        logs = (sink.FindLog(context) for sink in (self._rows, self._steps_log))
-        return tuple((log.sample_times().copy(), log.data().copy()) for log in logs)
-
-    def restore(self, context: Context, history: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-        """Begins all loggers with a `history`."""
-        for sink, (times, data) in zip((self._rows, self._steps_log), history, strict=True):
-            log = sink.FindMutableLog(context)
-            log.Clear()
-            for time, sample in zip(times.tolist(), data.T, strict=True):
-                log.AddData(time, sample)
 
     def table(self, context: Context, stop_after: float) -> tuple[pd.DataFrame, dict[str, float]]:
         """One row per log time, columns as in a run log; up to that at which a `FlipWatch` at every row would stop.

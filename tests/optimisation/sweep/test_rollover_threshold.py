@@ -16,23 +16,19 @@ from aerodima.optimisation.sweep.rollover_threshold import (
 from aerodima.optimisation.sweep.study_engine import SerialRunEngine
 from aerodima.workbench.errors import SweepError, UserError
 
-SHIFT = 0.05
-
 
 class MadeUp(SerialRunEngine):
-    """Survival as a function of the searched factor instead of a run; `shifted`: by `SHIFT` where the run is rolled."""
-
-    shifted = False
+    """Survival as a function of the searched factor instead of a run."""
 
     def __init__(self, survives, factor):
-        self.survives, self.factor, self.runs, self.rolled = survives, factor, [], []
+        self.survives, self.factor, self.runs = survives, factor, []
 
     def rows(self, tasks, done=None):
         rows = []
         for place, task in enumerate(tasks):
             value = float(dict(setting.split("=") for setting in task.settings)[self.factor])
-            (self.rolled if task.rolling else self.runs).append(value)
-            outcome = self.survives(value + SHIFT * bool(task.rolling)) if self.shifted else self.survives(value)
+            self.runs.append(value)
+            outcome = self.survives(value)
             kind = outcome if isinstance(outcome, str) else "survived" if outcome else "flipped"
             speeds = {"speed_m_per_s": 0.5 if kind == "tipped" else 3.3, "commanded_speed_m_per_s": 3.33}
             kind = "flipped" if kind == "tipped" else kind
@@ -60,37 +56,8 @@ def test_step_is_bracketed_within_the_tolerance_with_few_runs():
     assert found.lost - found.survived <= 0.01 + 1e-9
     assert abs(found.value - 0.6537) <= 0.01
     assert len(engine.runs) == len(set(engine.runs)) == 7 + 3 * 2
-    assert not engine.rolled
     assert found.islands == ()
     assert found.highest_survived == found.survived
-
-
-def test_case_whose_edge_comes_to_something_else_from_rest_is_searched_from_rest():
-    engine = MadeUp(lambda friction: friction < 0.6537, FRICTION)
-    engine.shifted = True
-    wanted = Search(FRICTION, 0.4, 1.0, 0.1, 0.01)
-    found = find_thresholds([Case("", "turn_none"), Case("", "turn_held")], wanted, engine, rolling=True)
-    alone = find_thresholds([Case("", "turn_none")], wanted, MadeUp(engine.survives, FRICTION))
-    assert found == alone * 2
-    assert len(engine.rolled) == 2 * (7 + 3 * 2)
-
-
-def test_what_a_rolling_search_names_is_run_again_from_rest():
-    engine = MadeUp(lambda friction: friction < 0.55 or 0.75 < friction < 0.85, FRICTION)
-    (found,) = find_thresholds([Case("", "turn_none")], Search(FRICTION, 0.4, 1.0, 0.1, 0.05), engine, rolling=True)
-    assert found.islands == ((0.8, 0.8),)
-    assert engine.runs == [found.survived, found.lost, 0.8]
-    assert set(engine.rolled) == set(found.rows)
-
-
-def test_only_a_scan_over_friction_rolls():
-    for factor, starts in ((SPEED, None), (FRICTION, [0.5])):
-        engine = MadeUp(lambda value: value < 0.6537, factor)
-        find_thresholds(
-            [Case("", "turn_none")], Search(factor, 0.4, 1.0, 0.1, 0.01), engine, starts=starts, rolling=True
-        )
-        assert not engine.rolled
-        assert engine.runs
 
 
 def test_island_of_survivors_is_reported_and_not_taken_for_the_threshold():

@@ -11,7 +11,6 @@ from aerodima.optimisation.sweep.study_engine import (
     RunTask,
     SerialRunEngine,
     evaluate,
-    in_waves,
     open_run_engine,
     run_key,
 )
@@ -63,19 +62,6 @@ def test_workers_give_the_rows_of_a_serial_loop_in_order(engine):
     assert sorted(finished) == [(place, task.name) for place, task in enumerate(work)]
     assert engine.workers == 2
     assert engine.startup > 0.0
-
-
-class ThreeWorkers(SerialRunEngine):
-    workers = 3
-
-
-def test_waves_are_as_wide_as_the_engine_and_end_when_nobody_asks():
-    taken = []
-    items = (taken.append(number) or number for number in range(10))
-    found = in_waves(ThreeWorkers(), math.sqrt, items)
-    assert [next(found) for _ in range(4)] == [math.sqrt(number) for number in range(4)]
-    assert taken == list(range(6))
-    assert len(list(found)) == 6
 
 
 def test_function_is_called_for_every_item_and_its_error_comes_out(engine):

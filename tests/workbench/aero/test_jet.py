@@ -15,7 +15,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.sections import SectionLayout, cheetah_tail_layout
+from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.resources import model_path
@@ -23,7 +23,8 @@ from tests.workbench.aero.plants import add_plant, plant_context, port_value
 
 EDGE_DEPTH = 0.265  # h0, design section 5
 DOWN = {"axis_B": (0.0, 0.0, -1.0), "normal_B": (0.0, 1.0, 0.0)}
-TAIL = cheetah_tail_layout(1, start=0.270)
+TAIL = SectionLayout.strip(start=0.270, length=0.390, width=0.0639, axis_B=(0.0, 0.0, -1.0), normal_B=(0.0, 1.0, 0.0))
+"""Tail 1 of Table 4.2 on the rig."""
 BAR = SectionLayout.strip(start=0.0, length=0.270, width=0.02, number=1, **DOWN)
 
 
@@ -157,10 +158,3 @@ def test_above_the_quasi_steady_limit_a_section_is_marked() -> None:
         )
         context = plant_context(builder.Build(), plant, np.zeros(2))
         np.testing.assert_array_equal(port_value(force, context, "validity"), np.full(5, mark))
-
-
-def test_the_cheetah_layouts_are_those_of_table_4_2() -> None:
-    assert sum(TAIL.areas) == pytest.approx(0.390 * 0.0639)
-    assert TAIL.p_BoTip_B == pytest.approx([0.0, 0.0, -0.660])
-    with pytest.raises(ModelError, match=r"tail 4 does not exist \(tails: 1, 2, 3\)"):
-        cheetah_tail_layout(4, start=0.270)

@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.aero.wind import WindModel, WindSource, add_apparent_wind, add_wind
+from aerodima.workbench.aero.wind import WindModel, WindSource, add_wind
 from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_free_body, add_plant, plant_context, port_value
 
@@ -77,22 +77,6 @@ def test_wind_and_motion_give_the_same_force() -> None:
     assert wrenches[0][1] == pytest.approx(0.5 * 1.225 * 0.1 * 2.0 * 25.0, rel=1e-12)
     np.testing.assert_allclose(wrenches[1], wrenches[0], rtol=1e-12)
     np.testing.assert_allclose(wrenches[2], wrenches[0], rtol=1e-12)
-
-
-def test_a_driving_car_feels_head_wind() -> None:
-    """Turned left by 90 degrees, driving at 4 m/s along +y, in a wind of 3 m/s along +x, which is the car's -y.
-
-    In body axes the air comes from the front at 4 m/s and blows towards the right (-y) at 3 m/s.
-    """
-    builder = DiagramBuilder()
-    plant = add_plant(builder)
-    add_free_body(plant, "car")
-    plant.Finalize()
-    sensor = add_apparent_wind(builder, plant, "car", wind=add_wind(builder, WindModel(mean=(3.0, 0.0, 0.0))))
-    half = math.sqrt(0.5)
-    state = np.array([half, 0.0, 0.0, half, 0, 0, 0, 0, 0, 0, 0, 4.0, 0])
-    context = plant_context(builder.Build(), plant, state)
-    np.testing.assert_allclose(port_value(sensor, context, "apparent_wind"), [-4.0, -3.0, 0.0], atol=1e-12)
 
 
 def test_the_tunnel_blows_downstream() -> None:
