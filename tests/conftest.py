@@ -1,12 +1,9 @@
 """Fixtures of the whole suite: the runs that many tests look at are made once."""
 
-import os
 from pathlib import Path
 from typing import Any
 
 import pytest
-
-os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # tests are of what runs without numba; those of it switch it on
 
 
 @pytest.fixture(scope="session")

@@ -82,7 +82,7 @@ def _executed(path: Path) -> dict[str, Any]:
         startup = Path(profile) / "profile_default" / "startup"
         startup.mkdir(parents=True)
         (startup / "00-deprecations.py").write_text(_STARTUP, encoding="utf-8")
-        os.environ |= {"IPYTHONDIR": profile, "NUMBA_DISABLE_JIT": "1"}  # what is stored is of interpreted steps
+        os.environ["IPYTHONDIR"] = profile
         NotebookClient(
             notebook, timeout=SILENCE, kernel_name="python3", resources={"metadata": {"path": profile}}
         ).execute()

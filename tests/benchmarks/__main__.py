@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import csv
 import inspect
-import os
 import sys
 import traceback
 from collections.abc import Callable, Iterable
@@ -83,7 +82,6 @@ def main() -> int:
     benchmarks = collect(arguments.selected)
     if not benchmarks:
         parser.error(f"-k {arguments.selected}: no benchmark has this in its name")
-    os.environ.setdefault("NUMBA_DISABLE_JIT", "1")  # rows are of what runs without numba; one of it switches it on
     return run(benchmarks, arguments.out)
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -30,7 +28,7 @@ REPEATS = 5
 
 
 def bench_step() -> list[BenchRow]:
-    """CPU time per step of driver, controller, estimator and station: fused, fused and compiled, and separate systems.
+    """CPU time per step of driver, controller, estimator and station: lean as in a trial, and recorded.
 
     Peers: the same plant with its tail alone in a diagram, idle (all inputs zero) and driven (through the same turn, by
     the recorded torques and steering angles of the station; the air is left out). A driven plant costs more than an
@@ -45,9 +43,8 @@ def bench_step() -> list[BenchRow]:
             taken = {
                 "idle": _timed(_bare_plant(scenario, {}), scenario),
                 "driven": _timed(_bare_plant(scenario, inputs), scenario),
-                "fused": _fused_step_seconds(scenario, compiled=False),
-                "compiled": _fused_step_seconds(scenario, compiled=True),
-                "separate": _timed(Simulator(assemble(scenario).builder.Build()), scenario),
+                "lean": _timed(Simulator(assemble(scenario, lean=True).builder.Build()), scenario),
+                "whole": _timed(Simulator(assemble(scenario).builder.Build()), scenario),
                 "recorded": _recorded_step_seconds(scenario, Path(folder) / f"{repeat}.parquet"),
             }
             for name, step_seconds in taken.items():
@@ -55,18 +52,17 @@ def bench_step() -> list[BenchRow]:
     least = {name: min(values) * 1e6 for name, values in seconds.items()}
     idle, driven, step = least["idle"], least["driven"], scenario.simulation.step
     return [
-        BenchRow("station_step_over_idle_plant", least["fused"], "us", "", idle),
-        BenchRow("station_step_over_driven_plant", least["fused"], "us", "<= 1.6", driven),
-        BenchRow("station_step_over_driven_plant_compiled", least["compiled"], "us", "<= 1.35", driven),
-        BenchRow("station_step_of_separate_systems", least["separate"], "us", "", driven),
+        BenchRow("station_step_over_idle_plant", least["lean"], "us", "", idle),
+        BenchRow("station_step_over_driven_plant", least["lean"], "us", "<= 1.6", driven),
+        BenchRow("station_step_with_truth", least["whole"], "us", "", driven),
         BenchRow("station_step_recorded", least["recorded"], "us", "", driven),
-        BenchRow("station_real_time_factor", step / (least["fused"] * 1e-6), "1"),
+        BenchRow("station_real_time_factor", step / (least["lean"] * 1e-6), "1"),
         BenchRow("station_real_time_factor_recorded", step / (least["recorded"] * 1e-6), "1"),
     ]
 
 
 def bench_outcome_trial() -> list[BenchRow]:
-    """Outcome trials per second of CPU time over runs that record everything on separate systems, in one process.
+    """Outcome trials per second of CPU time over runs that record everything, in one process.
 
     One that survives and one that flips, in turns, the least of each.
     """
@@ -92,14 +88,6 @@ def bench_repeated_run() -> list[BenchRow]:
     with tempfile.TemporaryDirectory() as folder:
         first, second = (simulate(scenario, Path(folder) / f"{name}.parquet") for name in ("first", "second"))
     return [BenchRow("repeated_run_equal", float(signals_equal(first, second)), "1", "== 1")]
-
-
-def _fused_step_seconds(scenario: Scenario, compiled: bool) -> float:
-    """Interpreted, or compiled with numba in the step before those that are timed."""
-    with mock.patch.dict(os.environ, {"NUMBA_DISABLE_JIT": str(int(not compiled))}):
-        simulator = Simulator(assemble(scenario, systems="fused").builder.Build())
-        simulator.AdvanceTo(1.5 * scenario.simulation.step)
-    return _timed(simulator, scenario)
 
 
 def _recorded_inputs(scenario: Scenario) -> dict[str, PiecewisePolynomial]:
@@ -129,8 +117,7 @@ def _recorded_inputs(scenario: Scenario) -> dict[str, PiecewisePolynomial]:
 
 def _driven_ports(plant: Any) -> list[Any]:
     instances = [plant.GetModelInstanceByName(name) for name in ("car", "tail")]
-    actuation = [plant.get_actuation_input_port(instance) for instance in instances]
-    return [*actuation, plant.get_desired_state_input_port(instances[0])]
+    return [plant.get_actuation_input_port(), plant.get_desired_state_input_port(instances[0])]
 
 
 def _bare_plant(scenario: Scenario, inputs: dict[str, PiecewisePolynomial]) -> Simulator:

@@ -1,7 +1,7 @@
-"""AK70-10 tail motors in MIT mode (design section 6)."""
+"""AK70-10 motors in MIT mode (design section 6): on the tail of the car, and on that of the robot on the rig."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -13,8 +13,8 @@ from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_frictio
 from aerodima.workbench.plants.tail import ArmInertia, arm_inertia
 from aerodima.workbench.systems.port_values import vector_of
 
-JOINTS, ROLL = 2, 1
-"""Pitch and roll, in this order, as in the tail plant: how many, and which one is roll."""
+ROLL = 1
+"""Pitch and roll joint stand in this order."""
 
 
 def torque_speed_limits(motor: TailMotorParameters) -> tuple[float, float]:
@@ -48,7 +48,7 @@ def mit_torque(
     position: float,
     speed: float,
     command: Sequence[float],
-    motor: Any,
+    motor: TailMotorParameters,
     line: tuple[float, float],
     ahead: tuple[float, float, float] = NOW,
 ) -> float:
@@ -66,7 +66,7 @@ def mit_torque(
         position: joint angle, rad.
         speed: joint rate, rad/s.
         command: q_d rad, qd_d rad/s, kp N m/rad, kd N m s/rad, tau_ff N m.
-        motor: limits, `TailMotorParameters` or its numbers under the same names.
+        motor: limits.
         line: stall torque N m and no-load speed rad/s, from `torque_speed_limits`.
         ahead: step of the plant, as `StepAhead`; by default the law holds at this instant.
     """
@@ -89,7 +89,7 @@ def loaded_torque(
     last_torque: float,
     friction: float,
     command: Sequence[float],
-    motor: Any,
+    motor: TailMotorParameters,
     line: tuple[float, float],
     step: float,
     inertia: float,
@@ -164,45 +164,44 @@ class TailJoints:
         return torques
 
 
-class TailMotors(LeafSystem):
-    """The tail's joints as they are driven, `TailJoints`: commands in, joint torques out.
+class MitMotor(LeafSystem):
+    """One motor on a continuous plant, on the robot's wind-tunnel rig: `mit_torque` at this instant.
 
-    Input ports (pitch and roll, in this order):
-        joint_state (4): angles rad, rates rad/s, from the plant.
-        joint_acceleration (2): rad/s2, of the plant's last step.
-        joint_torque (2): N m, motor and friction together, of the plant's last step.
-        tail_pitch_command (5), tail_roll_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad,
-            torque N m.
+    The motor's firmware closes the loop at kHz.
+
+    A NaN in the command gives zero torque. The reflected rotor inertia is part of the plant.
+
+    Input ports:
+        joint_state (2): angle rad, rate rad/s.
+        tail_command (5): position rad, velocity rad/s, kp N m/rad, kd N m s/rad, torque N m.
     Output ports:
-        actuation (2): N m along the joint axes, motor and friction together.
-        torque (2): N m along the joint axes, of the motors alone.
+        torque (1): N m along the joint axis.
+        current (1): A, positive against the joint axis, as on the rig with the Maxon motor.
 
     Args:
-        joints: motors and friction.
+        motor: limits.
+        torque_constant: torque at the output per ampere, N m/A.
     """
 
-    def __init__(self, joints: TailJoints) -> None:
+    def __init__(self, motor: TailMotorParameters, torque_constant: float):
         super().__init__()
-        self._joints = joints
-        names = {"joint_state": 2 * JOINTS, "joint_acceleration": JOINTS, "joint_torque": JOINTS}
-        self._motion = [self.DeclareVectorInputPort(name, size) for name, size in names.items()]
-        self._commands = [
-            self.DeclareVectorInputPort(f"tail_{joint}_command", TAIL_COMMAND.size) for joint in ("pitch", "roll")
-        ]
-        inputs = {self.all_input_ports_ticket()}
-        self.DeclareVectorOutputPort("actuation", JOINTS, self._calc_actuation, prerequisites_of_calc=inputs)
-        self.DeclareVectorOutputPort("torque", JOINTS, self._calc_torque, prerequisites_of_calc=inputs)
+        self._motor, self._torque_constant = motor, torque_constant
+        self._line = torque_speed_limits(motor)
+        self._state = self.DeclareVectorInputPort("joint_state", 2)
+        self._command = self.DeclareVectorInputPort("tail_command", TAIL_COMMAND.size)
+        tickets = {self.all_input_ports_ticket()}
+        self.DeclareVectorOutputPort("torque", 1, self._calc_torque, tickets)
+        self.DeclareVectorOutputPort("current", 1, self._calc_current, tickets)
 
-    def _calc_actuation(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array([motor + friction for motor, friction in self._torques(context)]))
+    def _torque(self, context: Context) -> float:
+        state = vector_of(self._state, context)
+        command = vector_of(self._command, context)
+        angle, rate = state.tolist()
+        torque = mit_torque(angle, rate, command.tolist(), self._motor, self._line)
+        return torque if torque == torque else 0.0
 
     def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array([motor for motor, _ in self._torques(context)]))
+        output.SetFromVector(np.array([self._torque(context)]))
 
-    def _torques(self, context: Context) -> list[tuple[float, float]]:
-        motion = [vector_of(port, context) for port in self._motion]
-        state, accelerations, last_torques = (values.tolist() for values in motion)
-        commands = [vector_of(port, context) for port in self._commands]
-        return self._joints.torques(
-            state[:JOINTS], state[JOINTS:], accelerations, last_torques, [command.tolist() for command in commands]
-        )
+    def _calc_current(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array([-self._torque(context) / self._torque_constant]))

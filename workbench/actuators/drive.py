@@ -1,15 +1,9 @@
 """Brushless drive on the rear differential (design section 6)."""
 
-from typing import Any
-
-import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
-
 from aerodima.workbench.config.car_parameters import CarParameters, DriveParameters
-from aerodima.workbench.systems.port_values import vector_of
 
 
-def steady_speed(throttle: float, drive: Any) -> float:
+def steady_speed(throttle: float, drive: DriveParameters) -> float:
     """Speed (m/s) for a throttle in -1..1: the fitted line, mirrored for reverse, zero inside its dead band.
 
     Without governor the motor does not overcome its load below `breakaway_throttle` (thesis 6.2).
@@ -27,7 +21,7 @@ def shaft_gain(drive: DriveParameters, car: CarParameters) -> float:
     return (car.mass * car.tyre_radius**2 + drive.rotor_inertia) / drive.time_constant
 
 
-def shaft_torque(throttle: float, shaft_speed: float, drive: Any, gain: float, radius: float) -> float:
+def shaft_torque(throttle: float, shaft_speed: float, drive: DriveParameters, gain: float, radius: float) -> float:
     """Torque (N m) on the differential's shaft: clip(k (w_target - w), +-limit).
 
     The throttle sets the target through the line of section 6.2. With governor k is stiff, so the wheel speed is held
@@ -37,7 +31,7 @@ def shaft_torque(throttle: float, shaft_speed: float, drive: Any, gain: float, r
     Args:
         throttle: -1..1.
         shaft_speed: rad/s, positive forward.
-        drive: line, torque limit: `DriveParameters` or its numbers under the same names.
+        drive: line, torque limit.
         gain: k, N m s/rad, from `shaft_gain`.
         radius: m, of the loaded rear tyres as they roll.
     """
@@ -46,36 +40,3 @@ def shaft_torque(throttle: float, shaft_speed: float, drive: Any, gain: float, r
     target = steady_speed(min(max(throttle, -1.0), 1.0), drive) / radius
     limit = drive.torque_limit
     return min(max(gain * (target - shaft_speed), -limit), limit)
-
-
-class Drive(LeafSystem):
-    """The drive of `shaft_torque` as a Drake system.
-
-    Input ports:
-        throttle (1): -1..1.
-        shaft_speed (1): rad/s, positive forward.
-    Output ports:
-        torque (1): N m on the shaft.
-
-    Args:
-        drive: line, torque limit.
-        gain: k, N m s/rad, from `shaft_gain`.
-        rolling_radius: m, of the loaded rear tyres.
-    """
-
-    def __init__(self, drive: DriveParameters, gain: float, rolling_radius: float):
-        super().__init__()
-        self._drive = drive
-        self._gain = gain
-        self._radius = rolling_radius
-        self._throttle = self.DeclareVectorInputPort("throttle", 1)
-        self._speed = self.DeclareVectorInputPort("shaft_speed", 1)
-        self.DeclareVectorOutputPort(
-            "torque", 1, self._calc_torque, prerequisites_of_calc={self.all_input_ports_ticket()}
-        )
-
-    def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        command = vector_of(self._throttle, context)
-        speed = vector_of(self._speed, context)
-        torque = shaft_torque(float(command[0]), float(speed[0]), self._drive, self._gain, self._radius)
-        output.SetFromVector(np.array([torque]))

@@ -2,10 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
-import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from aerodima.workbench.config.car_parameters import CarParameters, ServoParameters
 from aerodima.workbench.systems.discrete_vector import DiscreteVector
@@ -23,7 +21,7 @@ def ackermann(steering_angle: float, wheelbase: float, track: float) -> tuple[fl
     return math.atan2(tangent, 1.0 - half), math.atan2(tangent, 1.0 + half)
 
 
-def knuckle_angles(steering_angle: float, servo: Any, car: Any) -> tuple[float, float]:
+def knuckle_angles(steering_angle: float, servo: ServoParameters, car: CarParameters) -> tuple[float, float]:
     """Angles (rad) of the left and right front wheel for a steering angle, as the linkage makes them."""
     if servo.linkage == "parallel":
         return steering_angle, steering_angle
@@ -46,11 +44,10 @@ def steering_motion(frame: Sequence[float], time: float, rate: float) -> tuple[f
     return start + side * travel, side * rate
 
 
-def knuckle_motion(angle: float, rate: float, servo: Any, car: Any) -> tuple[float, float, float, float]:
-    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the bicycle.
-
-    `servo` and `car` are `ServoParameters` and `CarParameters` or their numbers under the same names.
-    """
+def knuckle_motion(
+    angle: float, rate: float, servo: ServoParameters, car: CarParameters
+) -> tuple[float, float, float, float]:
+    """Angles (rad) of the left and right front wheel and their rates (rad/s), for those of the bicycle."""
     left, right = knuckle_angles(angle, servo, car)
     if servo.linkage == "parallel":
         return left, right, rate, rate
@@ -62,7 +59,7 @@ def knuckle_motion(angle: float, rate: float, servo: Any, car: Any) -> tuple[flo
 
 
 class SteeringServo(LeafSystem):
-    """Rate-limited servo that drives both front knuckles through a linkage (`knuckle_angles`).
+    """Rate-limited servo that drives both front knuckles through a linkage (`knuckle_motion`).
 
     30 degrees take 0.14 s (thesis 7.1.1). The servo reads its command once per frame and moves towards it at its rate;
     in between, the angle is that of the moving linkage at every instant. A command that the driver gives at the instant
@@ -73,34 +70,22 @@ class SteeringServo(LeafSystem):
         steering_angle (1): commanded bicycle steering angle, rad, positive to the left.
     Output ports:
         frame (3): what the servo does since its last frame, see `steering_motion`.
-        knuckle_state (4): left and right knuckle angle rad, then their rates rad/s, as the linkage demands them.
 
     Args:
         servo: rate, limit, frame rate.
-        car: wheelbase and track.
     """
 
-    def __init__(self, servo: ServoParameters, car: CarParameters):
+    def __init__(self, servo: ServoParameters) -> None:
         super().__init__()
-        self._servo, self._car = servo, car
+        self._servo = servo
         self._command = self.DeclareVectorInputPort("steering_angle", 1)
         self._frame = DiscreteVector(self, [0.0, 0.0, 0.0], output="frame")
         declare_ticks(self, servo.frame_rate, Stage.SERVO, self._read_frame)
-        self.DeclareVectorOutputPort(
-            "knuckle_state", 4, self._calc_knuckles, prerequisites_of_calc={self.time_ticket(), self._frame.ticket}
-        )
 
     def _read_frame(self, context: Context, next_state: DiscreteValues) -> None:
         commanded = vector_of(self._command, context)
         command = float(commanded[0])
         time = nominal_time(context.get_time(), self._servo.frame_rate)
-        angle, _ = self._motion(context, time)
+        angle, _ = steering_motion(self._frame.read(context).tolist(), time, self._servo.rate)
         target = angle if math.isnan(command) else min(max(command, -self._servo.limit), self._servo.limit)
         self._frame.write(next_state, [time, angle, target])
-
-    def _motion(self, context: Context, time: float) -> tuple[float, float]:
-        return steering_motion(self._frame.read(context).tolist(), time, self._servo.rate)
-
-    def _calc_knuckles(self, context: Context, output: BasicVector) -> None:
-        angle, rate = self._motion(context, context.get_time())
-        output.SetFromVector(np.array(knuckle_motion(angle, rate, self._servo, self._car)))

@@ -14,8 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from aerodima.workbench.aero.laws import float_of
-from aerodima.workbench.aero.plates import Scalar
+from aerodima.workbench.aero.laws import Scalar, float_of
 from aerodima.workbench.errors import ModelError
 
 LEAST_DRAG = -0.05

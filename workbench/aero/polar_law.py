@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 from pydrake.math import arctan2
 
 from aerodima.workbench.aero.coefficient_functions import LEAST_DRAG, RegularTable
-from aerodima.workbench.aero.laws import SectionLaw, dot
-from aerodima.workbench.aero.plates import STILL, Scalar, Vector
+from aerodima.workbench.aero.laws import STILL, Scalar, SectionLaw, Vector, dot
 from aerodima.workbench.errors import ModelError
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]

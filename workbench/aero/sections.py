@@ -30,34 +30,6 @@ class Air:
                 raise ModelError(f"air: {name} is {value}, but it must be a finite number above 0")
 
 
-_STILL_AIR = (0.0, 0.0, 0.0)
-
-
-def line_motion(
-    X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any, axis_B: Any, normal_B: Any, p_BoRo_B: Any
-) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
-    """See `SectionLayout.motion`; of a line with these axis, normal and root, in moving air."""
-    x_row, y_row, z_row = X_WB
-    r00, r01, r02 = x_row[0], x_row[1], x_row[2]
-    r10, r11, r12 = y_row[0], y_row[1], y_row[2]
-    r20, r21, r22 = z_row[0], z_row[1], z_row[2]
-    w_x, w_y, w_z = w_WB
-    v_x, v_y, v_z = v_WBo
-    x, y, z = axis_B
-    a_x, a_y, a_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-    x, y, z = normal_B
-    n = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
-    x, y, z = p_BoRo_B
-    if x != 0.0 or y != 0.0 or z != 0.0:
-        p_x, p_y, p_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-        v_x += w_y * p_z - w_z * p_y
-        v_y += w_z * p_x - w_x * p_z
-        v_z += w_x * p_y - w_y * p_x
-    k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
-    air_x, air_y, air_z = v_WA
-    return (a_x, a_y, a_z), n, (air_x - v_x, air_y - v_y, air_z - v_z), k
-
-
 @dataclass(frozen=True)
 class SectionLayout:
     """Sections on a straight line through a body B: R is the root of the line, S_i the centre of section i.
@@ -128,9 +100,31 @@ class SectionLayout:
         Returns:
             Axis a and normal n in W; u, m/s, and k, 1/s, of the relative velocity u + s k at s from the root.
         """
-        return line_motion(
-            X_WB, w_WB, v_WBo, _STILL_AIR if v_WA is None else v_WA, self.axis_B, self.normal_B, self.p_BoRo_B
-        )
+        x_row, y_row, z_row = X_WB
+        r00, r01, r02 = x_row[0], x_row[1], x_row[2]
+        r10, r11, r12 = y_row[0], y_row[1], y_row[2]
+        r20, r21, r22 = z_row[0], z_row[1], z_row[2]
+        w_x, w_y, w_z = w_WB
+        v_x, v_y, v_z = v_WBo
+        x, y, z = self.axis_B
+        a_x, a_y, a_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+        x, y, z = self.normal_B
+        n = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
+        x, y, z = self.p_BoRo_B
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            p_x, p_y, p_z = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+            v_x += w_y * p_z - w_z * p_y
+            v_y += w_z * p_x - w_x * p_z
+            v_z += w_x * p_y - w_y * p_x
+        k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
+        air_x, air_y, air_z = (0.0, 0.0, 0.0) if v_WA is None else v_WA
+        return (a_x, a_y, a_z), n, (air_x - v_x, air_y - v_y, air_z - v_z), k
+
+    def root_in(self, R_WB: Any) -> tuple[Any, Any, Any]:
+        """Root of the line from the body's origin in W (3), m, for rows as in `motion`."""
+        x, y, z = self.p_BoRo_B
+        r_x, r_y, r_z = (row[0] * x + row[1] * y + row[2] * z for row in R_WB)
+        return r_x, r_y, r_z
 
     @classmethod
     def strip(

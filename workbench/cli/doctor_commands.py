@@ -57,7 +57,6 @@ EXTRAS = {
         ("foxglove_schemas_protobuf", "the scene in MCAP logs"),
     ),
     "console": (("starlette", "the operator's page"), ("uvicorn", "the operator's page")),
-    "compiled": (("numba", "studies a tenth faster"),),
     "notebooks": (("nbclient", "the notebooks"),),
     "bench": (("mujoco", "comparing in `make bench`"),),
 }

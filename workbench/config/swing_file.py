@@ -145,9 +145,7 @@ class Provenance(_Strict):
         default_factory=dict, description="what it found, such as peak_roll_rad; unit at the end of the name"
     )
     solver_log: str | None = Field(None, description="file of the solver's log")
-    versions: dict[str, str] = Field(
-        default_factory=dict, description="project, drake, python, numpy, and numba where it compiles steps"
-    )
+    versions: dict[str, str] = Field(default_factory=dict, description="project, drake, python, numpy")
 
 
 class SwingFile(_Strict):

@@ -7,7 +7,6 @@ have equal signals, bit for bit (`signals_equal`); `created` is all that may dif
 
 import json
 import math
-import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -68,7 +67,7 @@ class RunLog:
         table: one row per log time, float64 columns; the first is `time_s`.
         scenario: the resolved scenario.
         seed: seed of every random number of the run.
-        versions: of the project, Drake, Python and NumPy, and of numba where it compiles steps.
+        versions: of the project, Drake, Python and NumPy.
         kind: what was logged: `car_run` a run of the car, `plant_run` one of another plant.
         created: ISO time of the start of the run.
         extra: further facts, for example `tail_mass_kg` (kg).
@@ -176,13 +175,7 @@ def software_versions() -> dict[str, str]:
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     for key, distribution in (("project", "aerodima-workbench"), ("drake", "drake")):
         versions[key] = _installed(distribution) or "not installed"
-    compiler = compiler_version()
-    return versions if compiler is None else {**versions, "numba": compiler}
-
-
-def compiler_version() -> str | None:
-    """Version of numba where it compiles the steps of simulated cars; None where they are interpreted."""
-    return _installed("numba") if os.environ.get("NUMBA_DISABLE_JIT", "0") == "0" else None
+    return versions
 
 
 @cache

@@ -22,7 +22,7 @@ from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metada
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.live_view import LiveView
-from aerodima.workbench.stations.car_station import InterfaceFactory, Systems, make_car_station, simulated_car
+from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.event_order import LEAD, Stage, step_instant
 
@@ -47,18 +47,17 @@ def assemble(
     interface: InterfaceFactory | None = None,
     meshcat: Meshcat | None = None,
     tail_law: TailLaw | None = None,
-    systems: Systems = "separate",
     lean: bool = False,
     schedule: Schedule | None = None,
 ) -> CarDiagram:
     """Connects station, driver, controller and estimator; the controllers stand outside the station.
 
-    The tail follows `tail_law`, the driver `schedule`, or by default what the scenario names. For `systems` see
-    `make_car_station`. With `lean`, what no metric of a run needs is left out: the estimator of roll, and, without
-    tail, the ticks of its controller.
+    The tail follows `tail_law`, the driver `schedule`, or by default what the scenario names. With `lean`, what no
+    metric of a run needs is left out: most of the truth, the estimator of roll and, without tail, the ticks of its
+    controller.
     """
     builder = DiagramBuilder()
-    station = make_car_station(scenario, interface, meshcat, systems)
+    station = make_car_station(scenario, interface, meshcat, with_truth=not lean)
     builder.AddSystem(station)
     law, rate = tail_law or law_of_scenario(scenario), scenario.controller.rate
     driver = TurnDriver.add_to_builder(
@@ -119,9 +118,9 @@ def run_outcome(
 ) -> RunLog:
     """Records what outcome and metrics need, as cheaply as it can be: for studies, which need thousands of runs.
 
-    The plant is driven by fused systems, nothing is recorded in Python, and the roll estimator is left out.
+    Nothing is recorded in Python, and most of the truth and the roll estimator are left out.
     """
-    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, systems="fused", lean=True)
+    car = assemble(scenario, meshcat=view.meshcat, tail_law=law, lean=True)
     outcome = OutcomeRecord(car.builder, car.station, scenario, car.signals)
     metadata = _metadata(car, scenario, law)
     simulator = Simulator(car.builder.Build())

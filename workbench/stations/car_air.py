@@ -4,7 +4,6 @@ The air acts on the sail only; the chassis feels none.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,60 +120,43 @@ def sail_strips(tail: TailParameters) -> list[tuple[SectionLayout, SectionLaw]]:
 
 
 @dataclass(frozen=True)
-class SailForce:
-    """The air on the car's sail, wired to the plant.
+class SailReport:
+    """What the air does to the car's sail.
 
     Attributes:
         wrench: on the whole sail with its board, as `TailForce.wrench`.
         sections, validity: of the sail's opening, or of all lines of a tail of its own geometry, as `TailForce`.
-        wind_direction: of the first line.
     """
 
     wrench: OutputPort
     sections: OutputPort
     validity: OutputPort
-    wind_direction: OutputPort
 
 
-def add_sail_force(
-    builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: System | None, *, applied: bool = True
-) -> SailForce:
-    """Adds the force of the air on the car's sail and wires it to the plant, and to the wind where there is one.
-
-    With `applied` False it only reports: another system pushes the plant.
-    """
-    law, limit = sail_law(scenario.tail)
+def add_sail_report(
+    builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario, wind: OutputPort | None
+) -> SailReport:
+    """Adds systems that say what the air does to the sail; the `CarDrives` push the plant."""
+    tail = scenario.tail
+    _, limit = sail_law(tail)
     air = Air(scenario.environment.air_density, scenario.environment.air_viscosity)
-    port = None if wind is None else wind.GetOutputPort("wind_velocity")
-    if scenario.tail.sail == "free":
-        sail = free_sail(scenario.tail, law)
-        systems = sail.add_to_builder(
-            builder, plant, "tail_sail", air=air, wind=port, quasi_steady_limit=limit, applied=applied
-        )
-        return _together(builder, systems, systems[:1])
     lines = [
         add_tail_force(
-            builder, plant, "tail_sail", layout, law, air=air, wind=port, quasi_steady_limit=limit, applied=applied,
+            builder, plant, "tail_sail", layout, law, air=air, wind=wind, quasi_steady_limit=limit, applied=False,
             name=f"tail_force_tail_sail_{number}" if number else None,
         )
-        for number, (layout, law) in enumerate(sail_strips(scenario.tail))
+        for number, (layout, law) in enumerate(sail_strips(tail))
     ]  # fmt: skip
-    return _together(builder, lines, lines)
+    shown = lines[:1] if tail.sail == "free" else lines
 
-
-def _together(builder: DiagramBuilder, systems: Sequence[System], shown: Sequence[System]) -> SailForce:
-    """Ports of several `TailForce`s of one body: all of them push, some of them are shown."""
-
-    def joined(name: str, parts: Sequence[System]) -> OutputPort:
-        ports = [part.GetOutputPort(name) for part in parts]
+    def joined(name: str) -> OutputPort:
+        ports = [line.GetOutputPort(name) for line in shown]
         return ports[0] if len(ports) == 1 else stacked(builder, f"sail_{name}", ports)
 
-    wrench = systems[0].GetOutputPort("wrench")
-    if len(systems) > 1:
-        both = stacked(builder, "sail_wrenches", [part.GetOutputPort("wrench") for part in systems])
+    wrench = lines[0].GetOutputPort("wrench")
+    if len(lines) > 1:
+        both = stacked(builder, "sail_wrenches", [line.GetOutputPort("wrench") for line in lines])
         # Forces and moments add; the origin of the body, about which all moments are, does not.
-        rest = [np.diag([1.0] * 6 + [0.0] * 3)] * (len(systems) - 1)
-        wrench = transformed(builder, "sail_wrench", both, np.hstack([np.eye(9), *rest]))
-    return SailForce(
-        wrench, joined("sections", shown), joined("validity", shown), shown[0].GetOutputPort("wind_direction")
-    )
+        others = [np.diag([1.0] * 6 + [0.0] * 3)] * (len(lines) - 1)
+        wrench = transformed(builder, "sail_wrench", both, np.hstack([np.eye(9), *others]))
+    return SailReport(wrench, joined("sections"), joined("validity"))

@@ -103,7 +103,7 @@ class OutcomeRecord:
 
     Args:
         builder: of the diagram that holds the station.
-        station: simulated, of fused systems.
+        station: simulated, without the truth for a log.
         scenario: of the station.
         signals: ports with their column names (`car_run.assemble`); those that cost Python at every row are left out.
     """
@@ -204,7 +204,7 @@ class OutcomeRecord:
         return columns | self._body(state, steps) | self._tail(state, steps, context)
 
     def _body(self, states: FloatArray, steps: IntArray) -> dict[str, FloatArray]:
-        """Motion of the chassis; the definitions of `ground_truth.CarTruth` and `sensors.imu.motion_at_imu`."""
+        """Motion of the chassis; the definitions of `ground_truth.CarTruth` and `chassis_sensors.motion_at_imu`."""
         chassis = self._plant.GetBodyByName("chassis")
         q = chassis.floating_positions_start()
         v = self._plant.num_positions() + chassis.floating_velocities_start_in_v()

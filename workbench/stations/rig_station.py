@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
+from aerodima.workbench.actuators.ak70 import MitMotor
 from aerodima.workbench.actuators.maxon import MaxonMotor, current_noise
-from aerodima.workbench.actuators.mit_motor import MitMotor
 from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS
 from aerodima.workbench.errors import UserError

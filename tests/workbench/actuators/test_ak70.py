@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.ak70 import StepAhead, TailJoints, TailMotors, mit_torque, torque_speed_limits
+from aerodima.workbench.actuators.ak70 import StepAhead, TailJoints, mit_torque, torque_speed_limits
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.tail import ArmInertia
@@ -84,30 +84,15 @@ def test_damping_calms_a_light_joint_at_any_step(kd):
             speed = slower
 
 
-def no_friction(rate):
-    return 0.0
+def motors_output(commands, state, past=(0.0, 0.0), torques=(0.0, 0.0), step=0.0):
+    joints = TailJoints(MOTOR, ArmInertia(0.08, 0.08, 0.0003), lambda rate: 0.0, step)
+    return [motor for motor, _ in joints.torques(state[:2], state[2:], past, torques, commands)]
 
 
-def motors_output(commands, state, past=(0.0, 0.0), torques=(0.0, 0.0), friction=no_friction, step=0.0, port="torque"):
-    system = TailMotors(TailJoints(MOTOR, ArmInertia(0.08, 0.08, 0.0003), friction, step))
-    context = system.CreateDefaultContext()
-    values = {
-        "joint_state": state,
-        "joint_acceleration": past,
-        "joint_torque": torques,
-        "tail_pitch_command": commands[0],
-        "tail_roll_command": commands[1],
-    }
-    for name, value in values.items():
-        system.GetInputPort(name).FixValue(context, np.array(value))
-    return system.GetOutputPort(port).Eval(context)
-
-
-def test_friction_of_the_joints_joins_the_actuation_and_not_the_torque_of_the_motors():
-    still, moving = [0.0] * 5, [0.0, 0.0, 3.0, -2.0]
-    arguments = {"friction": lambda rate: -0.1 * rate}
-    np.testing.assert_allclose(motors_output((still, still), moving, **arguments), [0.0, 0.0])
-    np.testing.assert_allclose(motors_output((still, still), moving, **arguments, port="actuation"), [-0.3, 0.2])
+def test_friction_of_the_joints_is_told_apart_from_the_torque_of_the_motors():
+    joints = TailJoints(MOTOR, ArmInertia(0.08, 0.08, 0.0003), lambda rate: -0.1 * rate, 0.0)
+    torques = joints.torques([0.0, 0.0], [3.0, -2.0], (0.0, 0.0), (0.0, 0.0), ([0.0] * 5, [0.0] * 5))
+    np.testing.assert_allclose(torques, [[0.0, -0.3], [0.0, 0.2]])
 
 
 def test_pitch_and_roll_each_follow_their_own_command():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.drive import Drive, shaft_gain, steady_speed
+from aerodima.workbench.actuators.drive import shaft_gain, shaft_torque, steady_speed
 from aerodima.workbench.config.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})
@@ -14,11 +14,7 @@ RADIUS = 0.067
 
 
 def torque(throttle, shaft_speed, gain=1.0):
-    system = Drive(DRIVE, gain, RADIUS)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("throttle").FixValue(context, [throttle])
-    system.GetInputPort("shaft_speed").FixValue(context, [shaft_speed])
-    return float(system.get_output_port().Eval(context)[0])
+    return shaft_torque(throttle, shaft_speed, DRIVE, gain, RADIUS)
 
 
 def test_throttle_line_meets_the_two_published_points():

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from aerodima.workbench.actuators.ak70 import MitMotor
 from aerodima.workbench.actuators.maxon import MaxonMotor
-from aerodima.workbench.actuators.mit_motor import MitMotor
 from aerodima.workbench.config.scenario import load_rig_scenario
 
 SCENARIO = load_rig_scenario("robot")

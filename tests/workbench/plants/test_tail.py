@@ -6,15 +6,45 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from aerodima.workbench.actuators.tail_drive import add_tail_drive
+from aerodima.workbench.actuators.ak70 import TailJoints
 from aerodima.workbench.aero.added_mass import add_added_mass
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.tail import added_mass_layout, arm_inertia, ground_partner_friction, tail_sdf
 
 FRICTIONLESS = {"friction": {"coulomb": 0.0, "viscous": 0.0}}
+
+
+class ArmDrive(LeafSystem):
+    """Motors and friction of an arm alone; what acts in a step is asked for once, when the step begins."""
+
+    def __init__(self, scenario, plant, arm, commands):
+        super().__init__()
+        self.joints, self.commands, self.nq = TailJoints.of_scenario(scenario), commands, plant.num_positions()
+        joints = [plant.GetJointByName(name, arm) for name in ("tail_pitch", "tail_roll")]
+        self.places = [(joint.position_start(), joint.velocity_start()) for joint in joints]
+        ports = {
+            "state": plant.get_state_output_port(),
+            "acceleration": plant.GetOutputPort("generalized_acceleration"),
+            "last": plant.get_net_actuation_output_port(arm),
+        }
+        self.sources = {name: (self.DeclareVectorInputPort(name, port.size()), port) for name, port in ports.items()}
+        self.DeclareVectorOutputPort("actuation", 2, self.calc)
+
+    def calc(self, context, output):
+        state, acceleration, last = (port.Eval(context).tolist() for port, _ in self.sources.values())
+        angles, rates = [state[q] for q, _ in self.places], [state[self.nq + v] for _, v in self.places]
+        past = [acceleration[v] for _, v in self.places]
+        torques = self.joints.torques(angles, rates, past, last, self.commands)
+        output.SetFromVector([motor + friction for motor, friction in torques])
+
+    def wire(self, builder, plant, arm):
+        builder.AddSystem(self)
+        for target, port in self.sources.values():
+            builder.Connect(port, target)
+        builder.Connect(self.get_output_port(), plant.get_actuation_input_port(arm))
 
 
 class ArmOnTheBench:
@@ -33,15 +63,10 @@ class ArmOnTheBench:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("tail_anchor"))
         plant.Finalize()
         added.add_to_builder(builder)
-        motors = add_tail_drive(builder, plant, arm, self.scenario)
-        for name in ("tail_pitch_command", "tail_roll_command"):
-            builder.ExportInput(motors.GetInputPort(name), name)
-        diagram = builder.Build()
-        self.simulator = Simulator(diagram)
+        given = [(commands or {}).get(f"tail_{joint}_command", [0.0] * 5) for joint in ("pitch", "roll")]
+        ArmDrive(self.scenario, plant, arm, given).wire(builder, plant, arm)
+        self.simulator = Simulator(builder.Build())
         self.plant, self.context = plant, plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
-        for name in ("tail_pitch_command", "tail_roll_command"):
-            value = (commands or {}).get(name, [0.0] * 5)
-            diagram.GetInputPort(name).FixValue(self.simulator.get_mutable_context(), value)
         for joint, angle in zip(("tail_pitch", "tail_roll"), angles, strict=True):
             plant.GetJointByName(joint).set_angle(self.context, angle)
 

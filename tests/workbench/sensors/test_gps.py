@@ -2,18 +2,26 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pydrake.multibody.math import SpatialVelocity
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.gps import GpsSpeed
+from aerodima.workbench.sensors.chassis_sensors import GpsSpeed
+from tests.workbench.sensors.body_motion import motion_vector
+
+
+def chassis_motion_at(velocity):
+    still = np.zeros(3)
+    return motion_vector(
+        RigidTransform(), SpatialVelocity([9.0, 9.0, 9.0], velocity), SpatialAcceleration(still, still), 0.002
+    )
 
 
 def receiver(velocity, noise=0.0, delay=0.0, seed=1):
-    gps = GpsSpeed(SimpleNamespace(rate=10.0, delay=delay, noise=noise), body_index=0, seed=seed, step=0.002)
+    gps = GpsSpeed(SimpleNamespace(rate=10.0, delay=delay, noise=noise), seed=seed, step=0.002)
     simulator = Simulator(gps)
-    motion = [SpatialVelocity([9.0, 9.0, 9.0], velocity)]
-    gps.GetInputPort("body_spatial_velocities").FixValue(simulator.get_mutable_context(), motion)
+    gps.get_input_port().FixValue(simulator.get_mutable_context(), chassis_motion_at(velocity))
     simulator.Initialize()
     return gps, simulator
 
@@ -55,8 +63,7 @@ def test_reading_is_repeated_with_the_seed():
 def test_change_of_speed_shows_after_the_delay():
     gps, simulator = receiver([1.0, 0.0, 0.0], delay=0.13)
     simulator.AdvanceTo(0.95)
-    port = gps.GetInputPort("body_spatial_velocities")
-    port.FixValue(simulator.get_mutable_context(), [SpatialVelocity([0.0, 0.0, 0.0], [2.0, 0.0, 0.0])])
+    gps.get_input_port().FixValue(simulator.get_mutable_context(), chassis_motion_at([2.0, 0.0, 0.0]))
     shown = []
     for time in (1.1299, 1.1301):
         simulator.AdvanceTo(time)
@@ -66,4 +73,4 @@ def test_change_of_speed_shows_after_the_delay():
 
 def test_rate_above_one_per_step_is_refused():
     with pytest.raises(UserError, match=r"gps.rate: 10 Hz is above 1/step"):
-        GpsSpeed(SimpleNamespace(rate=10.0, delay=0.0, noise=0.0), body_index=0, seed=1, step=0.2)
+        GpsSpeed(SimpleNamespace(rate=10.0, delay=0.0, noise=0.0), seed=1, step=0.2)

@@ -1,5 +1,4 @@
 import math
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,11 +14,12 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.chassis_motion import ChassisMotion
-from aerodima.workbench.sensors.imu import BNO055, Imu, motion_at_imu
+from aerodima.workbench.sensors.chassis_sensors import BNO055, ChassisMotion, Imu, motion_at_imu
+from tests.workbench.sensors.body_motion import add_sensor, motion_vector
 
 QUIET = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, "attitude_noise": 0.0}
 ORIGIN = np.zeros(3)
+STEP = 0.002
 
 
 def settings(**changes):
@@ -36,17 +36,10 @@ def still(R_WB=None):
 
 
 def imu_on(motion, p_BoImu_B=ORIGIN, seed=1, **changes):
-    """IMU whose inputs are fixed to a motion, on body 1 of two; the simulator that runs it."""
-    imu = Imu(settings(**changes), body_index=1, p_BoImu_B=p_BoImu_B, seed=seed)
+    """IMU whose input is fixed to a motion; the simulator that runs it."""
+    imu = Imu(settings(**changes), p_BoImu_B=p_BoImu_B, seed=seed, step=STEP)
     simulator = Simulator(imu)
-    other = (
-        RigidTransform([9.0, 9.0, 9.0]),
-        SpatialVelocity(np.ones(3), np.ones(3)),
-        SpatialAcceleration(np.ones(3), np.ones(3)),
-    )
-    ports = ("body_poses", "body_spatial_velocities", "body_spatial_accelerations")
-    for port, mine, wrong in zip(ports, motion, other, strict=True):
-        imu.GetInputPort(port).FixValue(simulator.get_mutable_context(), [wrong, mine])
+    imu.get_input_port().FixValue(simulator.get_mutable_context(), motion_vector(*motion, STEP))
     simulator.Initialize()
     return imu, simulator
 
@@ -173,7 +166,7 @@ def test_free_fall_of_a_plant_body_and_the_wiring():
     body = plant.AddRigidBody("chassis", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("other"))
     plant.Finalize()
-    imu = Imu.add_to_builder(builder, settings(), plant=plant, body=body, p_BoImu_B=ORIGIN, seed=1)
+    imu = add_sensor(builder, Imu(settings(), p_BoImu_B=ORIGIN, seed=1, step=STEP, discrete=True), plant, body)
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.1)
@@ -189,7 +182,9 @@ def test_spinning_arm_shows_the_centripetal_acceleration_of_its_rate():
     joint = plant.AddJoint(RevoluteJoint("spin", plant.world_frame(), body.body_frame(), np.array([0.0, 0.0, 1.0])))
     joint.set_default_angle(0.3)
     plant.Finalize()
-    imu = Imu.add_to_builder(builder, settings(), plant=plant, body=body, p_BoImu_B=np.array([0.0, 0.2, 0.0]), seed=1)
+    imu = add_sensor(
+        builder, Imu(settings(), p_BoImu_B=np.array([0.0, 0.2, 0.0]), seed=1, step=STEP, discrete=True), plant, body
+    )
     diagram = builder.Build()
     simulator = Simulator(diagram)
     joint.set_angular_rate(plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()), 3.0)
@@ -240,25 +235,7 @@ def test_resolution_of_the_data_sheet():
 
 def test_rate_above_one_per_step_is_refused():
     with pytest.raises(UserError, match=r"imu.rate: 600 Hz is above 1/step"):
-        Imu(settings(rate=600.0), body_index=0, p_BoImu_B=ORIGIN, seed=1, step=0.002)
-
-
-def test_a_sample_of_a_plant_of_car_size_is_cheap():
-    """Twenty bodies; the bound leaves room for a busy machine (about 60 us when idle)."""
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(MultibodyPlant(0.01))
-    for k in range(20):
-        plant.AddRigidBody(f"body{k}", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-    plant.Finalize()
-    imu = Imu.add_to_builder(
-        builder, settings(gyro_noise=0.1), plant=plant, body=plant.GetBodyByName("body7"), p_BoImu_B=ORIGIN, seed=1
-    )
-    diagram = builder.Build()
-    context = imu.GetMyContextFromRoot(diagram.CreateDefaultContext())
-    start = time.perf_counter()
-    for index in range(200):
-        imu.measure(context, index)
-    assert (time.perf_counter() - start) / 200 < 1e-3
+        Imu(settings(rate=600.0), p_BoImu_B=ORIGIN, seed=1, step=0.002)
 
 
 def test_log_shows_ten_milliseconds_steps():
@@ -267,7 +244,9 @@ def test_log_shows_ten_milliseconds_steps():
     plant = builder.AddSystem(MultibodyPlant(0.002))
     body = plant.AddRigidBody("chassis", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.Finalize()
-    imu = Imu.add_to_builder(builder, settings(gyro_noise=0.1), plant=plant, body=body, p_BoImu_B=ORIGIN, seed=1)
+    imu = add_sensor(
+        builder, Imu(settings(gyro_noise=0.1), p_BoImu_B=ORIGIN, seed=1, step=STEP, discrete=True), plant, body
+    )
     log = LogVectorOutput(imu.GetOutputPort("imu"), builder, publish_period=0.002)
     diagram = builder.Build()
     simulator = Simulator(diagram)

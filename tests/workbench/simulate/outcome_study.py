@@ -1,7 +1,7 @@
 """Outcome trials, which end early, against runs of full length, near the limit; not run by pytest, but for two cars.
 
 Cars of drawn speed, direction and tail, each at frictions within 5 % of that which just flips it. One trial of each car
-is compared with a run on separate systems that records everything, the others with one that does not end early. What is
+is compared with a run that records everything, the others with one that does not end early. What is
 done is kept in the folder and not done again; seeds tell drawn lists apart, so that two processes share the work:
 
     python -m tests.workbench.simulate.outcome_study 50 1 out/outcome_study
@@ -80,14 +80,13 @@ class Compared(NamedTuple):
     share: float
 
 
-def differences(scenario: Scenario, separate: bool = True) -> Compared:
-    """Compares an outcome trial with a run of full length, on `separate` systems or on the fused ones of the trial.
+def differences(scenario: Scenario, recorded: bool = True) -> Compared:
+    """Compares an outcome trial with a run of full length, `recorded` whole or a trial too that does not end early.
 
-    Roll and heading are compared as far as the trial goes, and of a car that survives peak roll and heading change. A
-    free sail flutters, and rounding between the systems grows with it.
+    Roll and heading are compared as far as the trial goes, and of a car that survives peak roll and heading change.
     """
     found = simulate(scenario, record="outcome")
-    whole = simulate(scenario) if separate else simulate(scenario, record="outcome", stop_when_certain=False)
+    whole = simulate(scenario) if recorded else simulate(scenario, record="outcome", stop_when_certain=False)
     trial, run = summarise(found, scenario.name), summarise(whole, scenario.name)
     same = {
         "outcome": (trial.metrics.outcome.result, run.metrics.outcome.result),
@@ -96,15 +95,15 @@ def differences(scenario: Scenario, separate: bool = True) -> Compared:
     }
     wrong = [f"{name} {one} instead of {other}" for name, (one, other) in same.items() if one != other]
     flipped = run.metrics.outcome.result == "flipped"
-    rows, free = len(found.table), separate and scenario.tail.sail == "free"
+    rows = len(found.table)
     for name in ("roll_truth_rad", "yaw_truth_rad"):
         apart = float(np.abs(found.signal(name) - whole.signal(name)[:rows]).max())
-        if not apart <= (0.02 if free else 1e-6):
+        if not apart <= 1e-6:
             wrong.append(f"{name} {apart:.2g} rad apart")
     if not flipped:
         for name, tolerance in (("peak_roll_rad", 1e-6), ("heading_change_rad", HEADING)):
             apart = abs(getattr(trial.metrics, name) - getattr(run.metrics, name))
-            if not apart <= (0.02 if free else tolerance):
+            if not apart <= tolerance:
                 wrong.append(f"{name} {apart:.2g} rad apart")
     return Compared(wrong, flipped, rows / len(whole.table))
 
@@ -118,7 +117,7 @@ def main() -> None:
         for car in drawn_cars(int(seed), int(cars)):
             key = content_key(car.mode, car.settings, car.shares)
             if key not in store.rows:
-                runs = [differences(at, separate=place == 0) for place, at in enumerate(car.scenarios())]
+                runs = [differences(at, recorded=place == 0) for place, at in enumerate(car.scenarios())]
                 store.add(key, {"car": [car.mode, *car.settings], "runs": runs})
             compared += [Compared(*run) for run in store.rows[key]["runs"]]
             for line in (line for run in compared[-PER_CAR:] for line in run.wrong):

@@ -103,7 +103,7 @@ def test_car_that_meets_wind_drives_its_trial_to_the_end():
 
 
 @pytest.mark.slow
-def test_trials_near_the_limit_say_what_full_runs_on_separate_systems_say():
+def test_trials_near_the_limit_say_what_full_runs_say():
     compared = [differences(scenario) for car in drawn_cars(seed=3, count=2) for scenario in car.scenarios()]
     assert {run.flipped for run in compared} == {True, False}
     assert [run.wrong for run in compared if run.wrong] == []

@@ -12,9 +12,8 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.logs.recorder import RunRecorder
+from aerodima.workbench.sensors.chassis_sensors import GpsSpeed, Imu
 from aerodima.workbench.sensors.encoder import MotorEncoder
-from aerodima.workbench.sensors.gps import GpsSpeed
-from aerodima.workbench.sensors.imu import Imu
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
@@ -138,7 +137,7 @@ class Watching:
 @pytest.mark.parametrize(("rate", "later"), [(100.0, 0.01), (50.0, 0.02), (333.0, 1 / 333)])
 def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_two(rate, later):
     law, scenario = Watching(rate), scenario_at(0.004, **{"manoeuvre.speed_ramp": 0.5, "manoeuvre.turn_start": 1.0})
-    simulator = Simulator(assemble(scenario, tail_law=law, systems="fused", lean=True).builder.Build())
+    simulator = Simulator(assemble(scenario, tail_law=law, lean=True).builder.Build())
     simulator.AdvanceTo(1.05)
     first = next(time for time, angle in law.seen if angle != 0.0)
     assert first == pytest.approx(1.0 + later, abs=1e-9)
@@ -146,7 +145,7 @@ def test_a_law_sees_what_the_driver_did_at_the_tick_before_at_one_rate_and_at_tw
 
 def test_a_law_of_ones_own_ticks_on_a_car_without_tail_too():
     law = Watching(100.0)
-    car = assemble(load_scenario("turn_none"), tail_law=law, systems="fused", lean=True)
+    car = assemble(load_scenario("turn_none"), tail_law=law, lean=True)
     Simulator(car.builder.Build()).AdvanceTo(0.1)
     assert len(law.seen) == 11
 

@@ -1,22 +1,44 @@
-"""The BNO055 inertial measurement unit: attitude, angular velocity and linear acceleration of the car body."""
+"""What the car feels of its chassis' motion: the BNO055 inertial measurement unit, and ground speed from GPS.
+
+Both read one vector; the plant's own lists cost about 25 us each to read, since every body becomes a Python object.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialAcceleration, SpatialVelocity
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context
 
+from aerodima.workbench.aero.sail_motion import rotation_rows
 from aerodima.workbench.config.signal_table import IMU
-from aerodima.workbench.sensors.chassis_motion import CHASSIS_MOTION_SIZE, ChassisMotion, chassis_motion
 from aerodima.workbench.sensors.sampled import SampledSensor
 from aerodima.workbench.systems.noise import CounterNoise
+from aerodima.workbench.systems.port_values import vector_of
+
+CHASSIS_MOTION_SIZE = 20
+"""Quaternion w, x, y, z; position, m; angular velocity, rad/s, and velocity, m/s, in W; angular velocity and velocity
+before the plant's last step; 0 before the first step of a run, when there is no acceleration yet, then 1."""
+
+
+class ChassisMotion(NamedTuple):
+    """Of a body: rows of R_WB (3, 3); in W angular velocity, rad/s, its change, rad/s2, and acceleration, m/s2 (3)."""
+
+    R_WB: Sequence[Sequence[float]]
+    w_WB: Sequence[float]
+    alpha_WB: Sequence[float]
+    a_WB: Sequence[float]
+
+
+def chassis_motion(values: Any, step: float) -> ChassisMotion:
+    """What a vector of `CHASSIS_MOTION_SIZE` says, for a plant of this step, s."""
+    x = values.tolist()
+    change = [x[19] * (x[7 + k] - x[13 + k]) / step for k in range(6)]
+    return ChassisMotion(rotation_rows(x[:4]), x[7:10], change[:3], change[3:])
+
 
 Vector = tuple[float, float, float]
 
@@ -41,13 +63,6 @@ class ImuRange:
 
 
 BNO055 = ImuRange()
-
-PLANT_PORTS = {
-    "body_poses": Value[list[RigidTransform]](),
-    "body_spatial_velocities": Value[list[SpatialVelocity]](),
-    "body_spatial_accelerations": Value[list[SpatialAcceleration]](),
-}
-"""Of a plant, with the motion of all its bodies."""
 
 
 def motion_of(X_WB: RigidTransform, V_WB: SpatialVelocity, A_WB: SpatialAcceleration) -> ChassisMotion:
@@ -100,10 +115,7 @@ class Imu(SampledSensor):
     errors of attitude in long turns are not modelled. IMU axes are body axes.
 
     Input ports:
-        body_poses: list[RigidTransform], from the plant.
-        body_spatial_velocities: list[SpatialVelocity], from the plant.
-        body_spatial_accelerations: list[SpatialAcceleration], from the plant.
-        chassis_motion (20): in place of these three where `body_index` is None, see `chassis_motion`.
+        chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
     Output ports:
         imu (9): roll, pitch, yaw rad; gyro rad/s; linear acceleration m/s2, in body axes (`signal_table.IMU`).
         sample_time (1), age (1): s, see `SampledSensor`.
@@ -111,7 +123,6 @@ class Imu(SampledSensor):
     Args:
         settings: `scenario.imu`: rate Hz, delay s; standard deviations gyro_noise rad/s, gyro_bias rad/s,
             accelerometer_noise m/s2, attitude_noise rad.
-        body_index: of the car body in the plant; None for a vector that has its motion.
         p_BoImu_B: position (3) of the IMU in the body, m.
         seed: of the run.
         step: of the plant, s.
@@ -127,10 +138,9 @@ class Imu(SampledSensor):
         self,
         settings: Any,
         *,
-        body_index: BodyIndex | int | None,
-        p_BoImu_B: np.ndarray,
+        p_BoImu_B: Sequence[float],
         seed: int,
-        step: float | None = None,
+        step: float,
         discrete: bool = False,
         gravity: float = 9.81,
         limits: ImuRange = BNO055,
@@ -143,57 +153,18 @@ class Imu(SampledSensor):
             step=step,
             discrete=discrete,
         )
-        self._body, self._step = body_index, step
-        self._p_BoImu_B = np.array(p_BoImu_B, dtype=float).tolist()
+        self._step, self._p_BoImu_B = step, list(p_BoImu_B)
         self._gravity = gravity
         self._limits = limits
-        if body_index is None:
-            self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
-        else:
-            self._poses, self._velocities, self._accelerations = (
-                self.DeclareAbstractInputPort(name, value) for name, value in PLANT_PORTS.items()
-            )
+        self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
         self._noise = CounterNoise(seed, "imu", IMU.size)
         self._deviation = np.repeat([settings.attitude_noise, settings.gyro_noise, settings.accelerometer_noise], 3)
         self._bias = self._noise.constant() * np.repeat([0.0, settings.gyro_bias, 0.0], 3)
         self._counts = 1.0 / np.repeat([limits.angle_step, limits.gyro_step, limits.acceleration_step], 3)
 
-    @classmethod
-    def add_to_builder(
-        cls,
-        builder: DiagramBuilder,
-        settings: Any,
-        *,
-        plant: MultibodyPlant,
-        body: RigidBody,
-        p_BoImu_B: np.ndarray,
-        seed: int,
-        motion: OutputPort | None = None,
-    ) -> "Imu":
-        """Adds the IMU on a body of a plant and connects it; step and gravity are the plant's.
-
-        `motion` gives the body's motion in the plant's place, see `chassis_motion`.
-        """
-        imu = cls(
-            settings,
-            body_index=body.index() if motion is None else None,
-            p_BoImu_B=p_BoImu_B,
-            seed=seed,
-            step=plant.time_step() or None,
-            discrete=plant.time_step() > 0.0,
-            gravity=-float(plant.gravity_field().gravity_vector()[2]),
-        )
-        builder.AddSystem(imu)
-        sources = (
-            {name: plant.GetOutputPort(name) for name in PLANT_PORTS} if motion is None else {"chassis_motion": motion}
-        )
-        for name, source in sources.items():
-            builder.Connect(source, imu.GetInputPort(name))
-        return imu
-
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (9,) of the body's motion."""
-        motion = self._body_motion(context)
+        motion = chassis_motion(vector_of(self._motion, context), self._step)
         angles, omega, acceleration = motion_at_imu(motion, self._p_BoImu_B)
         error = (self._bias + self._deviation * self._noise.at(index)).tolist()
         gyro, force = self._limits.gyro, self._limits.specific_force
@@ -204,11 +175,46 @@ class Imu(SampledSensor):
             sample.append(min(max(true + off + reaction, -force), force) - reaction)
         return np.rint(np.array(sample) * self._counts) / self._counts
 
-    def _body_motion(self, context: Context) -> ChassisMotion:
-        if self._body is None:
-            return chassis_motion(self._motion.Eval(context), self._step or math.nan)
-        index = int(self._body)
-        poses: Any = self._poses.Eval(context)
-        velocities: Any = self._velocities.Eval(context)
-        accelerations: Any = self._accelerations.Eval(context)
-        return motion_of(poses[index], velocities[index], accelerations[index])
+
+class GpsSpeed(SampledSensor):
+    """Horizontal speed of the body origin, as a GPS receiver reports it: slow, late, noisy, without sign.
+
+    speed = max(0, sqrt(vx^2 + vy^2) + noise): driving backwards reads positive. The lever arm from the body origin
+    to the antenna is neglected.
+
+    Input ports:
+        chassis_motion (20): see `CHASSIS_MOTION_SIZE`.
+    Output ports:
+        speed (1): m/s.
+        sample_time (1), age (1): s, see `SampledSensor`.
+
+    Args:
+        settings: `scenario.gps`: rate Hz, delay s, noise m/s (standard deviation).
+        seed: of the run.
+        step: of the plant, s.
+        discrete: whether the plant is discrete, see `SampledSensor`.
+
+    Raises:
+        UserError: rate or delay not allowed.
+    """
+
+    def __init__(
+        self,
+        settings: Any,
+        *,
+        seed: int,
+        step: float,
+        discrete: bool = False,
+    ) -> None:
+        super().__init__(
+            name="gps", outputs={"speed": 1}, rate=settings.rate, delay=settings.delay, step=step, discrete=discrete
+        )
+        self._motion = self.DeclareVectorInputPort("chassis_motion", CHASSIS_MOTION_SIZE)
+        self._deviation = settings.noise
+        self._noise = CounterNoise(seed, "gps", 1)
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """One sample (1,): speed in m/s."""
+        v_x, v_y = vector_of(self._motion, context)[10:12]
+        speed = math.hypot(v_x, v_y) + self._deviation * self._noise.at(index)[0]
+        return np.array([max(0.0, speed)])
