@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.actuators.drive import shaft_gain
-from aerodima.workbench.actuators.servo import knuckle_angles
+from aerodima.workbench.actuators.chassis_actuators import knuckle_angles, shaft_gain
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT

@@ -15,6 +15,7 @@ from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
 from aerodima.workbench.stations.car_air import free_sail, sail_law
 from aerodima.workbench.stations.car_station import make_car_station
 from aerodima.workbench.stations.ground_truth import BODY_TRUTH, TAIL_TRUTH
+from tests.workbench.aero.vanes import damping_ratio
 from tests.workbench.stands import CarStand
 
 RHO, CN, AREA, ROOT, LENGTH = 1.225, 2.0, 0.12, 0.3, 0.6
@@ -143,7 +144,7 @@ def test_free_sail_of_a_driving_car_is_a_weather_vane(start):
         angles.append(sail_angle(car) - ahead)
     crossing = times[-1] - 0.002 * angles[-1] / (angles[-1] - angles[-2])
     # First crossing of a damped swing: (pi - acos zeta) / omega_d; 5 %: explicit steps and a car that gives way.
-    omega, zeta = vane.vane_frequency(speed), vane.damping_ratio(speed)
+    omega, zeta = vane.vane_frequency(speed), damping_ratio(vane, speed)
     expected = (math.pi - math.acos(zeta)) / (omega * math.sqrt(1 - zeta**2))
     assert crossing == pytest.approx(expected, rel=0.05)
 

@@ -4,8 +4,8 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.config.rig_parameters import MaxonParameters
-from aerodima.workbench.systems.noise import CounterNoise
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.sensors.sampled import CounterNoise
+from aerodima.workbench.systems.vector_ports import vector_of
 
 
 class MaxonMotor(LeafSystem):

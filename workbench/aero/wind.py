@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import cos, sin
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from aerodima.workbench.aero.jet import Jet
+from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.systems.autodiff_system import LeafSystem_, system_template
 from aerodima.workbench.systems.event_order import Stage, period_of

@@ -24,9 +24,8 @@ from aerodima.workbench.config.signal_table import (
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.controllers.tail_law import AGE_LIMIT, Observation, TailLaw, observe
-from aerodima.workbench.systems.discrete_vector import DiscreteVector
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time, stage_before
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
 
 
 class TailController(LeafSystem):

@@ -4,6 +4,7 @@ Discrete plant with point contact, `kLagged` approximation and tyres that stand 
 frame B: x forward, y left, z up, origin on the ground under the rear axle at nominal ride height.
 """
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,6 @@ from aerodima.workbench.plants.car_model import car_sdf
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.plants.tail import LEAST_INERTIA_LEFT, added_mass_layout, tail_sdf
 from aerodima.workbench.resources import models_dir
-from aerodima.workbench.systems.drake_log import drop_message
 
 GROUND_STIFFNESS = 1.0e10
 """Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's stiffness to 1e-5."""
@@ -176,3 +176,26 @@ def _let_parts_pass_each_other(
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
     ]
     scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries)))
+
+
+class _ExactMessage(logging.Filter):
+    """Drops records whose whole text is `message`."""
+
+    def __init__(self, message: str):
+        super().__init__()
+        self._message = message
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        return record.getMessage() != self._message
+
+    def __eq__(self, other: object) -> bool:
+        """Equal filters are added to a logger only once."""
+        return isinstance(other, _ExactMessage) and other._message == self._message
+
+    def __hash__(self) -> int:
+        return hash(self._message)
+
+
+def drop_message(message: str) -> None:
+    """Keeps one message of Drake, given by its exact text, out of the log from now on."""
+    logging.getLogger("drake").addFilter(_ExactMessage(message))

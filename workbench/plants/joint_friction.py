@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import vector_of
 
 FrictionLaw = Callable[[Any], Any]
 """Joint rate (rad/s) to friction torque (N m), which opposes it."""

@@ -30,7 +30,7 @@ from aerodima.workbench.plants.rig_air import rig_jet, rig_law
 from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, robot_rig_sdf, tail_layout
 from aerodima.workbench.plants.rig_reactions import SpanwiseBalance, SupportWrench
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import vector_of
 
 
 @dataclass(frozen=True)

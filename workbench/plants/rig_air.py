@@ -3,9 +3,9 @@
 from functools import cache
 
 from aerodima.workbench.aero.coefficient_files import PolarTable, load_coefficients
-from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.plants.rig_model import pivot_position
 

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.laws import SectionLaw, angle_of_attack, length
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction

@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from aerodima.workbench.aero.added_mass import AddedMass
 from aerodima.workbench.systems.autodiff_system import declare_spatial_forces
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import vector_of
 
 
 class SupportWrench(LeafSystem):

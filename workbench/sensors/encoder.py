@@ -10,10 +10,8 @@ from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.sampled import SampledSensor
-from aerodima.workbench.systems.discrete_vector import DiscreteVector
-from aerodima.workbench.systems.noise import CounterNoise
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
+from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
 
 TURN = 2.0 * math.pi
 

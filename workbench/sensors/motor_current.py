@@ -3,9 +3,8 @@
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from aerodima.workbench.sensors.sampled import SampledSensor
-from aerodima.workbench.systems.noise import CounterNoise
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
+from aerodima.workbench.systems.vector_ports import vector_of
 
 
 class MotorCurrentSensor(SampledSensor):

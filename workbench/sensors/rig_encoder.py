@@ -8,8 +8,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, State
 from aerodima.workbench.config.rig_parameters import RigEncoderParameters
 from aerodima.workbench.config.scenario import RigScenario
 from aerodima.workbench.sensors.sampled import SampledSensor
-from aerodima.workbench.systems.discrete_vector import DiscreteVector
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
 
 
 def count_angle(scenario: RigScenario) -> float:

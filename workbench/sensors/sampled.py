@@ -1,13 +1,14 @@
 """What all sensors share: they sample at a rate, and a sample appears on the output a delay after it was taken."""
 
+import hashlib
 import math
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.systems.discrete_vector import DiscreteVector
 from aerodima.workbench.systems.event_order import Stage, period_of
+from aerodima.workbench.systems.vector_ports import DiscreteVector
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
@@ -153,3 +154,48 @@ class SampledSensor(LeafSystem):
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         output[0] = context.get_time() - self._sample_time.read(context)[0]
+
+
+BLOCK = 64
+"""Samples drawn at once; part of the stream's definition."""
+
+
+class CounterNoise:
+    """Standard normal numbers addressed by sample index, so that a repeated run gets the same noise bit for bit.
+
+    A counter-based generator (Philox) is keyed by seed and name and positioned by the index: there is no hidden
+    state to reset, sensors do not disturb each other's streams, and the order of the calls does not matter.
+
+    Args:
+        seed: of the run, 0 to 2**64 - 1.
+        name: of the sensor; another name gives an independent stream.
+        width: numbers per sample.
+    """
+
+    def __init__(self, seed: int, name: str, width: int) -> None:
+        self._key = [seed, int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")]
+        self._width = width
+        self._block_index = -1
+        self._block = np.empty((0, width))
+
+    def at(self, index: int) -> np.ndarray:
+        """Numbers (width,) of sample `index` >= 0."""
+        block_index, row = divmod(index, BLOCK)
+        if block_index != self._block_index:
+            self._block = self._generator(block_index + 1).standard_normal((BLOCK, self._width))
+            self._block_index = block_index
+        return self._block[row]
+
+    def first(self, count: int) -> np.ndarray:
+        """Numbers (count, width) of the first samples: the rows that `at` gives for 0 ... count - 1."""
+        blocks = [
+            self._generator(1 + block).standard_normal((BLOCK, self._width)) for block in range(-(-count // BLOCK))
+        ]
+        return np.concatenate([np.empty((0, self._width)), *blocks])[:count]
+
+    def constant(self) -> np.ndarray:
+        """Numbers (width,) that belong to the run as a whole, such as a bias; independent of all samples."""
+        return self._generator(0).standard_normal(self._width)
+
+    def _generator(self, stream: int) -> np.random.Generator:
+        return np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, stream, 0]))

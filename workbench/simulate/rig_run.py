@@ -18,7 +18,7 @@ from aerodima.workbench.sensors.force_torque import sensor_errors
 from aerodima.workbench.simulate.live_view import Check, LiveView
 from aerodima.workbench.stations.rig_logs import known_truth, rig_log_metadata, simulate_static_log
 from aerodima.workbench.stations.rig_station import RigInterfaceFactory, make_rig_station
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import vector_of
 
 INTEGRATOR = "runge_kutta3"
 """With a fixed step: 7e-7 rad after a second at 1 ms, on tables with kinks."""

@@ -22,7 +22,7 @@ from aerodima.workbench.config.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import sail_inertial, tail_geometry
-from aerodima.workbench.systems.connections import stacked, transformed
+from aerodima.workbench.systems.vector_ports import stacked, transformed
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:

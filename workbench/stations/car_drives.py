@@ -1,8 +1,8 @@
 """What drives the plant of a car in one step: drive, steering, tail motors with their joints' friction, and air.
 
 One system calls all laws, since every system and every port that Python reads costs as much as a law. The laws have
-one home each: `shaft_torque` (actuators/drive.py), `steering_motion` and `knuckle_motion` (actuators/servo.py),
-`TailJoints` (actuators/ak70.py), `SectionLaw.line_force` (aero/laws.py).
+one home each: `shaft_torque`, `steering_motion` and `knuckle_motion` (actuators/chassis_actuators.py), `TailJoints`
+(actuators/ak70.py), `SectionLaw.line_force` (aero/laws.py).
 """
 
 from itertools import accumulate
@@ -15,17 +15,15 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Inpu
 from pydrake.systems.primitives import Multiplexer, ZeroOrderHold
 
 from aerodima.workbench.actuators.ak70 import TailJoints
-from aerodima.workbench.actuators.drive import shaft_gain, shaft_torque
-from aerodima.workbench.actuators.servo import knuckle_motion, steering_motion
+from aerodima.workbench.actuators.chassis_actuators import knuckle_motion, shaft_gain, shaft_torque, steering_motion
 from aerodima.workbench.aero.laws import cross, wind_direction
-from aerodima.workbench.aero.sail_motion import SailMotion, generalised_force, sail_motion
+from aerodima.workbench.aero.sail import SailMotion, generalised_force, sail_motion
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_air import sail_strips
-from aerodima.workbench.systems.connections import constant, select, stacked, transformed
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import constant, select, stacked, transformed, vector_of
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll", "tail_sail_turn")
 TAIL_COMMANDS = ("tail_pitch_command", "tail_roll_command")

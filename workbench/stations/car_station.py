@@ -14,7 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import MatrixGain
 
-from aerodima.workbench.actuators.servo import SteeringServo
+from aerodima.workbench.actuators.chassis_actuators import SteeringServo
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPUTS, STATUS, TAIL_STATE
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
@@ -23,7 +23,7 @@ from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEnc
 from aerodima.workbench.stations.car_air import add_sail_report, add_wind_source
 from aerodima.workbench.stations.car_drives import TAIL_COMMANDS, DrivenCar, add_car_drives
 from aerodima.workbench.stations.ground_truth import CarTruth
-from aerodima.workbench.systems.connections import (
+from aerodima.workbench.systems.vector_ports import (
     add_status,
     constant,
     export_interface,

@@ -18,7 +18,7 @@ import numpy as np
 from pydrake.geometry import Ellipsoid, Sphere
 from pydrake.multibody.tree import BodyIndex, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
 
-from aerodima.workbench.aero.sail_motion import rotation_rows
+from aerodima.workbench.aero.sail import rotation_rows
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
 from aerodima.workbench.plants.car import GROUND_STIFFNESS, CarPlant

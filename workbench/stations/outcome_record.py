@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from aerodima.workbench.aero.sail_motion import rotation_rows
+from aerodima.workbench.aero.sail import rotation_rows
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
@@ -24,9 +24,8 @@ from aerodima.workbench.metrics.settling import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_loads import GroundLoads
-from aerodima.workbench.systems.connections import stacked
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
-from aerodima.workbench.systems.port_values import vector_of
+from aerodima.workbench.systems.vector_ports import stacked, vector_of
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]

@@ -18,7 +18,7 @@ from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.plants.rig_air import rig_law
 from aerodima.workbench.sensors.force_torque import sensor_errors, sensor_readings
 from aerodima.workbench.sensors.rig_encoder import count_angle, quantise
-from aerodima.workbench.systems.noise import CounterNoise
+from aerodima.workbench.sensors.sampled import CounterNoise
 
 RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
 NO_OFFSETS = (0.0,) * 6

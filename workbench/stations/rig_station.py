@@ -21,7 +21,7 @@ from aerodima.workbench.sensors.force_torque import ForceTorqueSensor
 from aerodima.workbench.sensors.motor_current import MotorCurrentSensor
 from aerodima.workbench.sensors.rig_encoder import RigEncoder
 from aerodima.workbench.stations.rig_logs import sensor_offsets
-from aerodima.workbench.systems.connections import add_status, export_interface, export_outputs, select, stacked
+from aerodima.workbench.systems.vector_ports import add_status, export_interface, export_outputs, select, stacked
 
 RigInterfaceFactory = Callable[[RigScenario], System]
 """Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and `RIG_OUTPUTS`."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.drive import shaft_gain, shaft_torque, steady_speed
+from aerodima.workbench.actuators.chassis_actuators import shaft_gain, shaft_torque, steady_speed
 from aerodima.workbench.config.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.actuators.servo import SteeringServo, ackermann, knuckle_motion, steering_motion
+from aerodima.workbench.actuators.chassis_actuators import SteeringServo, ackermann, knuckle_motion, steering_motion
 from aerodima.workbench.config.scenario import scenario_from_dict
 
 SCENARIO = scenario_from_dict({})

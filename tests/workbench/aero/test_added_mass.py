@@ -24,9 +24,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
 from aerodima.workbench.aero.added_mass import add_added_mass, added_mass_matrix
-from aerodima.workbench.aero.jet import Jet
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.errors import ModelError

@@ -17,6 +17,7 @@ from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
 from aerodima.workbench.errors import ModelError
 from tests.workbench.aero.plants import add_plant
+from tests.workbench.aero.vanes import add_air, add_vane, damping_ratio
 
 WIND, RHO = 6.0, 1.225
 VANE = {
@@ -34,9 +35,9 @@ def vane(sail: FreeSail, angle: float, time_step: float = 0.0):
     """The sail on a mast in a wind that blows along -y, into its hollow side at angle 0."""
     builder = DiagramBuilder()
     plant = add_plant(builder, time_step)
-    _, joint = sail.add_to_plant(plant, plant.world_body())
+    _, joint = add_vane(plant, sail)
     plant.Finalize()
-    systems = sail.add_to_builder(builder, plant, wind=add_wind(builder, WindModel(mean=(0.0, -WIND, 0.0))))
+    systems = add_air(builder, plant, sail, wind=add_wind(builder, WindModel(mean=(0.0, -WIND, 0.0))))
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     joint.set_angle(context, angle)
@@ -67,7 +68,7 @@ def test_it_swings_and_settles_as_theory_says(time_step) -> None:
     omega = math.sqrt(0.5 * RHO * 2.0 * WIND**2 * first / 5e-3)
     zeta = 0.5 * RHO * 2.0 * WIND * second / (2 * 5e-3 * omega)
     assert sail.vane_frequency(WIND) == pytest.approx(omega)
-    assert sail.damping_ratio(WIND) == pytest.approx(zeta)
+    assert damping_ratio(sail, WIND) == pytest.approx(zeta)
     times, angles = swing(sail, 0.05, 4.0, time_step)
     crossings = times[1:][(angles[:-1] < 0.0) & (angles[1:] >= 0.0)]
     period = np.mean(np.diff(crossings))
@@ -180,11 +181,11 @@ def test_wind_direction_is_the_angle_to_which_a_free_sail_turns(direction) -> No
     sail = FreeSail(**{**VANE, "inertia": 1e-4, "bearing_damping": 1e-3})
     builder = DiagramBuilder()
     plant = add_plant(builder, 0.0)
-    body, joint = sail.add_to_plant(plant, plant.world_body())
-    fixed, _ = FreeSail(**VANE).add_to_plant(plant, plant.world_body(), name="fixed")
+    body, joint = add_vane(plant, sail)
+    fixed, _ = add_vane(plant, FreeSail(**VANE), name="fixed")
     plant.Finalize()
     port = add_wind(builder, wind)
-    sail.add_to_builder(builder, plant, body, wind=port)
+    add_air(builder, plant, sail, body, wind=port)
     welded = add_tail_force(builder, plant, fixed, sail.shell_layout, 0.0, wind=port)  # no force: it stays at 0
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(4.0)

@@ -5,7 +5,7 @@ import pytest
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.aero.sail_motion import generalised_force, sail_motion
+from aerodima.workbench.aero.sail import generalised_force, sail_motion
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.plants.car import add_car_plant
 

@@ -9,8 +9,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.aero.jet import Jet
-from aerodima.workbench.aero.sections import SectionLayout
+from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, WindSource, add_wind
 from aerodima.workbench.errors import ModelError

@@ -8,8 +8,7 @@ import sys
 
 import pytest
 
-from aerodima.workbench.plants.car import HALF_SPACE_WARNING
-from aerodima.workbench.systems.drake_log import drop_message
+from aerodima.workbench.plants.car import HALF_SPACE_WARNING, drop_message
 
 BUILD_CAR = """
 import logging

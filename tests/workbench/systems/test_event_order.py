@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
-from aerodima.workbench.actuators.servo import SteeringServo
+from aerodima.workbench.actuators.chassis_actuators import SteeringServo
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.controller_systems import TailController, TurnDriver
 from aerodima.workbench.controllers.swing_law import SwingState

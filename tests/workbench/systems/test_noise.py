@@ -1,6 +1,6 @@
 import numpy as np
 
-from aerodima.workbench.systems.noise import CounterNoise
+from aerodima.workbench.sensors.sampled import CounterNoise
 
 
 def test_same_seed_and_name_repeat_bit_for_bit_in_any_order():

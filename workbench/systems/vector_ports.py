@@ -1,16 +1,50 @@
-"""Connections between ports of a diagram."""
+"""Vector ports of a diagram: their values, state that they show, and connections between them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.symbolic import Expression, Variable
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, InputPort, LeafSystem, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer, SymbolicVectorSystem
 
+from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import PortFields
 from aerodima.workbench.errors import UserError
+
+
+def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
+    """Value (n,) of a vector port of n numbers; of an input port an array that is not to be changed."""
+    return cast(FloatArray, port.Eval(context))
+
+
+class DiscreteVector:
+    """Declares a group of discrete state in a system, and reads and writes it.
+
+    Args:
+        system: the system under construction.
+        initial: values (n,) of a default context.
+        output: name of an output port (n) that shows the group; it costs no Python when it is evaluated.
+    """
+
+    def __init__(self, system: LeafSystem, initial: Sequence[float] | np.ndarray, output: str | None = None) -> None:
+        values: Any = np.array(initial, dtype=float)
+        index = system.DeclareDiscreteState(values)
+        if output is not None:
+            system.DeclareStateOutputPort(output, index)
+        self.ticket = system.discrete_state_ticket(index)
+        self._index = int(index)
+
+    def read(self, context: Context) -> np.ndarray:
+        """Values (n,); a view that is not to be changed."""
+        values: Any = context.get_discrete_state(self._index).value()
+        return values
+
+    def write(self, discrete_state: DiscreteValues, values: Sequence[float] | np.ndarray) -> None:
+        """Sets the values (n,) within a discrete update."""
+        new: Any = values
+        discrete_state.set_value(self._index, new)
 
 
 def select(builder: DiagramBuilder, name: str, source: OutputPort, indices: Sequence[int]) -> OutputPort:
