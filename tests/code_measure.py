@@ -111,6 +111,14 @@ def loaded_by(root: Path, statement: str) -> int:
     return int(found.stdout) if found.returncode == 0 else -1
 
 
+def built_station(module: str, prefix: str = "aerodima.") -> str:
+    """Statements that load a scenario and build its station."""
+    return (
+        f"from {prefix}workbench.config.scenario import load_scenario\n"
+        f"from {module} import make_car_station\nmake_car_station(load_scenario('turn_swing'))"
+    )
+
+
 def deep_imports(root: Path) -> set[str]:
     """Modules below a package that the notebooks import from."""
     found = set()
@@ -153,7 +161,7 @@ def measures(root: Path) -> dict[str, object]:
         "modules": len(trees),
         "files directly in workbench/": len(list((root / "workbench").glob("*.py"))),
         "modules loaded by the fit of a static log": loaded_by(root, f"from {prefix}{static} import fit_static_log"),
-        "modules loaded by the station": loaded_by(root, f"import {prefix}{'.'.join(station.parts)}"),
+        "modules loaded by the station": loaded_by(root, built_station(f"{prefix}{'.'.join(station.parts)}", prefix)),
         "deep modules that notebooks import": len(deep_imports(root)),
         f"pairs of places with {REPEATED} statements alike": len(repeated_places(trees)),
         f"files over {LONG_FILE} lines": sum(

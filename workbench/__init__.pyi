@@ -16,9 +16,9 @@ from .aero.wind import add_wind as add_wind
 from .batch.engine import open_engine as open_engine
 from .config.ensemble import Ensemble as Ensemble
 from .config.ensemble import load_ensemble as load_ensemble
-from .config.scenario import RigScenario as RigScenario
+from .config.rig_scenario import RigScenario as RigScenario
+from .config.rig_scenario import load_rig_scenario as load_rig_scenario
 from .config.scenario import Scenario as Scenario
-from .config.scenario import load_rig_scenario as load_rig_scenario
 from .config.scenario import load_scenario as load_scenario
 from .config.swing_file import SwingFile as SwingFile
 from .config.swing_file import read_swing as read_swing

@@ -8,7 +8,7 @@ from typing import Any
 
 from aerodima.hardware.protocol.ak70 import MOST_ID, FirmwareProfile, check_motor_id
 from aerodima.workbench.config.car_parameters import TailMotorParameters
-from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.config.checked_files import QuantityModel, quantity
 from aerodima.workbench.config.scenario_file import load_section
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path

@@ -19,7 +19,7 @@ from aerodima.workbench.config.signal_table import STATION_INPUTS, STATION_OUTPU
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder
 from aerodima.workbench.simulate.car_run import assemble
-from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 
 
 class CarInterface(LeafSystem):

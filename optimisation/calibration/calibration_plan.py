@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AliasChoices, Field, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
-from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
 from aerodima.workbench.config.scenario_file import ParameterEntry
 from aerodima.workbench.errors import ScenarioError

@@ -22,7 +22,7 @@ from aerodima.optimisation.identify.static_log import COLUMNS, largest_reading
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig_air import rig_law
 from aerodima.workbench.plants.rig_model import tail_layout

@@ -22,7 +22,7 @@ from aerodima.optimisation.fit.residual_noise import (
     correlation_time,
 )
 from aerodima.optimisation.identify.static_balance import REACTIONS
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog

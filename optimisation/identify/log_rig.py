@@ -19,7 +19,7 @@ from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.fit.least_squares import Loss
 from aerodima.optimisation.identify.hold_mean import Drift, HoldLoss
 from aerodima.workbench.config.checked_files import find_file, read_yaml
-from aerodima.workbench.config.scenario import RigScenario, rig_scenario_from_dict
+from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 

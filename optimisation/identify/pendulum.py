@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from aerodima.workbench.aero.laws import SectionLaw
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.joint_friction import smooth_friction
 from aerodima.workbench.plants.rig_motion import RigMotion

@@ -32,7 +32,7 @@ from aerodima.optimisation.identify.published_tables import (
 )
 from aerodima.optimisation.identify.rig_uncertainty import with_values
 from aerodima.optimisation.identify.static_balance import StaticBalance
-from aerodima.workbench.config.scenario import RigScenario, rig_scenario_from_dict
+from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 from aerodima.optimisation.fit.fit_parameters import Parameter
 from aerodima.optimisation.identify.log_rig import FitOptions, is_simulated, named_rig
-from aerodima.workbench.config.quantity import nearest, unit_of
-from aerodima.workbench.config.rig_parameters import RigUncertaintyParameters
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.checked_files import nearest, unit_of
+from aerodima.workbench.config.rig_scenario import RigScenario, RigUncertaintyParameters
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog
 

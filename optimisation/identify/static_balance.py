@@ -19,7 +19,7 @@ from pydrake.math import cos, sin
 from aerodima.workbench.aero.laws import float_of
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.plants.rig_model import bar_layout, pivot_position, tail_layout
 

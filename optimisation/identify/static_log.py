@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.hold_mean import HoldMean, HoldOffset, hold_
 from aerodima.optimisation.identify.log_rig import FREE, LARGEST_SPEED, FitOptions, named, rig_of, wind_speed
 from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
 from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog

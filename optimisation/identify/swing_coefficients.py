@@ -20,7 +20,7 @@ from aerodima.optimisation.identify.swing_fit import SwingModel, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.coefficient_functions import SpeedLine, SpeedTable
 from aerodima.workbench.aero.laws import NormalForceLaw
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.resources import published_table

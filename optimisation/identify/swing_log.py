@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.log_rig import (
 )
 from aerodima.optimisation.identify.rig_uncertainty import constant_parameters
 from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import earlier_shift
 from aerodima.workbench.logs.schema import RunLog

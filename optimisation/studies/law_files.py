@@ -11,8 +11,7 @@ from pathlib import Path
 from pydantic import Field, field_validator
 
 from aerodima.optimisation.studies.contestants import Contestant, refuse_twice, swing_player
-from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml, shipped_names
-from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.checked_files import StrictModel, checked, nearest, read_yaml, shipped_names
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
 from aerodima.workbench.errors import SweepError, SwingFileError, UserError

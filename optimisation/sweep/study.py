@@ -12,9 +12,8 @@ from pydantic import Field, model_validator
 from scipy.stats import norm, qmc
 
 from aerodima.optimisation.sweep.study_engine import RunTask
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
 from aerodima.workbench.config.ensemble import Member, load_ensemble
-from aerodima.workbench.config.quantity import nearest
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import ScenarioError, SweepError
 

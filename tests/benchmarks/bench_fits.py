@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.static_fit import fit_static, fit_static_log
 from aerodima.optimisation.identify.static_log import StaticData, static_data
 from aerodima.optimisation.identify.swing_coefficients import friction_model, friction_parameters, friction_seed
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate

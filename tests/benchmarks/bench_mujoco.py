@@ -16,7 +16,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.stations.outcome_record import has_flipped
-from aerodima.workbench.systems.vector_ports import transformed
+from aerodima.workbench.systems.system_ports import transformed
 from tests.benchmarks.mujoco_car import commanded, flips_in_mujoco, load_model
 from tests.benchmarks.rows import BenchRow
 

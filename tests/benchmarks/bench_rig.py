@@ -10,7 +10,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
-from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.plants.rig import Rig, add_rig_plant
 from aerodima.workbench.plants.rig_motion import RigMotion
 from aerodima.workbench.stations.rig_logs import simulate_static_log

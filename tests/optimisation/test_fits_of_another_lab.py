@@ -21,7 +21,7 @@ from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import fit_friction
 from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from

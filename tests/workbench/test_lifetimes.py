@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from aerodima.workbench.config.scenario import load_rig_scenario, load_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.rig_run import assemble_rig
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import LogError, ScenarioError, UserError
 from aerodima.workbench.logs.schema import read_run_log, signals_equal, write_run_log
 from aerodima.workbench.plants.rig import Rig

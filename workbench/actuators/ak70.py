@@ -11,7 +11,7 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
 from aerodima.workbench.plants.tail import ArmInertia, arm_inertia
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 ROLL = 1
 """Pitch and roll joint stand in this order."""

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from aerodima.workbench.config.car_parameters import CarParameters, DriveParameters, ServoParameters
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time
-from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:

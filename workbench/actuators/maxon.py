@@ -3,9 +3,9 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from aerodima.workbench.config.rig_parameters import MaxonParameters
+from aerodima.workbench.config.rig_scenario import MaxonParameters
 from aerodima.workbench.sensors.sampled import CounterNoise
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 
 class MaxonMotor(LeafSystem):

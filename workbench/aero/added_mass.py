@@ -49,7 +49,7 @@ from aerodima.workbench.aero.laws import dot
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.aero.tail_force import connect_spatial_forces
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.autodiff_system import LeafSystem_, declare_spatial_forces, system_template
+from aerodima.workbench.systems.system_ports import LeafSystem_, declare_spatial_forces, system_template
 
 _CONTINUOUS_RATE = 100.0
 _RATE_TIMES_STEP = 0.2

@@ -25,6 +25,9 @@ Vector = Sequence[Any]
 # there.
 STILL = 1e-60
 
+ROBOT_LIMIT = 15.0
+"""Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
+
 
 class Plates(NamedTuple):
     """C_N of flat sections that are numbers: of the plate whose normal is n, and of one across it with normal n x a.

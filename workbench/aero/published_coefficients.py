@@ -14,13 +14,12 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from aerodima.workbench.aero.laws import ROBOT_LIMIT
 from aerodima.workbench.resources import models_dir, published_table
 
 SCHEMA = "aerodima/coefficients/1"
 CHEETAH_LIMIT = 10.0
 """Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s (section 4.9)."""
-ROBOT_LIMIT = 15.0
-"""Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
 CHEETAH_SOURCE = (
     "thesis Tables 4.11, 10.6-10.18, resnorm-weighted without bold outliers and copied rows (ERRATA E1, E4); "
     "area = length x major width for both axes (ERRATA E2); seeds from Tables 4.9, 4.10, 10.1-10.5"

@@ -32,7 +32,7 @@ from aerodima.workbench.aero.laws import (
 )
 from aerodima.workbench.aero.sections import Air, Jet, SectionLayout
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.autodiff_system import LeafSystem_, declare_spatial_forces, system_template
+from aerodima.workbench.systems.system_ports import LeafSystem_, declare_spatial_forces, system_template
 
 SECTION_COLUMNS = ("relative_speed_m_per_s", "angle_of_attack_rad", "reynolds_number", "force_n")
 NOT_EXPOSED, MEASURED, EXTRAPOLATED, BEYOND_QUASI_STEADY = 0.0, 1.0, 2.0, 3.0

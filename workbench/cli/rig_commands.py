@@ -136,7 +136,7 @@ def _run(
 ) -> None:
     """given: keys of the experiment; None: as in the scenario."""
     from aerodima.workbench.cli.turn_commands import live_view, show_progress
-    from aerodima.workbench.config.scenario import load_rig_scenario
+    from aerodima.workbench.config.rig_scenario import load_rig_scenario
     from aerodima.workbench.simulate.simulation import simulate
 
     refuse_existing(options.out, options.force, LogError)

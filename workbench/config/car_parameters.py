@@ -9,8 +9,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from aerodima.workbench.config.checked_files import CONSTANT, require_coefficient_name
-from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.config.checked_files import CONSTANT, QuantityModel, quantity, require_coefficient_name
 
 
 class CarParameters(QuantityModel):

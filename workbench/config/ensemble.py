@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
-from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
 from aerodima.workbench.config.scenario import SECTIONS, Scenario, load_scenario
 from aerodima.workbench.errors import EnsembleError, ScenarioError
 

@@ -13,9 +13,16 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, read_yaml
-from aerodima.workbench.config.quantity import nearest, unit_factor, unit_of
-from aerodima.workbench.config.scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
+from aerodima.workbench.config.checked_files import (
+    StrictModel,
+    checked,
+    find_file,
+    nearest,
+    read_yaml,
+    unit_factor,
+    unit_of,
+)
+from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
 from aerodima.workbench.config.scenario_file import Sourced
 from aerodima.workbench.errors import LogError, ScenarioError
 

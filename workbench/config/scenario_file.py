@@ -13,8 +13,17 @@ from typing import Any, ClassVar, Self
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from aerodima.workbench.config.checked_files import ModelT, StrictModel, checked, find_file, read_yaml, shipped_names
-from aerodima.workbench.config.quantity import NO_UNIT, nearest, unit_of
+from aerodima.workbench.config.checked_files import (
+    NO_UNIT,
+    ModelT,
+    StrictModel,
+    checked,
+    find_file,
+    nearest,
+    read_yaml,
+    shipped_names,
+    unit_of,
+)
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import model_path
 

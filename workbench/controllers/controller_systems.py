@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, System
 
-from aerodima.workbench.config.quantity import check_range
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.checked_files import check_range
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.signal_table import (
     IMU,
     PLANNED_TURN,
@@ -25,7 +25,7 @@ from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.controllers.tail_law import AGE_LIMIT, Observation, TailLaw, observe
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time, stage_before
-from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 
 
 class TailController(LeafSystem):

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from aerodima.workbench.config.quantity import check_range
+from aerodima.workbench.config.checked_files import check_range
 from aerodima.workbench.errors import UserError
 
 TICK_TOLERANCE = 1e-9

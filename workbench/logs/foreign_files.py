@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.quantity import nearest
+from aerodima.workbench.config.checked_files import nearest
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import CsvFormat
 from aerodima.workbench.logs.schema import METADATA_KEY, decode_metadata

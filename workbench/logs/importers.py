@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.quantity import unit_factor
+from aerodima.workbench.config.checked_files import unit_factor
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_csv, read_mat, read_parquet
@@ -236,7 +236,7 @@ def _scenario(mapping: Mapping) -> dict[str, Any]:
         from aerodima.workbench.config.scenario import load_scenario
 
         return load_scenario(base, settings).model_dump(mode="json", by_alias=True)
-    from aerodima.workbench.config.scenario import load_rig_scenario
+    from aerodima.workbench.config.rig_scenario import load_rig_scenario
 
     resolved = load_rig_scenario(base, settings).resolved()
     return {key: value for key, value in resolved.items() if key not in ("experiment", "schema", "name", "seed")}

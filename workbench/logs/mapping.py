@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, field_validator, model_validator
 
-from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.quantity import nearest, unit_factor, unit_in_name
+from aerodima.workbench.config.checked_files import StrictModel, checked, nearest, read_yaml, unit_factor, unit_in_name
 from aerodima.workbench.config.signal_table import (
     RIG_KINDS,
     TIME,

@@ -23,7 +23,7 @@ from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 
 class LogInMemory:

@@ -4,8 +4,11 @@ Discrete plant with point contact, `kLagged` approximation and tyres that stand 
 frame B: x forward, y left, z up, origin on the ground under the rear axle at nominal ride height.
 """
 
+from __future__ import annotations
+
 import logging
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.geometry import (
@@ -28,13 +31,15 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.car_model import car_sdf
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.plants.tail import LEAST_INERTIA_LEFT, added_mass_layout, tail_sdf
 from aerodima.workbench.resources import models_dir
+
+if TYPE_CHECKING:
+    from aerodima.workbench.aero.added_mass import AddedMass
 
 GROUND_STIFFNESS = 1.0e10
 """Contact stiffness (N/m) of the ground: rigid against any tyre, so that the pair has the tyre's stiffness to 1e-5."""
@@ -132,6 +137,8 @@ def _added_mass(plant: MultibodyPlant, scenario: Scenario) -> AddedMass | None:
     tail = scenario.tail
     if tail.added_mass == 0.0:
         return None
+    from aerodima.workbench.aero.added_mass import add_added_mass
+
     return add_added_mass(plant, plant.GetBodyByName("tail_rod"), added_mass_layout(tail), tail.added_mass)
 
 

@@ -1,13 +1,8 @@
-"""Joint friction as a system, since Drake's joints have no Coulomb friction (design section 6)."""
+"""Law of the friction of joints; Drake's own have no Coulomb friction (design section 6)."""
 
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
-
-import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
-
-from aerodima.workbench.systems.vector_ports import vector_of
 
 FrictionLaw = Callable[[Any], Any]
 """Joint rate (rad/s) to friction torque (N m), which opposes it."""
@@ -36,25 +31,3 @@ def smooth_friction(
             rate, tanh(tanh_gain * rate), coulomb + excess * math.exp(-((rate / speed) ** 2)), viscous
         )
     return lambda rate: friction_torque(rate, tanh(tanh_gain * rate), coulomb, viscous)
-
-
-class JointFriction(LeafSystem):
-    """Friction torque of `count` joints.
-
-    Input ports:
-        joint_state (2 count): angles rad, then rates rad/s.
-    Output ports:
-        torque (count): N m, opposing the rates.
-    """
-
-    def __init__(self, law: FrictionLaw, count: int):
-        super().__init__()
-        self._law = law
-        self._count = count
-        self._state = self.DeclareVectorInputPort("joint_state", 2 * count)
-        self.DeclareVectorOutputPort("torque", count, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
-
-    def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        state = vector_of(self._state, context)
-        rates = state[self._count :].tolist()
-        output.SetFromVector(np.array([self._law(rate) for rate in rates]))

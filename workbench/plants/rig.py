@@ -9,12 +9,15 @@ torque. A discrete plant has reactions only after a step; README.md beside this 
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from pydrake.common.value import Value
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, WeldJoint
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
 from pydrake.systems.primitives import Adder
 
 from aerodima.workbench.aero.added_mass import AddedMass, add_added_mass
@@ -22,15 +25,14 @@ from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Air
 from aerodima.workbench.aero.tail_force import NOT_EXPOSED, SECTION_COLUMNS, add_tail_force, connect_spatial_forces
 from aerodima.workbench.aero.wind import WindModel, add_wind
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import parse_model
-from aerodima.workbench.plants.joint_friction import JointFriction, smooth_friction
+from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
 from aerodima.workbench.plants.rig_air import rig_jet, rig_law
 from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, robot_rig_sdf, tail_layout
-from aerodima.workbench.plants.rig_reactions import SpanwiseBalance, SupportWrench
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import declare_spatial_forces, vector_of
 
 
 @dataclass(frozen=True)
@@ -252,3 +254,85 @@ def _export_torque(builder: DiagramBuilder, rig: RigPlant) -> Diagram:
     builder.ExportInput(rig.torques.get_input_port(0), "motor_torque")
     builder.ExportOutput(rig.wrench, "wrench")
     return builder.Build()
+
+
+class SupportWrench(LeafSystem):
+    """The reaction at the force sensor as a vector.
+
+    Input ports:
+        reaction_forces: list[SpatialForce], from the plant.
+    Output ports:
+        wrench (6): of the support on the rig at W, W axes: force N, torque N m.
+
+    Args:
+        joint: index of the weld between world and mount, whose child frame is W.
+    """
+
+    def __init__(self, joint: int):
+        super().__init__()
+        self._joint = joint
+        self._reactions = self.DeclareAbstractInputPort("reaction_forces", Value[list[SpatialForce]]())
+        self.DeclareVectorOutputPort("wrench", 6, self._calc, {self._reactions.ticket()})
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        reactions: Any = self._reactions.Eval(context)
+        coefficients = reactions[self._joint].get_coeffs()
+        output.SetFromVector(np.concatenate((coefficients[3:], coefficients[:3])))
+
+
+class SpanwiseBalance(LeafSystem):
+    """Takes the centripetal inertia of the added mass off the tail: added mass acts across the tail's axis only.
+
+    The added mass is a body welded to the tail. On a pendulum its only acceleration along the axis is the centripetal
+    one, so a push of that size makes the wrench exact, without a degree of freedom more.
+
+    Input ports:
+        plant_state (2): angle and rate.
+    Output ports:
+        spatial_forces: list[ExternallyAppliedSpatialForce], one on the body of the added mass.
+    """
+
+    def __init__(self, plant: MultibodyPlant, added: AddedMass):
+        super().__init__()
+        self._plant = plant
+        self._context = plant.CreateDefaultContext()
+        (self._body,) = plant.GetBodyIndices(added.instance)
+        self._mass = plant.get_body(self._body).default_mass()
+        self._state = self.DeclareVectorInputPort("plant_state", 2)
+        declare_spatial_forces(self, self._calc, {self._state.ticket()})
+
+    def _calc(self, context: Context, output: Any) -> None:
+        plant, mine = self._plant, self._context
+        state = vector_of(self._state, context)
+        plant.SetPositionsAndVelocities(mine, state)
+        pose = plant.EvalBodyPoseInWorld(mine, plant.get_body(self._body))
+        axis = pose.rotation().matrix()[:, 2]
+        pivot = plant.EvalBodyPoseInWorld(mine, plant.GetJointByName("swing").child_body()).translation()
+        distance = axis @ (pose.translation() - pivot)
+        force = ExternallyAppliedSpatialForce()
+        force.body_index = self._body
+        force.p_BoBq_B = np.zeros(3)
+        force.F_Bq_W = SpatialForce(np.zeros(3), -self._mass * distance * state[1] ** 2 * axis)
+        output.set_value([force])
+
+
+class JointFriction(LeafSystem):
+    """Friction torque of `count` joints.
+
+    Input ports:
+        joint_state (2 count): angles rad, then rates rad/s.
+    Output ports:
+        torque (count): N m, opposing the rates.
+    """
+
+    def __init__(self, law: FrictionLaw, count: int):
+        super().__init__()
+        self._law = law
+        self._count = count
+        self._state = self.DeclareVectorInputPort("joint_state", 2 * count)
+        self.DeclareVectorOutputPort("torque", count, self._calc_torque, prerequisites_of_calc={self._state.ticket()})
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        state = vector_of(self._state, context)
+        rates = state[self._count :].tolist()
+        output.SetFromVector(np.array([self._law(rate) for rate in rates]))

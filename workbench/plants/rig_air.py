@@ -6,7 +6,7 @@ from aerodima.workbench.aero.coefficient_files import PolarTable, load_coefficie
 from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.plants.rig_model import pivot_position
 
 

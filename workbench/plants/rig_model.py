@@ -12,8 +12,7 @@ import numpy as np
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import TailParameters
-from aerodima.workbench.config.rig_parameters import BarParameters, CheetahTailParameters, MountParameters
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import BarParameters, CheetahTailParameters, MountParameters, RigScenario
 from aerodima.workbench.plants.sdf_model import SdfModel
 from aerodima.workbench.plants.tail import ROD_RADIUS
 from aerodima.workbench.resources import model_path

@@ -17,7 +17,6 @@ from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.car_parameters import SHELL_DEPTH, CarParameters, TailMotorParameters, TailParameters
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.sdf_model import Inertial, SdfModel
-from aerodima.workbench.plants.tail_file import read_tail
 from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry
 from aerodima.workbench.plants.tail_plate import Piece, Plate
 from aerodima.workbench.resources import model_path
@@ -109,6 +108,8 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
         ModelError: the tail file is missing or wrong.
     """
     if tail.has_own_geometry:
+        from aerodima.workbench.plants.tail_file import read_tail
+
         try:
             return read_tail(tail.geometry)
         except ModelError as error:

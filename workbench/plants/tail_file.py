@@ -10,8 +10,7 @@ import yaml
 from pydantic import Field
 
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.config.checked_files import checked, read_yaml
-from aerodima.workbench.config.quantity import QuantityModel, quantity
+from aerodima.workbench.config.checked_files import QuantityModel, checked, quantity, read_yaml
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.sdf_model import Inertial
 from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry

@@ -20,10 +20,10 @@ import numpy as np
 
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.plants.mass_moments import MassMoments, rod_moments
 from aerodima.workbench.plants.sdf_model import Inertial
 from aerodima.workbench.plants.tail_plate import (
     UP,
+    MassMoments,
     Piece,
     Plate,
     Vector,
@@ -32,6 +32,7 @@ from aerodima.workbench.plants.tail_plate import (
     overlap,
     require_above_zero,
     require_vectors,
+    rod_moments,
     unit_vector,
 )
 

@@ -32,7 +32,7 @@ from aerodima.workbench.stations.plant_truth import (
     pose_columns,
     section_columns,
 )
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 _STATION_TRUTH = ("contact_truth", "wind_truth")
 """Ports of a simulated car's station that are recorded beside the motion."""

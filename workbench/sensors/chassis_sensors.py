@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context
 from aerodima.workbench.aero.sail import rotation_rows
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 CHASSIS_MOTION_SIZE = 20
 """Quaternion w, x, y, z; position, m; angular velocity, rad/s, and velocity, m/s, in W; angular velocity and velocity

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
-from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 
 TURN = 2.0 * math.pi
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from aerodima.workbench.config.rig_parameters import ForceSensorParameters
+from aerodima.workbench.config.rig_scenario import ForceSensorParameters
 from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 AXES = 6
 """F_x, F_y, F_z (N), T_x, T_y, T_z (N m), in this order everywhere."""

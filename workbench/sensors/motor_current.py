@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 
 class MotorCurrentSensor(SampledSensor):

@@ -5,10 +5,9 @@ import math
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, State
 
-from aerodima.workbench.config.rig_parameters import RigEncoderParameters
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigEncoderParameters, RigScenario
 from aerodima.workbench.sensors.sampled import SampledSensor
-from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 
 
 def count_angle(scenario: RigScenario) -> float:

@@ -5,7 +5,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, L
 from aerodima.workbench.config.signal_table import IMU, SPEED
 from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 from aerodima.workbench.systems.event_order import Stage, declare_ticks, stage_before
-from aerodima.workbench.systems.vector_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 
 
 class RollEstimator(LeafSystem):

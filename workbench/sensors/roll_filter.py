@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.config.quantity import check_range
+from aerodima.workbench.config.checked_files import check_range
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.systems.event_order import Stage, period_of
-from aerodima.workbench.systems.vector_ports import DiscreteVector
+from aerodima.workbench.systems.system_ports import DiscreteVector
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""

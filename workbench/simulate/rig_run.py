@@ -7,7 +7,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_PORTS, RIG_TRUTH
 from aerodima.workbench.controllers.controller_systems import CurrentController, TailCommander
 from aerodima.workbench.errors import UserError
@@ -18,7 +18,7 @@ from aerodima.workbench.sensors.force_torque import sensor_errors
 from aerodima.workbench.simulate.live_view import Check, LiveView
 from aerodima.workbench.stations.rig_logs import known_truth, rig_log_metadata, simulate_static_log
 from aerodima.workbench.stations.rig_station import RigInterfaceFactory, make_rig_station
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 INTEGRATOR = "runge_kutta3"
 """With a fixed step: 7e-7 rad after a second at 1 ms, on tables with kinks."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from aerodima.workbench.config.scenario import RigScenario, Scenario
+from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog

@@ -3,26 +3,29 @@
 The air acts on the sail only; the chassis feels none.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, facing_law
-from aerodima.workbench.aero.published_coefficients import ROBOT_LIMIT
+from aerodima.workbench.aero.laws import ROBOT_LIMIT, NormalForceLaw, SectionLaw, facing_law
 from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.sections import Air, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
-from aerodima.workbench.aero.wind import WindModel, WindSource
 from aerodima.workbench.config.car_parameters import SAIL_SHAPES, TailParameters
 from aerodima.workbench.config.checked_files import CONSTANT, SAIL_LAWS
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.plants.tail import sail_inertial, tail_geometry
-from aerodima.workbench.systems.vector_ports import stacked, transformed
+from aerodima.workbench.systems.system_ports import stacked, transformed
+
+if TYPE_CHECKING:
+    from aerodima.workbench.aero.wind import WindModel
 
 
 def wind_model(scenario: Scenario) -> WindModel | None:
@@ -30,6 +33,8 @@ def wind_model(scenario: Scenario) -> WindModel | None:
     wind = scenario.wind
     if wind.is_still or scenario.tail.mode == "none":
         return None
+    from aerodima.workbench.aero.wind import WindModel
+
     gust = wind.gust_amplitude
     return WindModel(
         mean=(wind.mean_x, wind.mean_y, wind.mean_z),
@@ -44,7 +49,11 @@ def wind_model(scenario: Scenario) -> WindModel | None:
 def add_wind_source(builder: DiagramBuilder, scenario: Scenario) -> System | None:
     """Adds the wind of a scenario to a diagram; nothing, and None, where there is none."""
     model = wind_model(scenario)
-    return None if model is None else builder.AddNamedSystem("wind", WindSource(model))
+    if model is None:
+        return None
+    from aerodima.workbench.aero.wind import WindSource
+
+    return builder.AddNamedSystem("wind", WindSource(model))
 
 
 def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
@@ -60,6 +69,8 @@ def sail_law(tail: TailParameters) -> tuple[SectionLaw, float]:
     if name == CONSTANT:
         law, limit = NormalForceLaw(tail.normal_force_coefficient), ROBOT_LIMIT
     else:
+        from aerodima.workbench.aero.coefficient_files import load_coefficients
+
         try:
             chosen = load_coefficients(name)
         except ModelError as error:

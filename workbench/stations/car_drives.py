@@ -23,7 +23,7 @@ from aerodima.workbench.config.signal_table import TAIL_COMMAND
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.car_model import axle_statics
 from aerodima.workbench.stations.car_air import sail_strips
-from aerodima.workbench.systems.vector_ports import constant, select, stacked, transformed, vector_of
+from aerodima.workbench.systems.system_ports import constant, select, stacked, transformed, vector_of
 
 TAIL_JOINTS = ("tail_pitch", "tail_roll", "tail_sail_turn")
 TAIL_COMMANDS = ("tail_pitch_command", "tail_roll_command")

@@ -23,7 +23,7 @@ from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEnc
 from aerodima.workbench.stations.car_air import add_sail_report, add_wind_source
 from aerodima.workbench.stations.car_drives import TAIL_COMMANDS, DrivenCar, add_car_drives
 from aerodima.workbench.stations.ground_truth import CarTruth
-from aerodima.workbench.systems.vector_ports import (
+from aerodima.workbench.systems.system_ports import (
     add_status,
     constant,
     export_interface,

@@ -16,7 +16,7 @@ from aerodima.workbench.config.signal_table import CAR_TRUTH, GROUND_CONTACTS, W
 from aerodima.workbench.plants.car import CarPlant
 from aerodima.workbench.plants.tail import tail_geometry
 from aerodima.workbench.sensors.chassis_sensors import motion_at_imu, motion_of
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 BODY_TRUTH = PortFields("BodyTruth", tuple(names_of(CAR_TRUTH["body_truth"])))
 CONTACT_TRUTH = PortFields("ContactTruth", tuple(names_of(CAR_TRUTH["contact_truth"])))

@@ -25,7 +25,7 @@ from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_loads import GroundLoads
 from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
-from aerodima.workbench.systems.vector_ports import stacked, vector_of
+from aerodima.workbench.systems.system_ports import stacked, vector_of
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]

@@ -16,7 +16,7 @@ from aerodima.workbench.aero.added_mass import ADDED_MASS_PREFIX
 from aerodima.workbench.aero.tail_force import SECTION_COLUMNS
 from aerodima.workbench.config.signal_table import CAR_TRUTH, names_of
 from aerodima.workbench.stations.ground_truth import cross
-from aerodima.workbench.systems.vector_ports import vector_of
+from aerodima.workbench.systems.system_ports import vector_of
 
 _XYZ = ("x", "y", "z")
 BASE_COLUMNS = [name for name in names_of(CAR_TRUTH["body_truth"]) if not name.startswith(("acceleration", "com"))]

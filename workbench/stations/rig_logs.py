@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.signal_table import names_of, rig_columns
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.plants.rig import Rig

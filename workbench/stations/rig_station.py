@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 
 from aerodima.workbench.actuators.ak70 import MitMotor
 from aerodima.workbench.actuators.maxon import MaxonMotor, current_noise
-from aerodima.workbench.config.scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.rig import add_rig_plant
@@ -21,7 +21,7 @@ from aerodima.workbench.sensors.force_torque import ForceTorqueSensor
 from aerodima.workbench.sensors.motor_current import MotorCurrentSensor
 from aerodima.workbench.sensors.rig_encoder import RigEncoder
 from aerodima.workbench.stations.rig_logs import sensor_offsets
-from aerodima.workbench.systems.vector_ports import add_status, export_interface, export_outputs, select, stacked
+from aerodima.workbench.systems.system_ports import add_status, export_interface, export_outputs, select, stacked
 
 RigInterfaceFactory = Callable[[RigScenario], System]
 """Makes the system that talks to the real rig, with exactly the ports of `ROBOT_RIG_INPUTS` and `RIG_OUTPUTS`."""

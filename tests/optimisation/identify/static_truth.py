@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.stations.rig_logs import simulate_static_log

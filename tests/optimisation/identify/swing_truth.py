@@ -14,7 +14,7 @@ import pandas as pd
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out
 from aerodima.optimisation.identify.swing_coefficients import motor_of
 from aerodima.workbench.aero.laws import NormalForceLaw
-from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.sensors.rig_encoder import count_angle
 from aerodima.workbench.stations.rig_logs import rig_log_metadata

@@ -19,7 +19,7 @@ from aerodima.optimisation.identify.added_mass import (
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque, roll_out, torque_response
 from aerodima.optimisation.identify.swing_coefficients import fit_friction, fit_robot_tail
 from aerodima.optimisation.identify.swing_log import swing_data
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.simulate.simulation import simulate

@@ -9,7 +9,7 @@ import pytest
 
 from aerodima.workbench.actuators.ak70 import MitMotor
 from aerodima.workbench.actuators.maxon import MaxonMotor
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 
 SCENARIO = load_rig_scenario("robot")
 

@@ -6,8 +6,7 @@ from importlib import import_module
 import pytest
 
 from aerodima.workbench.config import scenario_file
-from aerodima.workbench.config.checked_files import read_yaml
-from aerodima.workbench.config.quantity import unit_of
+from aerodima.workbench.config.checked_files import read_yaml, unit_of
 from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries, scenario_from_dict
 from aerodima.workbench.config.scenario_file import ParameterEntry
 from aerodima.workbench.errors import ScenarioError

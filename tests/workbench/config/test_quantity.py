@@ -5,8 +5,7 @@ from typing import Literal
 import pytest
 from pydantic import ValidationError
 
-from aerodima.workbench.config.checked_files import checked
-from aerodima.workbench.config.quantity import NO_UNIT, QuantityModel, nearest, quantity, unit_of
+from aerodima.workbench.config.checked_files import NO_UNIT, QuantityModel, checked, nearest, quantity, unit_of
 from aerodima.workbench.errors import ScenarioError
 
 

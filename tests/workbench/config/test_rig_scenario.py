@@ -8,13 +8,8 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench.config.scenario import (
-    RIG_SECTIONS,
-    RigScenario,
-    load_rig_scenario,
-    rig_scenario_from_dict,
-    scenario_from_dict,
-)
+from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario, rig_scenario_from_dict
+from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import model_path
 

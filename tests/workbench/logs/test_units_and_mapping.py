@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench.config.quantity import unit_factor, unit_in_name
+from aerodima.workbench.config.checked_files import unit_factor, unit_in_name
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mapping import load_mapping, mapping_from
 

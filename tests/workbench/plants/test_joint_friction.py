@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from aerodima.workbench.plants.joint_friction import JointFriction, smooth_friction
+from aerodima.workbench.plants.joint_friction import smooth_friction
+from aerodima.workbench.plants.rig import JointFriction
 
 COULOMB, VISCOUS = 0.161, 0.057
 SMOOTH = smooth_friction(COULOMB, VISCOUS, 10.0)

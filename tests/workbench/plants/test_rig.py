@@ -9,7 +9,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import ModelError, ScenarioError, UserError
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.resources import model_path

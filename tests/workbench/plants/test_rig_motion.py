@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import ScenarioError, UserError
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.plants.rig_motion import RigMotion

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.force_torque import ForceTorqueSensor, sensor_errors, sensor_readings
 

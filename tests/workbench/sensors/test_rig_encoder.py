@@ -7,7 +7,7 @@ import math
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.rig_encoder import RigEncoder, count_angle, quantise
 

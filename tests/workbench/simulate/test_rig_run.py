@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from aerodima.workbench.config.scenario import RigScenario, load_rig_scenario
+from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog, signals_equal
 from aerodima.workbench.plants.rig import Rig

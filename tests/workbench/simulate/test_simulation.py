@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from aerodima.workbench.config.scenario import load_rig_scenario, load_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings, SwingState
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.metrics.run_summary import summarise

@@ -20,7 +20,7 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
 from aerodima.workbench.stations.ground_truth import BODY_TRUTH, CONTACT_TRUTH, TAIL_TRUTH
-from aerodima.workbench.systems.vector_ports import add_status
+from aerodima.workbench.systems.system_ports import add_status
 from tests.workbench.stands import CarStand
 
 INPUTS = {"steering_angle": 1, "throttle": 1, "tail_pitch_command": 5, "tail_roll_command": 5}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from aerodima.workbench.config.scenario import load_rig_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.config.signal_table import CHEETAH_RIG_INPUTS, RIG_OUTPUTS, ROBOT_RIG_INPUTS
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.stations.rig_station import make_rig_station

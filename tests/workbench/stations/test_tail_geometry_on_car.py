@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.config.scenario import Scenario, load_rig_scenario, load_scenario
+from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import ModelError, ScenarioError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.car import add_car_plant

@@ -1,12 +1,26 @@
-"""Sections of a rig scenario: every number of the wind-tunnel rigs, their motors, sensors and air.
+"""Scenario of a wind-tunnel rig: every number of mount, motors, sensors and air, and of the experiment.
 
-The values live in `models/parameters/rig/<section>.yaml`, each with unit and source. Frame W: origin at the force
+A scenario file holds only what differs from `models/parameters/rig`; `load_rig_scenario` resolves it. The robot's tail,
+its motor and friction, gravity and air are the same as on the car. Frame W: origin at the force
 sensor's measuring point, z up, x along the motor axis, the wind blows towards -y (design section 4).
 """
 
-from typing import Literal
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Literal
 
-from aerodima.workbench.config.quantity import QuantityModel, quantity
+from pydantic import Field, model_validator
+
+from aerodima.workbench.config.car_parameters import (
+    EnvironmentParameters,
+    FrictionParameters,
+    TailMotorParameters,
+    TailParameters,
+)
+from aerodima.workbench.config.checked_files import QuantityModel, quantity
+from aerodima.workbench.config.scenario import Scenario
+from aerodima.workbench.config.scenario_file import ScenarioFile
 
 WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of forces and torques."""
@@ -204,3 +218,101 @@ class RigSimulationParameters(QuantityModel):
 
     step: float = quantity("s", "fixed step of the integrator", gt=0, le=0.01)
     log_rate: float = quantity("Hz", "rows per second in the log, at most 1/step", gt=0, le=20000)
+
+
+class RigScenario(ScenarioFile):
+    """Resolved rig scenario, frozen. SI units and radians."""
+
+    folder = "scenarios/rig"
+    example = "experiment.wind_speed=20"
+    rates = ("force_sensor.rate", "encoder.rate", "robot.command_rate", "simulation.log_rate")
+    parameter_folder = "parameters/rig"
+    shared_with_car: ClassVar = {
+        "robot_tail": "tail",
+        "robot_motor": "tail_motor",
+        "robot_friction": "friction",
+        "environment": "environment",
+    }
+
+    renamed: ClassVar = {"tunnel": {"kilter": "misalignment"}}
+    retired: ClassVar = {"robot_tail": Scenario.retired["tail"]}
+
+    schema_: Literal["aerodima/rig-scenario/1"] = Field("aerodima/rig-scenario/1", alias="schema")
+    name: str = Field("rig", description="what the experiment is called in reports", min_length=1, max_length=80)
+    experiment: ExperimentParameters
+    mount: MountParameters
+    bar: BarParameters
+    tail_1: CheetahTailParameters
+    tail_2: CheetahTailParameters
+    tail_3: CheetahTailParameters
+    maxon: MaxonParameters
+    encoder: RigEncoderParameters
+    friction: FrictionParameters
+    tunnel: TunnelParameters
+    force_sensor: ForceSensorParameters
+    uncertainty: RigUncertaintyParameters
+    aero: RigAeroParameters
+    robot: RobotRigParameters
+    robot_tail: TailParameters
+    robot_motor: TailMotorParameters
+    robot_friction: FrictionParameters
+    environment: EnvironmentParameters
+    simulation: RigSimulationParameters
+
+    @model_validator(mode="after")
+    def _experiment_is_possible(self) -> "RigScenario":
+        done, limit, misalignment = self.experiment, self.mount.angle_limit, self.tunnel.misalignment
+        is_static, is_bar = done.kind == "static", done.kind == "bar_swing"
+        within = f"within mount.angle_limit, +-{limit:g} rad ({math.degrees(limit):.0f} degrees)"
+        shorter = f"< duration {done.duration:g} s"
+        still = f"0 s in a {done.kind} (a swing rests in the wind: experiment.rest)"
+        rules = (
+            (abs(done.angle) <= limit + 1e-9, "experiment.angle", within),
+            (abs(done.target) <= limit + 1e-9, "experiment.target", within),
+            (not is_bar or done.wind_speed == 0.0, "experiment.wind_speed", "0 m/s in a bar_swing"),
+            (
+                self.aero.added_mass == 0.0 or misalignment == 0.0,
+                "aero.added_mass",
+                f"0 kg with tunnel.misalignment {misalignment:g} rad",
+            ),
+            (is_static or done.rest < done.duration, "experiment.rest", shorter),
+            (not is_static or done.wind_off < done.duration, "experiment.wind_off", shorter),
+            (is_static or done.wind_off == 0.0, "experiment.wind_off", still),
+        )
+        self._require(rules)
+        if self.robot_tail.has_own_geometry:
+            raise ValueError(f"robot_tail.geometry: {self.robot_tail.geometry!r}; allowed: none, on a rig")
+        if self.robot_tail.sail_shape != "built":
+            raise ValueError(f"robot_tail.sail_shape: {self.robot_tail.sail_shape!r}; allowed: built, on a rig")
+        return self
+
+    @property
+    def has_cheetah_tail(self) -> bool:
+        """Whether a cheetah tail is mounted: not on the bare bar, not on the robot's rig."""
+        return self.experiment.kind in ("static", "swing")
+
+    @property
+    def is_robot(self) -> bool:
+        """Whether the robot's tail and motor are on the rig."""
+        return self.experiment.kind == "robot_swing"
+
+    @property
+    def cheetah_tail(self) -> CheetahTailParameters:
+        """The tail of the experiment."""
+        return (self.tail_1, self.tail_2, self.tail_3)[self.experiment.tail - 1]
+
+    @property
+    def tail_name(self) -> str:
+        """What stands in a log's metadata: `1`, `2`, `3`, `none` or `robot`."""
+        if self.is_robot:
+            return "robot"
+        return str(self.experiment.tail) if self.has_cheetah_tail else "none"
+
+
+RIG_SECTIONS = RigScenario.sections()
+rig_scenario_from_dict = RigScenario.from_dict
+
+
+def load_rig_scenario(name_or_path: str | Path, settings: Sequence[str] = ()) -> RigScenario:
+    """Loads a scenario of a rig; arguments and errors are those of `ScenarioFile.load`."""
+    return RigScenario.load(name_or_path, settings)
