@@ -170,7 +170,7 @@ class SampledHold(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._hold)
 
     def _hold(self, context: Context, state: State) -> None:
-        state.get_mutable_discrete_state(self._held).SetFromVector(vector_of(self._input, context))
+        state.get_mutable_discrete_state(int(self._held)).SetFromVector(vector_of(self._input, context))
 
 
 class DrivenCar(NamedTuple):
