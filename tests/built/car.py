@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw
 from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.manoeuvre import ThrottleLine
@@ -268,7 +268,7 @@ def force_at(gamma: float) -> float:
     """Normal force (N) on 1 m2 of sail whose axis leans by gamma out of broadside, wind of 1 m/s along x."""
     a = (math.sin(gamma), 0.0, math.cos(gamma))
     n = (math.cos(gamma), 0.0, -math.sin(gamma))
-    found = NormalForceLaw(2.0).line_force((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), a, n, [0.0], [1.0], 1.225)
+    found = NormalForceLaw(2.0).line_force(LineMotion((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), a, n), [0.0], [1.0], 1.225)
     return math.hypot(*found[:3])
 
 

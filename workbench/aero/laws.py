@@ -11,7 +11,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 from pydrake.math import arctan2
@@ -29,18 +28,20 @@ ROBOT_LIMIT = 15.0
 """Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
 
 
-class Plates(NamedTuple):
-    """C_N of flat sections that are numbers: of the plate whose normal is n, and of one across it with normal n x a.
+class LineMotion(NamedTuple):
+    """Motion of a line of sections against the air, vectors (3) in W; see `SectionLayout.motion`.
 
     Attributes:
-        along_normal: when the air blows along +n.
-        against_normal: when it blows along -n.
-        side: of the plate across; 0 where there is none.
+        u: relative velocity of the air at the root, m/s.
+        k: its change along the line, 1/s: u + s k at distance s.
+        a: axis of the line, from root to tip.
+        n: normal of the sections.
     """
 
-    along_normal: float
-    against_normal: float
-    side: float = 0.0
+    u: Vector
+    k: Vector
+    a: Vector
+    n: Vector
 
 
 def dot(a: Vector, b: Vector) -> Scalar:
@@ -62,27 +63,15 @@ class SectionLaw(ABC):
 
     knows_normal: ClassVar[bool] = True
 
-    @property
-    def plates(self) -> Plates | None:
-        """The law as numbers for `plates_force`; None where its coefficients are functions, or it is another law."""
-        return None
-
     @abstractmethod
     def line_force(
-        self,
-        u: Vector,
-        k: Vector,
-        a: Vector,
-        n: Vector,
-        distances: Sequence[Scalar],
-        areas: Sequence[Scalar],
-        density: float,
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
         """Force on the line and its moment about the root: (F_x, F_y, F_z, M_x, M_y, M_z), W frame, N and N m."""
 
     def section_force(self, v: Vector, a: Vector, n: Vector, area: Scalar, density: float) -> tuple[Scalar, ...]:
         """Force on one section that sees the relative velocity v: (F_x, F_y, F_z), W frame, N."""
-        return self.line_force(v, (0.0, 0.0, 0.0), a, n, (0.0,), (area,), density)[:3]
+        return self.line_force(LineMotion(v, (0.0, 0.0, 0.0), a, n), (0.0,), (area,), density)[:3]
 
     @abstractmethod
     def covers(self, speed: float, angle: float) -> bool:
@@ -108,13 +97,12 @@ def angle_of_attack(v: Vector, a: Vector) -> Scalar:
     return arctan2(spanwise, across)
 
 
-def wind_direction(
-    u: Vector, k: Vector, a: Vector, n: Vector, distances: Sequence[Scalar], areas: Sequence[Scalar]
-) -> Scalar:
+def wind_direction(line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar]) -> Scalar:
     """Angle (rad) about the axis a from the normal n to where the air moves across the axis; 0 in still air.
 
     The direction of the sum of area |v_p| v_p over the sections, with v_p their relative velocity across the axis.
     """
+    u, k, a, n = line
     b = cross(a, n)
     u_n, k_n, u_b, k_b = dot(u, n), dot(k, n), dot(u, b), dot(k, b)
     along_normal = across = 0.0 * u_n + 0.0  # never -0.0, of which atan2 would make half a turn
@@ -133,32 +121,8 @@ def float_of(value: Scalar) -> float:
     return value if isinstance(value, float) else float(value.value())
 
 
-def plates_force(
-    u: Vector,
-    k: Vector,
-    a: Vector,
-    n: Vector,
-    distances: Sequence[Scalar],
-    areas: Sequence[Scalar],
-    density: float,
-    plates: Plates,
-) -> tuple[Scalar, ...]:
-    """Force and moment of `plate_force` on both plates."""
-    along, against, side = plates
-    fx, fy, fz, mx, my, mz = plate_force(u, k, a, n, distances, areas, density, along, against)
-    if side == 0.0:
-        return (fx, fy, fz, mx, my, mz)
-    (ax, ay, az), (nx, ny, nz) = a, n
-    chord = (ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax)
-    gx, gy, gz, kx, ky, kz = plate_force(u, k, a, chord, distances, areas, density, side, side)
-    return (fx + gx, fy + gy, fz + gz, mx + kx, my + ky, mz + kz)
-
-
 def plate_force(
-    u: Vector,
-    k: Vector,
-    a: Vector,
-    n: Vector,
+    line: LineMotion,
     distances: Sequence[Scalar],
     areas: Sequence[Scalar],
     density: float,
@@ -168,13 +132,10 @@ def plate_force(
     """F = 1/2 rho A C_N |v_p| v_n n for every section; see `SectionLaw.line_force`.
 
     Args:
-        u, k, a, n, distances, areas, density: as there.
+        line, distances, areas, density: as there.
         along, against: C_N when the air blows along +n, and along -n.
     """
-    ax, ay, az = a
-    nx, ny, nz = n
-    ux, uy, uz = u
-    kx, ky, kz = k
+    (ux, uy, uz), (kx, ky, kz), (ax, ay, az), (nx, ny, nz) = line
     cx, cy, cz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax  # chord direction n x a
     u_n, k_n = ux * nx + uy * ny + uz * nz, kx * nx + ky * ny + kz * nz
     u_c, k_c = ux * cx + uy * cy + uz * cz, kx * cx + ky * cy + kz * cz
@@ -215,28 +176,17 @@ class NormalForceLaw(SectionLaw):
             if not math.isfinite(value) or value < 0.0:
                 raise ModelError(f"normal-force law: the coefficient is {value}, but it must be a finite number from 0")
 
-    @property
-    def plates(self) -> Plates | None:
-        """See `SectionLaw.plates`."""
-        return None if callable(self.coefficient) else Plates(float(self.coefficient), float(self.coefficient))
-
     def line_force(
-        self,
-        u: Vector,
-        k: Vector,
-        a: Vector,
-        n: Vector,
-        distances: Sequence[Scalar],
-        areas: Sequence[Scalar],
-        density: float,
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
         coefficient = self.coefficient
         if not callable(coefficient):
-            return plate_force(u, k, a, n, distances, areas, density, coefficient, coefficient)
+            return plate_force(line, distances, areas, density, coefficient, coefficient)
+        u, k, _, _ = line
         speeds = (length((u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])) for s in distances)
         weighted = [area * coefficient(speed) for area, speed in zip(areas, speeds, strict=True)]
-        return plate_force(u, k, a, n, distances, weighted, density, 1.0, 1.0)
+        return plate_force(line, distances, weighted, density, 1.0, 1.0)
 
     def covers(self, speed: float, angle: float) -> bool:
         """See `SectionLaw.covers`; a plain number covers everything."""
@@ -262,23 +212,11 @@ class TwoSidedLaw(SectionLaw):
             if not math.isfinite(value) or value < 0.0:
                 raise ModelError(f"two-sided law: {name} is {value}, but it must be a finite number from 0")
 
-    @property
-    def plates(self) -> Plates:
-        """See `SectionLaw.plates`."""
-        return Plates(float(self.along_normal), float(self.against_normal))
-
     def line_force(
-        self,
-        u: Vector,
-        k: Vector,
-        a: Vector,
-        n: Vector,
-        distances: Sequence[Scalar],
-        areas: Sequence[Scalar],
-        density: float,
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`; each section takes the coefficient of the side that it shows to the wind."""
-        return plates_force(u, k, a, n, distances, areas, density, self.plates)
+        return plate_force(line, distances, areas, density, self.along_normal, self.against_normal)
 
     def covers(self, speed: float, angle: float) -> bool:
         """Two numbers cover everything."""
@@ -300,29 +238,13 @@ class CrossedPlatesLaw(SectionLaw):
     normal: SectionLaw
     side: SectionLaw
 
-    @cached_property
-    def plates(self) -> Plates | None:
-        """See `SectionLaw.plates`."""
-        normal, side = self.normal.plates, self.side.plates
-        if normal is None or side is None or normal.side or side.side or side.along_normal != side.against_normal:
-            return None
-        return normal._replace(side=side.along_normal)
-
     def line_force(
-        self,
-        u: Vector,
-        k: Vector,
-        a: Vector,
-        n: Vector,
-        distances: Sequence[Scalar],
-        areas: Sequence[Scalar],
-        density: float,
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
-        if (plates := self.plates) is not None:
-            return plates_force(u, k, a, n, distances, areas, density, plates)
-        normal = self.normal.line_force(u, k, a, n, distances, areas, density)
-        side = self.side.line_force(u, k, a, cross(n, a), distances, areas, density)
+        across = line._replace(n=cross(line.n, line.a))
+        normal = self.normal.line_force(line, distances, areas, density)
+        side = self.side.line_force(across, distances, areas, density)
         return tuple(one + other for one, other in zip(normal, side, strict=True))
 
     def covers(self, speed: float, angle: float) -> bool:

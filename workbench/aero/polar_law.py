@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from pydrake.math import arctan2
 
 from aerodima.workbench.aero.coefficient_functions import LEAST_DRAG, RegularTable
-from aerodima.workbench.aero.laws import STILL, Scalar, SectionLaw, Vector, dot
+from aerodima.workbench.aero.laws import STILL, LineMotion, Scalar, SectionLaw, dot
 from aerodima.workbench.errors import ModelError
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
@@ -101,16 +101,10 @@ class PolarLaw(SectionLaw):
         return scale * speed * (drag + lift * spanwise), -scale * lift * squared * speed
 
     def line_force(
-        self,
-        u: Vector,
-        k: Vector,
-        a: Vector,
-        n: Vector,
-        distances: Sequence[Scalar],
-        areas: Sequence[Scalar],
-        density: float,
+        self, line: LineMotion, distances: Sequence[Scalar], areas: Sequence[Scalar], density: float
     ) -> tuple[Scalar, ...]:
         """See `SectionLaw.line_force`."""
+        u, k, a, _ = line
         spanwise = dot(u, a)
         across = [u[i] - spanwise * a[i] for i in range(3)]
         half = 0.5 * density

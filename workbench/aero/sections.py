@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from aerodima.workbench.aero.laws import LineMotion
 from aerodima.workbench.errors import ModelError
 
 
@@ -87,18 +88,13 @@ class SectionLayout:
         """Tip of the sectioned length in the body frame (3), m."""
         return np.asarray(self.p_BoRo_B) + self.end * np.asarray(self.axis_B)
 
-    def motion(
-        self, X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any
-    ) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+    def motion(self, X_WB: Any, w_WB: Any, v_WBo: Any, v_WA: Any) -> LineMotion:
         """What a `SectionLaw` asks of the motion of a line of sections on a body, for floats and for AutoDiffXd alike.
 
         Args:
             X_WB: pose of the body, three rows whose first three numbers are those of R_WB.
             w_WB, v_WBo: angular velocity (3), rad/s, and velocity of the body origin (3), m/s, in W.
             v_WA: velocity of the air in W (3), m/s; None in still air.
-
-        Returns:
-            Axis a and normal n in W; u, m/s, and k, 1/s, of the relative velocity u + s k at s from the root.
         """
         x_row, y_row, z_row = X_WB
         r00, r01, r02 = x_row[0], x_row[1], x_row[2]
@@ -118,7 +114,7 @@ class SectionLayout:
             v_z += w_x * p_y - w_y * p_x
         k = (a_y * w_z - a_z * w_y, a_z * w_x - a_x * w_z, a_x * w_y - a_y * w_x)  # -(w x a)
         air_x, air_y, air_z = (0.0, 0.0, 0.0) if v_WA is None else v_WA
-        return (a_x, a_y, a_z), n, (air_x - v_x, air_y - v_y, air_z - v_z), k
+        return LineMotion((air_x - v_x, air_y - v_y, air_z - v_z), k, (a_x, a_y, a_z), n)
 
     def root_in(self, R_WB: Any) -> tuple[Any, Any, Any]:
         """Root of the line from the body's origin in W (3), m, for rows as in `motion`."""

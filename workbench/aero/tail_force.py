@@ -22,6 +22,7 @@ from pydrake.systems.framework import (
 )
 
 from aerodima.workbench.aero.laws import (
+    LineMotion,
     NormalForceLaw,
     SectionLaw,
     angle_of_attack,
@@ -149,14 +150,14 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             """The body that carries the sections."""
             return self._plant.get_body(self._body)
 
-        def _motion(self, context: Any) -> tuple[Any, ...]:
-            """Pose of the body (three rows of [R | p]), axis and normal in W, and the relative velocity u + s k."""
+        def _motion(self, context: Any) -> tuple[Any, LineMotion]:
+            """Pose of the body (three rows of [R | p]), and motion of its sections against the air."""
             kinematics, plant, body = self._kinematics, self._plant, self.body
             plant.SetPositionsAndVelocities(kinematics, self._state.Eval(context))
             X_WB = plant.EvalBodyPoseInWorld(kinematics, body).GetAsMatrix34().tolist()
             w_x, w_y, w_z, v_x, v_y, v_z = plant.EvalBodySpatialVelocityInWorld(kinematics, body).get_coeffs().tolist()
             wind = self._wind.Eval(context).tolist() if self._wind.HasValue(context) else None
-            return X_WB, *self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
+            return X_WB, self._layout.motion(X_WB, (w_x, w_y, w_z), (v_x, v_y, v_z), wind)
 
         def _exposed(self, X_WB: Any, a: Any) -> tuple[Any, Any]:
             """Distances and areas of the sections; with a jet those of the exposed part, areas 0 without exposure."""
@@ -165,9 +166,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             return self._jet.exposed_sections(self._layout, point_in_world(X_WB, self._p_BoRo_B), a)
 
         def _line_force(self, context: Any) -> tuple[Any, Any]:
-            X_WB, a, n, u, k = self._motion(context)
-            distances, areas = self._exposed(X_WB, a)
-            return X_WB, self._law.line_force(u, k, a, n, distances, areas, self._air.density)
+            X_WB, line = self._motion(context)
+            return X_WB, self._law.line_force(line, *self._exposed(X_WB, line.a), self._air.density)
 
         def _calc_forces(self, context: Any, output: Any) -> None:
             _, (f_x, f_y, f_z, m_x, m_y, m_z) = self._line_force(context)
@@ -183,7 +183,7 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
 
         def _section_rows(self, context: Any) -> list[tuple[Any, ...]]:
             """Per section: relative velocity (3), area, |v_rel|, gamma."""
-            X_WB, a, n, u, k = self._motion(context)
+            X_WB, (u, k, a, n) = self._motion(context)
             rows = []
             for s, area in zip(*self._exposed(X_WB, a), strict=True):
                 v = (u[0] + s * k[0], u[1] + s * k[1], u[2] + s * k[2])
@@ -205,8 +205,8 @@ def TailForce_(T: Any) -> Any:  # noqa: N802 (Drake's name for a template)
             output.SetFromVector(values)
 
         def _calc_wind_direction(self, context: Any, output: Any) -> None:
-            X_WB, a, n, u, k = self._motion(context)
-            output.SetFromVector([wind_direction(u, k, a, n, *self._exposed(X_WB, a))])
+            X_WB, line = self._motion(context)
+            output.SetFromVector([wind_direction(line, *self._exposed(X_WB, line.a))])
 
         def _validity(self, area: float, speed: float, angle: float) -> float:
             if area <= 0.0:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.workbench.aero.laws import SectionLaw, angle_of_attack, length
+from aerodima.workbench.aero.laws import LineMotion, SectionLaw, angle_of_attack, length
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.config.rig_scenario import RigScenario
@@ -126,31 +126,31 @@ class RigMotion:
         """Force of the air on what swings and its moment about the pivot (6), W axes, N and N m."""
         x = y = z = mx = my = mz = 0.0
         for blade in self.blades:
-            (ry, rz), u, k, a, n, distances, areas = self._met(blade, angle, rate)
+            (ry, rz), line, distances, areas = self._met(blade, angle, rate)
             if areas[0] == 0.0:
                 continue
-            fx, fy, fz, tx, ty, tz = blade.law.line_force(u, k, a, n, distances, areas, self.density)
+            fx, fy, fz, tx, ty, tz = blade.law.line_force(line, distances, areas, self.density)
             x, y, z = x + fx, y + fy, z + fz
             mx, my, mz = mx + tx + ry * fz - rz * fy, my + ty + rz * fx, mz + tz - ry * fx
         return x, y, z, mx, my, mz
 
     def sections(self, angle: float, rate: float) -> list[tuple[float, float]]:
         """Relative speed (m/s) and angle of attack (rad) of each section of the tail; NaN outside the jet."""
-        _, u, k, a, _, distances, areas = self._met(self.blades[-1], angle, rate)
+        _, (u, k, a, _), distances, areas = self._met(self.blades[-1], angle, rate)
         if areas[0] == 0.0:
             return [(math.nan, math.nan)] * len(areas)
         flow = [(u[0], u[1] + s * k[1], u[2] + s * k[2]) for s in distances]
         return [(length(v), angle_of_attack(v, a)) for v in flow]
 
     def _met(self, blade: Blade, angle: float, rate: float) -> tuple[Any, ...]:
-        """Root of a blade from the pivot (y, z), its wind u + s k, axis, normal, places and areas of its sections."""
+        """Root of a blade from the pivot (y, z), its motion against the air, distances and areas of its sections."""
         s, c = math.sin(angle), math.cos(angle)
         st, ct = math.sin(angle + blade.tilt), math.cos(angle + blade.tilt)
         root, (px, py, pz), (wx, wy, _) = blade.root, self.pivot, self.jet.downstream_W
         a, arm = (0.0, -st, -ct), (-root * s, -root * c)
         u = (self.wind_speed * wx, self.wind_speed * wy + rate * root * c, -rate * root * s)
         met = self.jet.exposed_sections(blade.layout, (px, py + arm[0], pz + arm[1]), a)
-        return arm, u, (0.0, rate * ct, -rate * st), a, (0.0, ct, -st), *met
+        return arm, LineMotion(u, (0.0, rate * ct, -rate * st), a, (0.0, ct, -st)), *met
 
     def load(self, angle: float, rate: float) -> float:
         """Torque of weight, air and friction along the joint axis, N m."""

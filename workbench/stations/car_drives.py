@@ -137,8 +137,8 @@ class CarDrives(LeafSystem):
         sail, density = self._sail(now), self._scenario.environment.air_density
         fx = fy = fz = mx = my = mz = 0.0
         for layout, law in self._lines:
-            a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
-            gx, gy, gz, kx, ky, kz = law.line_force(u, k, a, n, layout.distances, layout.areas, density)
+            line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, wind)
+            gx, gy, gz, kx, ky, kz = law.line_force(line, layout.distances, layout.areas, density)
             if layout.p_BoRo_B != (0.0, 0.0, 0.0):
                 dx, dy, dz = cross(layout.root_in(sail.R_WS), (gx, gy, gz))
                 kx, ky, kz = kx + dx, ky + dy, kz + dz
@@ -148,8 +148,8 @@ class CarDrives(LeafSystem):
     def _calc_wind_direction(self, context: Context, output: BasicVector) -> None:
         x = vector_of(self._inputs, context).tolist()
         sail, (layout, _) = self._sail(CarMotion.of(x)), self._lines[0]
-        a, n, u, k = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, x[self._parts["wind_velocity"]])
-        output[0] = wind_direction(u, k, a, n, layout.distances, layout.areas)
+        line = layout.motion(sail.R_WS, sail.w_WS, sail.v_WSo, x[self._parts["wind_velocity"]])
+        output[0] = wind_direction(line, layout.distances, layout.areas)
 
 
 class SampledHold(LeafSystem):

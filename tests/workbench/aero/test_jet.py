@@ -13,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
+from aerodima.workbench.aero.laws import LineMotion
 from aerodima.workbench.aero.polar_law import PolarLaw
 from aerodima.workbench.aero.sections import Jet, SectionLayout
 from aerodima.workbench.aero.tail_force import add_tail_force
@@ -104,10 +105,7 @@ def holding_moment(cd: float, cl: float, angle: float, speed: float, psi: float)
     for layout, law in ((TAIL, PolarLaw(cd, cl, lift_blend=0.0)), (BAR, PolarLaw(2.0))):
         distances, areas = jet.exposed_sections(layout, (0.0, 0.0, 0.0), a)
         moment = law.line_force(
-            (speed * math.sin(psi), -speed * math.cos(psi), 0.0),
-            (0.0, 0.0, 0.0),
-            a,
-            (1.0, 0.0, 0.0),
+            LineMotion((speed * math.sin(psi), -speed * math.cos(psi), 0.0), (0.0, 0.0, 0.0), a, (1.0, 0.0, 0.0)),
             distances,
             areas,
             1.225,

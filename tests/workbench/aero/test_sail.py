@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.aero.coefficient_files import load_coefficients
-from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw, dot, facing_law, float_of
+from aerodima.workbench.aero.laws import LineMotion, NormalForceLaw, TwoSidedLaw, dot, facing_law, float_of
 from aerodima.workbench.aero.sail import FreeSail
 from aerodima.workbench.aero.tail_force import add_tail_force
 from aerodima.workbench.aero.wind import WindModel, add_wind
@@ -111,10 +111,12 @@ def test_a_half_cylinder_is_pushed_more_on_its_hollow_side() -> None:
     assert hollow == pytest.approx(0.5 * 1.225 * 0.02 * 2.30 * 25.0)
     assert hollow / -round_side == pytest.approx(2.30 / 1.20)
     even = TwoSidedLaw(2.0, 2.0).line_force(
-        (1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2], (0.1, 0.2), (0.01, 0.02), 1.2
+        LineMotion((1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2]), (0.1, 0.2), (0.01, 0.02), 1.2
     )
     assert even == pytest.approx(
-        NormalForceLaw(2.0).line_force((1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2], (0.1, 0.2), (0.01, 0.02), 1.2)
+        NormalForceLaw(2.0).line_force(
+            LineMotion((1.0, 2.0, 3.0), (0.3, 0.1, 0.0), *arguments[:2]), (0.1, 0.2), (0.01, 0.02), 1.2
+        )
     )
 
 
@@ -150,7 +152,7 @@ def test_facing_force_does_no_positive_work_on_the_relative_motion() -> None:
         k = -np.cross(w, AXIS)
         k[2] = 0.0
         distances, areas = (0.2, 0.5, 0.9), (0.01, 0.02, 0.01)
-        force = np.array(law.line_force(u, k, AXIS, NORMAL, distances, areas, RHO))
+        force = np.array(law.line_force(LineMotion(u, k, AXIS, NORMAL), distances, areas, RHO))
         # Power of force and moment on the body, relative to the air: -(F . u - M . w), with the moment about the root.
         power = -force[:3] @ u + force[3:] @ np.array([w[0], w[1], 0.0])
         parts = sum(
