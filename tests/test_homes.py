@@ -16,7 +16,7 @@ LAYERS = {
     ),
     "optimisation": ("fit", "identify", "sweep", "screening", "calibration", "swing", "studies", "corner", "commands"),
     "hardware": (
-        *("protocol", "transport", "devices", "car", "firmware", "watchdog", "drive", "emulator", "console"),
+        *("protocol", "transport", "devices", "car", "firmware", "drive", "emulator", "console"),
         *("examples", "commands"),
     ),
 }

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from aerodima.hardware.car.bus_watch import BusWatch
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.safety_settings import DriveSafety
-from aerodima.hardware.car.watchdogs import Watchdog
 from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.motor_group import MotorGroup
@@ -18,7 +18,7 @@ from aerodima.hardware.devices.sensor_threads import Bno055Session, GpsSession, 
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.devices.ublox import GpsSample
 from aerodima.hardware.transport.can_adapter import CanSettings
-from aerodima.hardware.transport.device_lock import DeviceLock, Say, can_address, lock_devices
+from aerodima.hardware.transport.device_lock import DeviceLock, can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
 from aerodima.workbench.errors import HardwareError
 
@@ -31,7 +31,7 @@ class Devices:
         group: the motors, on the CAN bus or, in the bridge, on the Teensy itself.
         teensy: servo, throttle, sail. imu, gps, radio: None where it is not fitted.
         closers: called at the end, in order.
-        watchdog: None where the Teensy's firmware is the watchdog.
+        watchdog: on the motors' bus; None in the bridge, where the strings are the heartbeat.
         traffic_error: what stopped the log of the CAN traffic; empty while it works, or when there is none.
     """
 
@@ -40,7 +40,7 @@ class Devices:
     imu: SensorThread[Bno055Sample]
     gps: SensorThread[GpsSample] | None
     radio: RadioLink | None
-    watchdog: Watchdog | None
+    watchdog: BusWatch | None
     closers: list[Callable[[], None]]
     traffic_error: Callable[[], str] = lambda: ""
 
@@ -49,32 +49,23 @@ _SENSOR_TIMEOUT = 0.01
 
 
 @contextmanager
-def closing_on_error(*last: DeviceLock) -> Iterator[list[Callable[[], None]]]:
-    """A list of what to close; all of it is closed when the block raises. Locks are given back after all else."""
+def closing_on_error(lock: DeviceLock) -> Iterator[list[Callable[[], None]]]:
+    """A list of what to close; all of it is closed when the block raises. The lock is given back after all else."""
     closers: list[Callable[[], None]] = []
     try:
         yield closers
     except BaseException:
         for close in reversed(closers):
             close()
-        for lock in last:
-            lock.close()
+        lock.close()
         raise
-    closers += [lock.close for lock in last]
+    closers.append(lock.close)
 
 
-def lock_car(ports: CarPorts, say: Say, can: CanSettings | None = None) -> list[DeviceLock]:
-    """The locks of every device of a car for a drive; that of its CAN adapter first, for the watchdog to inherit.
-
-    Raises `HardwareError` as `lock_devices` does, with nothing locked.
-    """
-    locks = [] if can is None else [lock_devices([can_address(can)], "a drive", say)]
-    try:
-        return [*locks, lock_devices(list(ports.serial_paths.values()), "a drive", say)]
-    except BaseException:
-        for lock in locks:
-            lock.close()
-        raise
+def lock_car(ports: CarPorts, can: CanSettings | None = None) -> DeviceLock:
+    """The locks of every device of a car for a drive. Raises `HardwareError` as `lock_devices` does."""
+    adapter = [] if can is None else [can_address(can)]
+    return lock_devices([*adapter, *ports.serial_paths.values()], "a drive")
 
 
 def open_common(

@@ -66,7 +66,7 @@ class MountedMotor(StrictModel):
 class CarPorts(StrictModel):
     """Where everything is plugged in; a device that is None is not fitted.
 
-    `can` is needed by `direct_can` and `watched_can` only, `console` by `aerodima console` only. `car` is the number of
+    `can` is needed by `watched_can` only, `console` by `aerodima console` only. `car` is the number of
     the car among those that share a radio channel: its reports carry it, and the console believes no other.
     """
 

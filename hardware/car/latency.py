@@ -5,9 +5,9 @@ from __future__ import annotations
 import gc
 import sys
 
-DRIVE_PRIORITY, WATCHDOG_PRIORITY, EMULATOR_PRIORITY = 40, 50, 30
-"""SCHED_RR priorities: the watchdog above what it watches, the emulated car below what a real computer runs, none above
-the kernel's own threads for interrupts."""
+DRIVE_PRIORITY, EMULATOR_PRIORITY = 40, 30
+"""SCHED_RR priorities: the emulated car below what a real computer runs, none above the kernel's own threads for
+interrupts."""
 SWITCH_INTERVAL = 0.0005
 """s; how long a thread that computes may keep the others waiting. Python's own 5 ms are half a cycle of the loop."""
 _SWITCH_INTERVAL_OF_PYTHON = 0.005

@@ -1,4 +1,4 @@
-"""When computer, watchdog process and firmware stop the car: numbers with their reasons in parameter files."""
+"""When computer and firmware stop the car: numbers with their reasons in parameter files."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ class DriveSafety(QuantityModel):
     most_overruns: int = quantity("1", "overruns in a row at which the car stops", ge=1, le=1000)
     arm_timeout: float = quantity("s", "in which the motors must take commands", gt=0, le=60)
     answer_timeout: float = quantity("s", "in which every device must have answered", gt=0, le=60)
+    heartbeat_answer: float = quantity("s", "without the Teensy's answer to a heartbeat; the car stops", gt=0, le=0.25)
+    longest_watchdog_test: float = quantity("s", "from the cut to the exit frames in a watchdog test", gt=0, le=1)
     zero_tolerance: float = quantity("rad", "between the tail held at its mark and what is measured", gt=0, le=1)
     least_disk: float = quantity("MB", "free space where the log is written", ge=0, le=1e6)
     least_voltage: float = quantity("V", "of the tail motors' pack", ge=0, le=100)
@@ -43,29 +45,10 @@ def load_drive_safety() -> DriveSafety:
     return load_section(model_path("parameters/hardware/drive_safety.yaml"), DriveSafety)
 
 
-class WatchdogTiming(QuantityModel):
-    """When the watchdog process acts, and what it sends then."""
-
-    heartbeat_timeout: float = quantity("s", "without a heartbeat while armed, after which it acts", ge=0.05, le=0.25)
-    answer_timeout: float = quantity("s", "without an answer to a heartbeat, after which the car stops", gt=0, le=0.25)
-    exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
-    exit_interval: float = quantity("s", "interval of the exit frames after that", gt=0, le=0.1)
-    exit_time: float = quantity("s", "for how long it sends these", gt=0, le=10)
-    give_up: float = quantity("s", "for how long it waits for an adapter that was unplugged", gt=0, le=3600)
-    reopen_after: float = quantity("s", "until it opens the channel anew", gt=0, le=1)
-    reminder: float = quantity("s", "interval of the exit frames while a hung drive process lives", gt=0, le=1)
-    longest_test: float = quantity("s", "from the cut to the exit frames in a watchdog test", gt=0, le=1)
-
-
-def load_watchdog_timing() -> WatchdogTiming:
-    """The values of `models/parameters/hardware/watchdog.yaml`; `ScenarioError` names what is wrong in it."""
-    return load_section(model_path("parameters/hardware/watchdog.yaml"), WatchdogTiming)
-
-
 class TeensyTiming(QuantityModel):
     """When the watchdog of the Teensy acts, and what it sends then."""
 
-    watchdog_timeout: float = quantity("s", "without a valid string, after which it acts", ge=0.1, le=0.25)
+    watchdog_timeout: float = quantity("s", "without a valid string or heartbeat, after which it acts", ge=0.1, le=0.25)
     exit_burst: int = quantity("1", "exit frames per motor at once", ge=1, le=10)
     exit_cycles: int = quantity("1", "further exit frames per motor", ge=1, le=1000)
     exit_cycle: float = quantity("s", "interval of these", gt=0, le=0.1)

@@ -30,7 +30,7 @@ _ROLL, _PITCH = IMU.index("roll"), IMU.index("pitch")
 
 
 class WiredCar:
-    """A car on its cables; `direct_can` and `teensy_bridge` make it.
+    """A car on its cables; `watched_can` and `teensy_bridge` make it.
 
     None of the calls waits for a device, apart from `start` and `stop`. Times: `time.monotonic()`, s.
 

@@ -1,8 +1,8 @@
 """What the computer tells the car and hears of it once per cycle, whichever way it is wired (design section 14).
 
-In `teensy_bridge` everything goes through the strings of the Teensy. `direct_can` has the motors on a CAN adapter of
-the computer and the Teensy for servo, throttle and sail; `watched_can` is the same with the Teensy on the bus as
-watchdog. All are a `WiredCar`, with the same readings, the same faults and the same way out.
+In `teensy_bridge` everything goes through the strings of the Teensy. `watched_can` has the motors on a CAN adapter of
+the computer, the Teensy for servo, throttle and sail, and the Teensy on the motors' bus as watchdog. Both are a
+`WiredCar`, with the same readings, the same faults and the same way out.
 Plain NumPy: it runs where Drake has no wheel.
 """
 
@@ -19,7 +19,7 @@ from aerodima.hardware.protocol.radio import OperatorCommand
 from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 from aerodima.workbench.errors import HardwareError
 
-WiringName = Literal["direct_can", "teensy_bridge", "watched_can"]
+WiringName = Literal["teensy_bridge", "watched_can"]
 WIRINGS: tuple[WiringName, ...] = get_args(WiringName)
 
 

@@ -12,8 +12,7 @@ COMMANDS = {
     "console": "console_command",
     "drive": "drive_command",
     "emulate": "emulate_command",
-    "firmware": "setup_commands",
-    "install-files": "setup_commands",
+    "firmware": "firmware_command",
 }
 """Command and the module of this package that has it as a function, in the order of the help page."""
 
@@ -21,5 +20,5 @@ COMMANDS = {
 def register(app: typer.Typer) -> None:
     """Adds all of `COMMANDS` (entry point of the group `aerodima.commands`)."""
     for name, module in COMMANDS.items():
-        function = getattr(import_module(f"{__name__}.{module}"), name.replace("-", "_"))
+        function = getattr(import_module(f"{__name__}.{module}"), name)
         app.command(name, rich_help_panel=CAR)(function)

@@ -30,7 +30,7 @@ def console(
     out: Annotated[Path, typer.Option(help="Folder of the emulated car; of a later one, one in it.")] = Path(
         "console_car"
     ),
-    wiring: Annotated[str, typer.Option(help="teensy_bridge or direct_can; with --emulate.")] = "teensy_bridge",
+    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can; with --emulate.")] = "teensy_bridge",
     view: Annotated[bool, typer.Option(help="Show the emulated car in Meshcat.")] = True,
     car_number: Annotated[
         int, typer.Option("--car", min=0, max=255, help="Number of the car (its ports file); with --radio.")

@@ -25,13 +25,13 @@ def drive(
         ),
     ],
     ports: Annotated[Path, typer.Option(help="Ports file (JSON): which device is where, see docs/deployment.md.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
+    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
     swing: SwingOption = None,
     other_car: OtherCar = False,
     law: Law = None,
     log: LogOut = Path("drive.parquet"),
     traffic: Annotated[
-        Path | None, typer.Option(help="Every frame on the CAN bus into this BLF file (direct_can).")
+        Path | None, typer.Option(help="Every frame on the CAN bus into this BLF file (watched_can).")
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Never arm: checks, then the sequence switched off.")
@@ -45,13 +45,6 @@ def drive(
     ] = None,
     zero: Annotated[
         bool, typer.Option("--zero", help="Tail held upright by hand: write its angles as zeros into the ports file.")
-    ] = False,
-    motors_may_run_on: Annotated[
-        bool,
-        typer.Option(
-            "--motors-may-run-on",
-            help="Real motors on direct_can: accept that they hold their last command when this computer dies.",
-        ),
     ] = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm without asking on the terminal.")] = False,
     settings: Settings = None,
@@ -84,11 +77,7 @@ def drive(
         refuse_other_car(chosen)
     car_ports = read_ports(ports)
     if traffic is not None and name == "teensy_bridge":
-        raise HardwareError(
-            f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with direct_can and watched_can"
-        )
-    if name == "direct_can" and not motors_may_run_on:
-        _warn_of_unwatched(name, car_ports, dry_run)
+        raise HardwareError(f"--traffic {traffic}: the frames are on the Teensy's bus; allowed with watched_can")
     if zero:
         _set_zero(ports, car_ports, name, arm)
         return
@@ -102,7 +91,7 @@ def drive(
     make_folder(log.parent, LogError)
     law_name = "" if law is None else type(tail_law).__name__
     options = DriveOptions(log, force, dry_run, not no_drake, None if arm else _confirm, law_name=law_name)
-    car = connect(car_ports, chosen, name, traffic, typer.echo)
+    car = connect(car_ports, chosen, name, traffic)
     result = run_drive(car, chosen, car_ports, options, typer.echo, law=tail_law)
     if result.log is not None:
         typer.echo(f"log: {result.log}")
@@ -126,7 +115,7 @@ def _motor_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, joint: 
     if chosen is None or scenario.tail.mode == "none":
         raise HardwareError(f"--motor-test {joint}: allowed: {', '.join(JOINTS)}, with a scenario that has a tail")
     _ask_to_arm(arm)
-    car = connect(ports, scenario, wiring, say=typer.echo)
+    car = connect(ports, scenario, wiring)
     found = run_motor_test(car, chosen, typer.echo, _eyes(ports, wiring)[0])
     warm = "not reported" if found.temperature is None else f"{found.temperature:g} degC"
     torque = f"torque {found.torque:+.2f} N m where {found.wanted:+.2f} is asked for"
@@ -149,21 +138,8 @@ def _set_zero(path: Path, ports: CarPorts, wiring: WiringName, arm: bool) -> Non
         typer.echo(f"the firmware limits motor angles: write it anew with `aerodima firmware FOLDER --ports {path}`")
 
 
-def _warn_of_unwatched(wiring: WiringName, ports: CarPorts, dry_run: bool) -> None:
-    """A dry run says what a drive is refused for."""
-    from aerodima.hardware.watchdog.test_record import refuse_unwatched
-    from aerodima.workbench.errors import HardwareError
-
-    try:
-        refuse_unwatched(wiring, ports, accepted=False)
-    except HardwareError as error:
-        if not dry_run:
-            raise
-        typer.echo(f"FAILED  independent watchdog: {error}")
-
-
 def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm: bool) -> None:
-    from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+    from aerodima.hardware.drive.watchdog_test import run_watchdog_test
 
     typer.echo("the motors are switched on and hold the tail where it is")
     confirm, seen_by = _eyes(ports, wiring)
@@ -175,7 +151,7 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
     """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be seen."""
-    from aerodima.hardware.watchdog.test_record import is_emulated
+    from aerodima.hardware.drive.watchdog_record import is_emulated
 
     return ((lambda _: True), "emulator") if is_emulated(wiring, ports) else (typer.confirm, "operator")
 

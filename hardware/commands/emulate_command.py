@@ -16,7 +16,7 @@ _IN_TIME = 0.02
 def emulate(
     scenario: ScenarioArgument,
     out: Annotated[Path, typer.Option(help="New folder for the ports and the logs.")],
-    wiring: Annotated[str, typer.Option(help="teensy_bridge, watched_can or direct_can.")] = "teensy_bridge",
+    wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
     faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
     profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
     motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),
@@ -38,7 +38,7 @@ def emulate(
     The folder gets ports.json for `aerodima drive --ports`, ready.json once everything answers, the CAN traffic, the
     events and the truth. Ctrl-C ends it in order.
 
-    Example: aerodima emulate turn_swing --out emulated --wiring direct_can
+    Example: aerodima emulate turn_swing --out emulated --wiring watched_can
     """
     from aerodima.hardware.car.car_ports import PORTS_FILE
     from aerodima.hardware.car.wiring import wiring_name

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.devices.tail_motor import Motor
-from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
 
@@ -138,8 +137,3 @@ def check_distinct_ids(settings: Iterable[MotorSettings]) -> None:
         if item.motor_id in seen:
             raise HardwareError(f"{seen[item.motor_id]} and {item.name} both have the motor id {item.motor_id}")
         seen[item.motor_id] = item.name
-
-
-def exit_frames(motor_ids: Iterable[int], repeats: int = 3) -> list[CanFrame]:
-    """The frames that switch motors off, for a watchdog that knows nothing but their ids."""
-    return [make_exit(motor_id) for motor_id in motor_ids for _ in range(repeats)]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -35,7 +36,6 @@ from aerodima.hardware.drive.drive_checks import (
 from aerodima.hardware.drive.plain_loop import AutoPilot, ControlPilot, ManualPilot, idle_until, run_loop
 from aerodima.hardware.drive.run_journal import RunJournal, log_facts, open_run_journal
 from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.hardware.transport.device_lock import Say, tell_on_stderr
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import STATUS, UNARMED_SOURCES
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
@@ -96,12 +96,16 @@ class DriveOptions:
     law_name: str = ""
 
 
+def _say_on_stderr(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
 def run_drive(
     car: WiredCar,
     scenario: Scenario,
     ports: CarPorts,
     options: DriveOptions,
-    say: Say = tell_on_stderr,
+    say: Callable[[str], None] = _say_on_stderr,
     *,
     law: TailLaw | None = None,
 ) -> DriveResult:
@@ -168,7 +172,7 @@ class _Drive:
     ports: CarPorts
     options: DriveOptions
     safety: DriveSafety
-    say: Say
+    say: Callable[[str], None]
 
 
 def _on_open_devices(drive: _Drive, came: list[int]) -> DriveResult:
@@ -336,7 +340,7 @@ def _let_stop(guard: CarGuard) -> None:
         idle_until(guard, lambda: guard.finished, 5.0)
 
 
-def _tell(checks: list[Check], say: Say, refuse: bool = True) -> None:
+def _tell(checks: list[Check], say: Callable[[str], None], refuse: bool = True) -> None:
     for check in checks:
         say(str(check))
     if refuse:

@@ -20,19 +20,17 @@ from aerodima.hardware.car.latency import DRIVE_PRIORITY
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, WiringName, wiring_name
-from aerodima.hardware.car.wirings import direct_can, teensy_bridge
+from aerodima.hardware.car.wirings import teensy_bridge, watched_can
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
+from aerodima.hardware.drive.watchdog_record import require_watchdog_test
 from aerodima.hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
-from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.can_bus import CanBus
-from aerodima.hardware.transport.device_lock import DeviceLock, Say, can_address, lock_devices, tell_on_stderr
+from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
-from aerodima.hardware.watchdog.test_record import require_watchdog_test
-from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.signal_table import STATUS, TAIL_STATE
@@ -48,7 +46,6 @@ def connect(
     scenario: str | Path | Scenario,
     wiring: str = "teensy_bridge",
     traffic: str | Path | None = None,
-    say: Say = tell_on_stderr,
 ) -> WiredCar:
     """The car of a scenario with its watchdog, to be armed after a recorded watchdog test only; opens nothing yet.
 
@@ -57,10 +54,9 @@ def connect(
         scenario: itself, its name or its file; for the tail and the gains of its controller.
         wiring: of `aerodima.hardware.car.wiring.WIRINGS`.
         traffic: a new `.blf` file for every frame on the adapter; not with `teensy_bridge`.
-        say: is told when the watchdog of an earlier drive is waited for.
 
     Raises:
-        HardwareError: unknown wiring, a ports file that cannot be read, and as `direct_can`.
+        HardwareError: unknown wiring, a ports file that cannot be read, and as `watched_can`.
     """
     name = wiring_name(wiring)
     there = ports if isinstance(ports, CarPorts) else read_ports(ports)
@@ -70,14 +66,8 @@ def connect(
         require_watchdog_test(name, there)
 
     if name == "teensy_bridge":
-        return teensy_bridge(chosen, there, authorise, say=say)
-
-    def start_watchdog(can: CanSettings, lock: DeviceLock) -> WatchdogProcess:
-        return WatchdogProcess(can, there.motor_ids, lock=lock)
-
-    return direct_can(
-        chosen, there, authorise, start_watchdog, None if traffic is None else Path(traffic), say=say, name=name
-    )
+        return teensy_bridge(chosen, there, authorise)
+    return watched_can(chosen, there, authorise, None if traffic is None else Path(traffic))
 
 
 @contextmanager
@@ -153,7 +143,9 @@ class MotorTest:
     temperature: float | None
 
 
-def run_motor_test(car: WiredCar, joint: Joint, say: Say, confirm: Callable[[str], bool]) -> MotorTest:
+def run_motor_test(
+    car: WiredCar, joint: Joint, say: Callable[[str], None], confirm: Callable[[str], bool]
+) -> MotorTest:
     """Moves one joint by five degrees and back while the other is held, on a car that is not started yet.
 
     Args:

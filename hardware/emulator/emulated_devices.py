@@ -33,14 +33,14 @@ class EmulatedTeensy:
     A hung Teensy does nothing, its outputs stay as they are; the processor's own watchdog restarts it after a while.
 
     Args:
-        bus: None in the wiring `direct_can`. watches: it is the second node there, beside the computer's adapter.
+        watches: it is the second node on the bus, beside the computer's adapter.
         restart_time: s, of the processor's watchdog.
     """
 
     def __init__(
         self,
         settings: FirmwareSettings,
-        bus: EmulatedBus | None,
+        bus: EmulatedBus,
         board: FaultBoard,
         events: EventLog,
         restart_time: float,
@@ -48,7 +48,7 @@ class EmulatedTeensy:
         watches: bool = False,
     ) -> None:
         self._watches = watches
-        if watches and bus is not None:
+        if watches:
             bus.watch = self._hear
         self._settings, self._bus, self._board, self._events = settings, bus, board, events
         self._restart_time = restart_time
@@ -85,11 +85,11 @@ class EmulatedTeensy:
         for frame in self._core.frames():
             if self._board.entry(Fault.TEENSY_OFF_BUS) is not None:
                 continue
-            if self._watches and self._bus is not None:
+            if self._watches:
                 self._bus.carry_from_watch(frame)
-            elif self._bus is not None:
-                for answer in self._bus.carry(frame):
-                    self._core.receive(answer)
+                continue
+            for answer in self._bus.carry(frame):
+                self._core.receive(answer)
         self._core.step(now)  # a reply that waited for the motors goes out at once
         self._note()
         reply = self._core.reply()

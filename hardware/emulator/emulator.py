@@ -143,18 +143,18 @@ class Emulator:
             if settings.scenario.tail.mode != "none"
         ]
         bus = EmulatedBus(self._motors, board, self._log)
-        direct, watched = settings.wiring != "teensy_bridge", settings.wiring == "watched_can"
-        self._adapter = SlcanAdapter(bus, board) if direct else None
+        watched = settings.wiring == "watched_can"
+        self._adapter = SlcanAdapter(bus, board) if watched else None
         self._teensy = EmulatedTeensy(
             firmware,
-            bus if watched or not direct else None,
+            bus,
             board,
             self._events,
             self._numbers.restart_time,
             time.monotonic(),
             watches=watched,
         )
-        if watched and self._adapter is not None:
+        if self._adapter is not None:
             bus.to_owner = self._adapter.hear
         self._imu = EmulatedImu(self._mounting, board)
         self._gps = EmulatedGps(settings.scenario.gps.rate, board)
@@ -162,7 +162,7 @@ class Emulator:
         self._operator = EmulatedOperator(entries, self._numbers.operator_rate, board)
         self._air = EmulatedAir(board)
         names: list[Device] = [*SERIAL_DEVICES]
-        if direct:
+        if watched:
             names.append("can")
         if settings.console:
             names.append("console")
@@ -227,9 +227,8 @@ class Emulator:
             self._write("teensy", self._teensy.turn(now))
         elif name == "can" and self._adapter is not None:
             self._write("can", self._adapter.feed(data))
-            if self._settings.wiring == "watched_can":  # the Teensy answers a heartbeat at once
-                self._write("teensy", self._teensy.turn(now))
-                self._pass_on_heard()
+            self._write("teensy", self._teensy.turn(now))  # it answers a heartbeat at once
+            self._pass_on_heard()
         elif name == "imu":
             self._imu.set_reading(self._car.output("imu"))
             self._write("imu", self._imu.feed(data))

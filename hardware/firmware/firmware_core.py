@@ -52,7 +52,7 @@ class _Config(Structure):
         ("profile", _Profile),
         ("limits", _Limits * 2),
         *_fields(c_double, "attitude_limit throttle_start throttle_rate"),
-        *_fields(c_int32, "owns_can watches_bus checked"),
+        *_fields(c_int32, "owns_can checked"),
         *_fields(c_uint32, "watchdog_ms exit_burst exit_cycles exit_cycle_ms reminder_ms reply_wait_ms"),
         *_fields(c_uint32, "attitude_ms attitude_age_ms"),
         ("sail_bits", c_int32),

@@ -63,7 +63,7 @@ class FirmwareSettings:
     """What one Teensy is built for.
 
     Attributes:
-        wiring: in `direct_can` the Teensy does not touch the CAN bus; in `watched_can` it sends exit frames only.
+        wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit frames only.
         profile: of the motors. encoder: of the sail. form: of the strings. timing: of its watchdog and its replies.
         motor_ids: pitch and roll; switched off when the Teensy starts.
         limits: of the two motors; None: all that the profile allows. safety: of attitude and throttle.
@@ -94,11 +94,6 @@ class FirmwareSettings:
         return self.wiring == "teensy_bridge"
 
     @property
-    def watches_bus(self) -> bool:
-        """Whether the Teensy listens to the heartbeat on the bus of the computer's adapter."""
-        return self.wiring == "watched_can"
-
-    @property
     def last_limits(self) -> tuple[MotorLimits, MotorLimits]:
         """Of the two motors."""
         wide = wide_limits(self.profile)
@@ -111,7 +106,6 @@ class FirmwareSettings:
         timing, safety, half = self.timing, self.safety, (most - least) / 2
         return {
             "owns_can": self.owns_can,
-            "watches_bus": self.watches_bus,
             "checked": self.form is StringForm.CHECKED,
             "watchdog_ms": _milliseconds(timing.watchdog_timeout),
             "exit_burst": timing.exit_burst,

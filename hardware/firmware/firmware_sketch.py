@@ -113,7 +113,6 @@ def config_header(settings: FirmwareSettings) -> str:
     return (
         f"// Written by `aerodima firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
-        f"#define AERODIMA_ON_BUS {int(settings.owns_can or settings.watches_bus)}\n"
         f"#define AERODIMA_SAIL_BITS {settings.encoder.bits}\n\n"
         f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  return config;\n}}\n"
     )

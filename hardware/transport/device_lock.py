@@ -1,9 +1,8 @@
 """One lock per device of the car: two programs never have their hands on it at the same time.
 
 An advisory `flock` on a file beside the system's own lock files. The kernel frees it when the last process that has it
-open has died, whatever killed it; the watchdog inherits it, so a device stays locked while exit frames are still sent.
-A device of this computer is locked by the name that was given and by what that name stands for, anything else by its
-address. Taken before the device is opened: opening a port can stop a car that drives.
+open has died, whatever killed it. A device of this computer is locked by the name that was given and by what that name
+stands for, anything else by its address. Taken before the device is opened: opening a port can stop a car that drives.
 """
 
 from __future__ import annotations
@@ -14,10 +13,9 @@ import hashlib
 import json
 import os
 import socket
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +23,9 @@ from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.workbench.errors import HardwareError
 
 _FOLDERS = ("/run/lock", "/var/lock", tempfile.gettempdir())
-_LONGEST_WAIT = 65.0
-"""s; longer than a watchdog looks for an adapter that was unplugged (`give_up` of watchdog.yaml)."""
 _UNKNOWN_WAIT = 1.0
 """s; for a holder that has not said yet who it is."""
 _LOOK = 0.02
-Say = Callable[[str], None]
-
-
-def tell_on_stderr(text: str) -> None:
-    """Where a wait is announced when nobody says otherwise."""
-    print(text, file=sys.stderr, flush=True)
 
 
 def can_address(settings: CanSettings) -> str:
@@ -51,64 +41,47 @@ def can_address(settings: CanSettings) -> str:
 
 
 class DeviceLock:
-    """Locks of some devices, held by this process until `close` or its death; `lock_devices` takes them.
+    """Locks of some devices, held by this process until `close` or its death; `lock_devices` takes them."""
 
-    Attributes:
-        files: their open files, for a process that is to inherit them.
-    """
-
-    def __init__(self, files: list[int], note: dict[str, Any]) -> None:
-        self.files = files
-        self._note = note
-
-    def entrust(self, process_id: int) -> None:
-        """Notes the watchdog that has inherited the files."""
-        self._note["watchdog"] = process_id
-        self._write()
+    def __init__(self, files: list[int]) -> None:
+        self._files = files
 
     def close(self) -> None:
-        """Gives the devices back; a watchdog that lives keeps them until it ends. May be called twice, never raises."""
-        self._note.pop("pid", None)
-        with contextlib.suppress(OSError):
-            self._write()
-        for file in self.files:
+        """Gives the devices back. May be called twice, never raises."""
+        for file in self._files:
+            with contextlib.suppress(OSError):
+                os.ftruncate(file, 0)
             with contextlib.suppress(OSError):
                 os.close(file)
-        self.files = []
-
-    def _write(self) -> None:
-        data = json.dumps(self._note).encode()
-        for file in self.files:
-            os.ftruncate(file, 0)
-            os.pwrite(file, data, 0)
+        self._files = []
 
 
-def lock_devices(devices: Iterable[str], holder: str, say: Say = tell_on_stderr) -> DeviceLock:
+def lock_devices(devices: Iterable[str], holder: str) -> DeviceLock:
     """Takes the locks of devices, all or none.
 
     Args:
         devices: paths and addresses, as the ports file names them.
         holder: what this program is, for whoever is refused.
-        say: is told once when the watchdog of an earlier drive is waited for.
 
     Raises:
         HardwareError: another program has one of them; names device, program and process.
     """
-    note = {"holder": holder, "pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
+    note = json.dumps({"holder": holder, "pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}).encode()
     named = {name: device for device in devices for name in _names(device)}
     files: list[int] = []
     try:
         for name in sorted(named):
-            files.append(_take(_lock_file(name), named[name], say))
-        lock = DeviceLock(files, note)
-        lock._write()
+            files.append(_take(_lock_file(name), named[name]))
+        for file in files:
+            os.ftruncate(file, 0)
+            os.pwrite(file, note, 0)
     except (OSError, HardwareError) as error:
         for file in files:
             os.close(file)
         if isinstance(error, HardwareError):
             raise
         raise HardwareError(f"the locks of {', '.join(named.values())} cannot be taken: {error.strerror}") from None
-    return lock
+    return DeviceLock(files)
 
 
 def _names(device: str) -> set[str]:
@@ -141,22 +114,17 @@ def _open(path: Path) -> int:
                 return file
 
 
-def _take(path: Path, device: str, say: Say) -> int:
-    file, begin, said = _open(path), time.monotonic(), False
+def _take(path: Path, device: str) -> int:
+    file, begin = _open(path), time.monotonic()
     while True:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return file
         except BlockingIOError:
             note = _read(path)
-        waited = time.monotonic() - begin
-        watched = _lives(note.get("watchdog"))
-        if _lives(note.get("pid")) or waited > (_LONGEST_WAIT if watched else _UNKNOWN_WAIT):
+        if _lives(note.get("pid")) or time.monotonic() - begin > _UNKNOWN_WAIT:
             os.close(file)
             raise HardwareError(f"{device}: is in use by {_in_words(note)}; nothing was opened")
-        if watched and not said:
-            said = True
-            say(f"{device}: the watchdog of an earlier drive still sends exit frames; waiting for it to end")
         time.sleep(_LOOK)
 
 
@@ -171,8 +139,6 @@ def _read(path: Path) -> dict[str, Any]:
 def _in_words(note: dict[str, Any]) -> str:
     if _lives(note.get("pid")):
         return f"{note.get('holder')} (process {note['pid']}, since {note.get('since')})"
-    if _lives(note.get("watchdog")):
-        return f"the watchdog of an earlier drive (process {note['watchdog']})"
     return "another program"
 
 

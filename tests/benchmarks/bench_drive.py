@@ -36,8 +36,8 @@ _SAME = 1e-3
 
 
 def bench_drive_over_can_for_a_minute() -> Iterator[BenchRow]:
-    """Wiring `direct_can`, in Drake: period error, cycles without a reply, load of the drive process."""
-    yield from _rows("direct_can", "drake", [])
+    """Wiring `watched_can`, in Drake: period error, cycles without a reply, load of the drive process."""
+    yield from _rows("watched_can", "drake", [])
 
 
 def bench_drive_over_the_bridge_for_a_minute() -> Iterator[BenchRow]:
@@ -47,7 +47,7 @@ def bench_drive_over_the_bridge_for_a_minute() -> Iterator[BenchRow]:
 
 def bench_plain_drive_for_a_minute() -> Iterator[BenchRow]:
     """The plain loop, on the CAN adapter."""
-    yield from _rows("direct_can", "plain", ["--no-drake"])
+    yield from _rows("watched_can", "plain", ["--no-drake"])
 
 
 def bench_bridge_drive_beside_load() -> Iterator[BenchRow]:
@@ -62,7 +62,7 @@ def bench_watched_drive_beside_load() -> Iterator[BenchRow]:
 
 def bench_plain_drive_beside_load() -> Iterator[BenchRow]:
     """The same in the plain loop."""
-    yield from _rows_beside_load("direct_can", "plain_beside_load", ["--no-drake"])
+    yield from _rows_beside_load("watched_can", "plain_beside_load", ["--no-drake"])
 
 
 def _rows_beside_load(wiring: str, loop: str, flags: list[str]) -> Iterator[BenchRow]:
@@ -125,7 +125,7 @@ def _drive(wiring: str, flags: list[str]) -> tuple[RunLog, int | None]:
                 time.sleep(0.05)
             drive = [_PROGRAM, "drive", "auto_turn", *_FLAGS, "--ports", str(car / "ports.json"), "--wiring", wiring]
             log, traffic = folder / "run.parquet", folder / "run.blf"
-            frames = ["--traffic", str(traffic)] if wiring == "direct_can" else []
+            frames = ["--traffic", str(traffic)] if wiring == "watched_can" else []
             for more in (["--watchdog-test"], ["--arm", "--log", str(log), *frames, *flags]):
                 run = subprocess.run([*drive, *more], env=environment, capture_output=True, text=True)
                 if run.returncode:

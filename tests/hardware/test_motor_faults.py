@@ -10,7 +10,7 @@ import math
 import pytest
 
 from aerodima.hardware.devices.device_states import MotorFault, MotorState
-from aerodima.hardware.devices.motor_group import MotorGroup, check_distinct_ids, exit_frames
+from aerodima.hardware.devices.motor_group import MotorGroup, check_distinct_ids
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
@@ -363,10 +363,6 @@ def test_two_motors_with_one_id_are_refused_by_name():
     with pytest.raises(HardwareError, match="tail pitch and tail roll both have the motor id 1"):
         MotorGroup(twins, FakePort([]))
     check_distinct_ids((settings("tail pitch", 1), settings("tail roll", 2)))
-
-
-def test_exit_frames_for_a_watchdog():
-    assert exit_frames((1, 2), 2) == [make_exit(1), make_exit(1), make_exit(2), make_exit(2)]
 
 
 def test_published_swing_passes_without_a_fault():

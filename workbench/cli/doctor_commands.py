@@ -193,7 +193,7 @@ def _realtime() -> Iterator[Finding]:
         (False, True): "priority is not permitted, locked memory may be had",
         (False, False): "priority is not permitted, nor locked memory",
     }
-    advice = "for a real car: `aerodima install-files FOLDER` writes the limits to set"
+    advice = "for a real car: hardware/deploy/95-aerodima.conf has the limits to set"
     there = permitted()
     yield Finding("real time", found[there], all(there), advice)
 

@@ -78,10 +78,8 @@ void setup() {
   digitalWriteFast(kEncoderClock, HIGH);
   Serial.begin(115200);  // USB ignores the rate
   const aerodima::Config config = aerodima_config();
-  if (config.owns_can || config.watches_bus) {
-    can_bus.begin();
-    can_bus.setBaudRate(kCanBitrate);
-  }
+  can_bus.begin();
+  can_bus.setBaudRate(kCanBitrate);
   core = new aerodima::TeensyCore(config, millis());
   servo.attach(kServoPin, aerodima::kServo.least, aerodima::kServo.most);
   throttle.attach(kThrottlePin, aerodima::kThrottle.least, aerodima::kThrottle.most);
@@ -96,13 +94,13 @@ void loop() {
   int count = 0;
   while (count < static_cast<int>(sizeof bytes) && Serial.available()) bytes[count++] = static_cast<char>(Serial.read());
   core->feed(bytes, static_cast<size_t>(count), now);
-  if (AERODIMA_ON_BUS) receive_frames();
+  receive_frames();
   if (micros() - encoder_time >= kEncoderPeriodUs) {
     encoder_time = micros();
     core->set_sail_word(read_encoder());
   }
   core->step(now);
-  if (AERODIMA_ON_BUS) send_frames();
+  send_frames();
   char text[aerodima::kLongestReply];
   const size_t size = core->take_reply(text, sizeof text);
   if (size && Serial.availableForWrite() >= static_cast<int>(size)) Serial.write(text, size);

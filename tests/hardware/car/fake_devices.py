@@ -126,9 +126,6 @@ class FakeWatchdog:
     def trip(self):
         self.calls.append("trip")
 
-    def close(self):
-        self.calls.append("close")
-
 
 class CarOnTheBench:
     def __init__(self, *settings, authorised=True):
@@ -145,10 +142,10 @@ class CarOnTheBench:
 
         def authorise():
             if not authorised:
-                raise HardwareError("no watchdog test of direct_can is recorded")
+                raise HardwareError("no watchdog test of watched_can is recorded")
 
         self.devices = devices
-        self.car = WiredCar("direct_can", bool(self.motors), mounting, lambda: devices, authorise)
+        self.car = WiredCar("watched_can", bool(self.motors), mounting, lambda: devices, authorise)
         self.radio.car = self.car
         self.now = 10.0
 

@@ -9,7 +9,7 @@ import pytest
 
 from aerodima.hardware.car.car_ports import ports_from_dict, read_ports
 from aerodima.hardware.car.mounting import AXES, load_mounting
-from aerodima.hardware.car.wirings import direct_can, tail_motors, teensy_bridge
+from aerodima.hardware.car.wirings import tail_motors, teensy_bridge, watched_can
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.workbench.config.scenario import load_scenario
@@ -99,7 +99,7 @@ def test_two_motors_with_one_id_and_a_wiring_without_its_adapter_are_refused():
         teensy_bridge(scenario, ports_from_dict({**PORTS, "tail_pitch": {"motor_id": 2}}), lambda: None)
     with pytest.raises(HardwareError, match=r"teensy: /dev/a: cannot be opened: there is no such device"):
         teensy_bridge(scenario, ports_from_dict(PORTS), lambda: None).start()
-    with pytest.raises(HardwareError, match="direct_can needs a CAN adapter"):
-        direct_can(scenario, ports_from_dict(PORTS), lambda: None, lambda settings: None)
+    with pytest.raises(HardwareError, match="watched_can needs a CAN adapter"):
+        watched_can(scenario, ports_from_dict(PORTS), lambda: None)
     with pytest.raises(HardwareError, match="set the zero nearer"):
         tail_motors(scenario, ports_from_dict({**PORTS, "tail_roll": {"motor_id": 2, "zero": 12.0}}), load_mounting())

@@ -94,7 +94,7 @@ def test_the_watchdog_is_armed_before_the_motors_and_beaten_in_every_cycle(bench
 
 def test_a_watchdog_that_died_switches_the_motors_off(bench):
     armed(bench)
-    bench.watchdog.healthy, bench.watchdog.reason = False, "the watchdog process has ended"
+    bench.watchdog.healthy, bench.watchdog.reason = False, "the Teensy does not answer: watchdog"
     reading = bench.cycle(HOLD)
     assert status(reading).tail_roll_fault == MotorFault.BUS
     assert "watchdog" in reading.fault_text

@@ -50,13 +50,13 @@ def refused(*words):
 
 
 def test_wrong_words():
-    assert "allowed: direct_can, teensy_bridge" in refused("auto_turn", "--ports", ports(), "--wiring", "usb")
+    assert "allowed: teensy_bridge, watched_can" in refused("auto_turn", "--ports", ports(), "--wiring", "usb")
     assert "no such ports file" in refused("auto_turn", "--ports", "none.json")
     assert "allowed: ak70" not in refused("nothing", "--ports", ports())
     assert "V3 firmware" in refused("auto_turn", "--ports", ports(firmware_profile="v3"))
     assert "allowed: can, car, console, firmware_profile" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
     assert "schema, string_form" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
-    assert "allowed with direct_can" in refused("auto_turn", "--ports", ports(), "--traffic", "a.blf")
+    assert "allowed with watched_can" in refused("auto_turn", "--ports", ports(), "--traffic", "a.blf")
 
 
 def test_a_scenario_of_the_rig_is_refused():
@@ -82,10 +82,10 @@ def test_a_missing_watchdog_test_is_told_before_any_port_is_opened():
 def test_a_missing_port_is_named_with_its_device():
     line = refused("auto_turn", "--ports", ports(), "--dry-run")
     assert line == "error: teensy: /dev/no-teensy: cannot be opened: there is no such device; is it plugged in?"
-    line = refused("auto_turn", "--ports", ports(), "--dry-run", "--wiring", "direct_can")
+    line = refused("auto_turn", "--ports", ports(), "--dry-run", "--wiring", "watched_can")
     assert "CAN slcan:/dev/no-can" in line
     unknown = ports(can={"interface": "canbus9000", "channel": "x"})
-    assert "canbus9000" in refused("auto_turn", "--ports", unknown, "--dry-run", "--wiring", "direct_can")
+    assert "canbus9000" in refused("auto_turn", "--ports", unknown, "--dry-run", "--wiring", "watched_can")
 
 
 def test_a_path_that_is_no_serial_device_says_so():

@@ -27,7 +27,7 @@ class FakeWiring:
     """
 
     def __init__(self, roll=-math.pi / 2, yaw_rate=lambda tick: 0.0):
-        self.name = "direct_can"
+        self.name = "watched_can"
         self.roll, self.roll_rate = roll, 0.0
         self.yaw_rate = yaw_rate
         self.attitude, self.speed = (0.0, 0.0), 3.0

@@ -65,7 +65,7 @@ def no_links(start):
 def plain(path, wiring, scenario=SCENARIO, length=2.0, pilot=None):
     clock = Time()
     guard = armed(wiring, clock)
-    journal = open_run_journal(path, scenario, "direct_can")
+    journal = open_run_journal(path, scenario, "watched_can")
     stopped = run_loop(guard, pilot or AutoPilot(scenario), scenario, length, journal, no_links, clock, clock.wait)
     journal.close()
     return guard, stopped
@@ -73,7 +73,7 @@ def plain(path, wiring, scenario=SCENARIO, length=2.0, pilot=None):
 
 def diagram(path, wiring, scenario=SCENARIO, length=2.0):
     guard = armed(wiring, Time())
-    journal = open_run_journal(path, scenario, "direct_can")
+    journal = open_run_journal(path, scenario, "watched_can")
     run = DiagramRun(guard, scenario, journal, no_links, real_time_rate=0.0)
     stopped = run.run(length)
     journal.close()
@@ -150,7 +150,7 @@ def test_the_diagram_ends_when_the_car_has_stopped(tmp_path):
     wiring = FakeWiring()
     guard = armed(wiring, Time())
     guard._safety = SAFETY.model_copy(update={"tail_hold": 0.0, "after_exit": 0.0})
-    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "direct_can")
+    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "watched_can")
     wiring.faults["imu"] = SourceFault.SILENT
     assert DiagramRun(guard, SCENARIO, journal, no_links, real_time_rate=0.0).run(2.0) < 0.05
     journal.close()
@@ -166,7 +166,7 @@ def test_the_operator_drives_by_radio(tmp_path):
     guard.arm(clock())
     idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
     guard.drive(RadioMode.MANUAL, clock())
-    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "direct_can")
+    journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "watched_can")
     run_loop(guard, ManualPilot(SCENARIO), SCENARIO, 0.5, journal, no_links, clock, clock.wait)
     journal.close()
     command = wiring.commands[-1]
@@ -197,7 +197,7 @@ def test_the_log_of_a_loop_with_priority_is_written_with_priority(tmp_path):
 
     def drive():
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(7))
-        journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "direct_can")
+        journal = open_run_journal(tmp_path / "run.parquet", SCENARIO, "watched_can")
         journal.append(np.zeros(len(journal.columns)))
         while journal._waiting.qsize():
             time.sleep(0.001)
@@ -219,7 +219,7 @@ def test_a_full_disk_stops_the_car_and_keeps_what_was_written(tmp_path):
 
     clock, wiring = Time(), FakeWiring()
     guard = armed(wiring, clock)
-    good = open_run_journal(tmp_path / "good.parquet", SCENARIO, "direct_can")
+    good = open_run_journal(tmp_path / "good.parquet", SCENARIO, "watched_can")
     journal = FullDisk(tmp_path / "run.parquet", drive_columns(), good._metadata)
     journal._buffer = np.empty((30, len(drive_columns())))
     journal._flush_due = journal._flush_interval = math.inf  # by full batches alone
@@ -247,7 +247,7 @@ from pathlib import Path
 import numpy as np
 from aerodima.hardware.drive.run_journal import open_run_journal
 from aerodima.workbench.config.scenario import load_scenario
-journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "direct_can")
+journal = open_run_journal(Path(sys.argv[1]), load_scenario("auto_turn"), "watched_can")
 print("ready", flush=True)
 while True:
     row = np.zeros(len(journal.columns))

@@ -5,8 +5,8 @@ from tests.blocked_drake import run_without_drake
 PROGRAM = """
 import importlib, pathlib, pkgutil, tempfile
 import aerodima.hardware.commands.drive_command, aerodima.workbench.controllers.law_of_scenario
-from aerodima.hardware import car, devices, drive, watchdog
-for package in (drive, devices, watchdog, car):
+from aerodima.hardware import car, devices, drive
+for package in (drive, devices, car):
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         if module.name.rpartition(".")[2] not in ("car_interface", "drive_diagram", "__main__"):
             importlib.import_module(module.name)
@@ -35,7 +35,7 @@ guard.arm(clock())
 idle_until(guard, lambda: guard.rested, 0.1, clock, clock.wait)
 guard.drive(RadioMode.AUTO, clock())
 with tempfile.TemporaryDirectory() as folder:
-    journal = open_run_journal(pathlib.Path(folder) / "run.parquet", scenario, "direct_can")
+    journal = open_run_journal(pathlib.Path(folder) / "run.parquet", scenario, "watched_can")
     run_loop(guard, AutoPilot(scenario), scenario, 2.0, journal, lambda start: np.zeros(3), clock, clock.wait)
     journal.close()
 print("swung" if wiring.roll > 1.3 else wiring.roll)

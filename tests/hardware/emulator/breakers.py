@@ -7,7 +7,6 @@ import math
 import multiprocessing
 import os
 import resource
-import signal
 import tempfile
 import time
 from collections import deque
@@ -20,11 +19,11 @@ import numpy as np
 from aerodima.hardware.car.car_ports import PORTS_FILE, CarPorts, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.car.wirings import direct_can, teensy_bridge
+from aerodima.hardware.car.wirings import teensy_bridge, watched_can
 from aerodima.hardware.drive.car_guard import CarGuard
 from aerodima.hardware.drive.drive_limits import DriveLimits
 from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
-from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.hardware.drive.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.errors import HardwareError, LogError
@@ -128,9 +127,7 @@ class SecondProgram(Breaker):
 
 def second_drive(scenario: Scenario, ports: CarPorts, wiring: str) -> None:
     """What `aerodima drive` does first, with and without `--dry-run`."""
-    wire = teensy_bridge if wiring == "teensy_bridge" else direct_can
-    extra = {} if wiring == "teensy_bridge" else {"start_watchdog": lambda *_: None}
-    car = wire(scenario, ports, lambda: None, **extra)  # type: ignore[operator]
+    car = (teensy_bridge if wiring == "teensy_bridge" else watched_can)(scenario, ports, lambda: None)
     try:
         car.start()
     finally:
@@ -160,21 +157,6 @@ class Blind(Breaker):
 
     def end(self) -> None:
         DriveLimits.tilt = self.before  # type: ignore[method-assign]
-
-
-class WatchdogHangs(Breaker):
-    """SIGSTOP of the watchdog process, or of the Teensy's end where that is the watchdog on the bus."""
-
-    def strike(self) -> None:
-        super().strike()
-        assert self.car.devices is not None
-        watchdog = self.car.devices.watchdog
-        self.pid = getattr(watchdog, "_all", [watchdog])[0].pid
-        os.kill(self.pid, signal.SIGSTOP)
-
-    def end(self) -> None:
-        with contextlib.suppress(ProcessLookupError):  # the drive has killed it
-            os.kill(self.pid, signal.SIGKILL)
 
 
 class ThrottleSteps(Breaker):

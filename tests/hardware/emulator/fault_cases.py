@@ -19,7 +19,6 @@ from tests.hardware.emulator.breakers import (
     ReceiverDies,
     SecondProgram,
     ThrottleSteps,
-    WatchdogHangs,
     second_drive,
     watchdog_test,
 )
@@ -30,7 +29,7 @@ AT = 1.0
 """When the fault comes: s after the throttle was first opened, which is when the car drives."""
 ASKED = {"time": 0.0, "mode": "auto_when_asked"}
 _SOFT = load_drive_safety().tail_hold
-_BOTH = ("direct_can", "teensy_bridge")
+_BOTH = ("watched_can", "teensy_bridge")
 
 
 @dataclass(frozen=True)
@@ -83,10 +82,6 @@ def _on_both(name: str, **keys) -> tuple[Case, ...]:
     return tuple(Case(name, wiring, **keys) for wiring in _BOTH)
 
 
-def _on_all(name: str, **keys) -> tuple[Case, ...]:
-    return tuple(Case(name, wiring, **keys) for wiring in (*_BOTH, "watched_can"))
-
-
 _MOVING = CarCommand(0.1, 0.3, PITCH, np.array([-0.6, 0.0, 17.0, 5.0, 0.0]))
 _PRESSING = CarCommand(0.1, 0.3, PITCH, np.array([-math.pi / 2 + 0.4, 0.0, 55.0, 1.0, 0.0]))
 _SILENT = "no reply"
@@ -102,7 +97,7 @@ CASES: tuple[Case, ...] = (
     *_motor("reply long, 7 bytes", "reply_long", _SILENT),
     *_motor("reply under a foreign id", "foreign_id", _SILENT),
     *_motor("two motors with one id", "double_id", "jumped", acts="drive: position jumped"),
-    *_motor("V3 frame", "v3_frame", "V3 firmware", _SILENT, acts="drive (`direct_can`: named as V3 firmware)"),
+    *_motor("V3 frame", "v3_frame", "V3 firmware", _SILENT, acts="drive (`watched_can`: named as V3 firmware)"),
     *_motor("over-temperature", "over_temperature", "95"),
     *_motor("motor fault code", "motor_fault", "over-current"),
     *_motor("encoder jump", "encoder_jump", "jumped"),
@@ -115,11 +110,9 @@ CASES: tuple[Case, ...] = (
     ),
     Case(
         "bus-off",
-        "direct_can",
+        "watched_can",
         {"fault": "bus_off"},
-        reason=_SILENT,
-        within=0.5,
-        acts="watchdog process: opens the channel anew",
+        acts="firmware: no heartbeat reaches it",
     ),
     Case(
         "bus-off for 0.4 s",
@@ -131,29 +124,20 @@ CASES: tuple[Case, ...] = (
     ),
     _device(
         "adapter unplugged for 0.5 s",
-        "direct_can",
+        "watched_can",
         "can",
         "unplugged",
         0.5,
-        within=0.9,
-        acts="watchdog process; no FD can arrive before the plug is back",
+        acts="firmware: no heartbeat reaches it",
     ),
-    _device("adapter silent", "direct_can", "can", "silent", reason=_SILENT),
-    _device("noise on the adapter's line", "direct_can", "can", "serial_noise"),
-    _device("Teensy unplugged", "direct_can", "teensy", "unplugged", acts="drive; firmware for the throttle"),
+    _device("adapter silent", "watched_can", "can", "silent", reason=_SILENT),
+    _device("noise on the adapter's line", "watched_can", "can", "serial_noise"),
     _device("Teensy unplugged", "teensy_bridge", "teensy", "unplugged", acts="firmware"),
-    _device("Teensy silent (its strings are lost)", "direct_can", "teensy", "silent"),
+    _device("Teensy silent (its strings are lost)", "watched_can", "teensy", "silent"),
     _device("Teensy silent (its strings are lost)", "teensy_bridge", "teensy", "silent"),
-    _device("noise on the Teensy's line", "direct_can", "teensy", "serial_noise"),
+    _device("noise on the Teensy's line", "watched_can", "teensy", "serial_noise"),
     _device("noise on the Teensy's line", "teensy_bridge", "teensy", "serial_noise"),
     # Nobody but the Teensy's own processor can move the throttle then; it restarts after 0.5 s.
-    Case(
-        "Teensy hangs",
-        "direct_can",
-        {"fault": "teensy_hung"},
-        throttle_within=0.9,
-        acts="drive; the processor's own watchdog for the throttle",
-    ),
     Case(
         "Teensy hangs",
         "teensy_bridge",
@@ -212,8 +196,8 @@ CASES: tuple[Case, ...] = (
         run_time=AT + 7.0,
         acts="drive, after 2 to 4 s: torque taken back, then off",
     ),
-    *_on_all("car tips over", fault={"fault": "tipped_over"}, reason="tipped over", acts="drive"),
-    *_on_all(
+    *_on_both("car tips over", fault={"fault": "tipped_over"}, reason="tipped over", acts="drive"),
+    *_on_both(
         "car tips over, the drive goes on commanding",
         fault={"fault": "tipped_over"},
         breaker=Blind,
@@ -236,10 +220,6 @@ CASES: tuple[Case, ...] = (
         run_time=AT + 1.0,
         acts="nothing stops: the throttle comes on at its rate",
     ),
-    *(
-        Case("watchdog process hangs", wiring, breaker=WatchdogHangs, reason="does not answer", acts="drive")
-        for wiring in ("direct_can", "watched_can")
-    ),
     Case(
         "Teensy off the bus",
         "watched_can",
@@ -247,8 +227,19 @@ CASES: tuple[Case, ...] = (
         reason="bus",
         acts="drive",
     ),
-    Case("Teensy hangs", "watched_can", {"fault": "teensy_hung"}, throttle_within=0.9, acts="drive"),
-    Case("Teensy unplugged", "watched_can", {"fault": "unplugged", "part": "teensy"}, acts="drive, firmware"),
+    Case(
+        "Teensy hangs",
+        "watched_can",
+        {"fault": "teensy_hung"},
+        throttle_within=0.9,
+        acts="drive; the processor's own watchdog for the throttle",
+    ),
+    Case(
+        "Teensy unplugged",
+        "watched_can",
+        {"fault": "unplugged", "part": "teensy"},
+        acts="drive; firmware for the throttle",
+    ),
     *_on_both(
         "second drive on the same devices",
         breaker=lambda: SecondProgram(second_drive),

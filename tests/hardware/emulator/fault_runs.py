@@ -19,13 +19,13 @@ import numpy as np
 
 from aerodima.hardware.car.car_ports import JOINTS, CarPorts
 from aerodima.hardware.car.safety_settings import load_drive_safety
+from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand
-from aerodima.hardware.car.wirings import direct_can, teensy_bridge
+from aerodima.hardware.car.wirings import teensy_bridge, watched_can
 from aerodima.hardware.drive.car_guard import CarGuard, Stage
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
 from aerodima.hardware.protocol.ak70 import make_enter, make_exit
 from aerodima.hardware.protocol.radio import Asks, RadioMode
-from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.signal_table import STATUS
 from aerodima.workbench.errors import HardwareError
@@ -75,15 +75,9 @@ class Outcome:
     events: list[dict] = field(repr=False)
 
 
-def open_car(scenario: Scenario, ports: CarPorts, wiring: str):
-    """The wiring of a scenario, allowed to arm."""
-    if wiring == "teensy_bridge":
-        return teensy_bridge(scenario, ports, lambda: None)
-
-    def start_watchdog(can, lock):
-        return WatchdogProcess(can, ports.motor_ids, lock=lock)
-
-    return direct_can(scenario, ports, lambda: None, start_watchdog, name=wiring)
+def open_car(scenario: Scenario, ports: CarPorts, wiring: str) -> WiredCar:
+    """The car on the emulator, without the record of a watchdog test."""
+    return (teensy_bridge if wiring == "teensy_bridge" else watched_can)(scenario, ports, lambda: None)
 
 
 def drive_until_stopped(

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import JOINTS, PORTS_FILE
-from aerodima.hardware.car.safety_settings import load_teensy_timing, load_watchdog_timing
+from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.hardware.drive.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from tests.hardware.emulator.emulator_process import EmulatorProcess
 from tests.hardware.fake_can import wait_until
@@ -26,7 +26,7 @@ MARGIN = 0.1
 """s; for processes that share a busy computer."""
 _CONFIRMED = 1.0
 """s within which a stop is reported to the console."""
-_FIRMWARE, _BEATS = load_teensy_timing().watchdog_timeout, load_watchdog_timing().heartbeat_timeout
+_FIRMWARE = load_teensy_timing().watchdog_timeout
 
 
 @dataclass
@@ -63,20 +63,6 @@ class ProcessCase:
     """Given: somebody at the console drives, and its stop is confirmed or not."""
 
 
-def descendants(pid: int) -> list[int]:
-    """Processes that `pid` has started: its watchdog."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                stat = (entry / "stat").read_text()
-            except OSError:
-                continue
-            if int(stat.rsplit(")", 1)[1].split()[1]) == pid:
-                found.append(int(entry.name))
-    return found
-
-
 def kill(number: int) -> Callable[[subprocess.Popen[str], EmulatorProcess], float]:
     """A signal to the drive alone."""
 
@@ -85,16 +71,6 @@ def kill(number: int) -> Callable[[subprocess.Popen[str], EmulatorProcess], floa
         return time.monotonic()
 
     return cause
-
-
-def kill_together(process: subprocess.Popen[str], _: EmulatorProcess) -> float:
-    """Drive and watchdog at once, as a killed control group or a frozen computer does it."""
-    group = [*descendants(process.pid), process.pid]
-    for pid in group:
-        os.kill(pid, signal.SIGSTOP)
-    for pid in group:
-        os.kill(pid, signal.SIGKILL)
-    return time.monotonic()
 
 
 def tips_over(process: subprocess.Popen[str], emulator: EmulatorProcess) -> float:
@@ -125,7 +101,7 @@ CASES: tuple[ProcessCase, ...] = (
             wiring,
             kill(signal.SIGKILL),
             _FIRMWARE + MARGIN,
-            "firmware" if wiring == "teensy_bridge" else "watchdog process; firmware for the throttle",
+            "firmware",
         )
         for wiring in WIRINGS
     ),
@@ -134,14 +110,10 @@ CASES: tuple[ProcessCase, ...] = (
             "drive process hangs (SIGSTOP)",
             wiring,
             kill(signal.SIGSTOP),
-            max(_FIRMWARE, _BEATS) + MARGIN,
-            "firmware" if wiring == "teensy_bridge" else "watchdog process; firmware for the throttle",
+            _FIRMWARE + MARGIN,
+            "firmware",
         )
         for wiring in WIRINGS
-    ),
-    *(
-        ProcessCase("drive and watchdog killed together", wiring, kill_together, 0.3, "firmware")
-        for wiring in ("teensy_bridge", "watched_can")
     ),
     *(
         ProcessCase(
@@ -156,7 +128,7 @@ CASES: tuple[ProcessCase, ...] = (
             reason="tipped over",
         )
         for mode, operator in (("AUTO", ({"time": 0.0, "mode": "auto_when_asked"},)), ("MANUAL", _MANUAL))
-        for wiring in ("direct_can", "teensy_bridge")
+        for wiring in WIRINGS
     ),
     *(
         ProcessCase(name, wiring, presses_stop, 0.3, acts, reason="emergency stop", faults=faults, confirmed=not faults)
@@ -168,7 +140,7 @@ CASES: tuple[ProcessCase, ...] = (
                 ({"time": 0.5, "fault": "foreign_module"},),
             ),
         )
-        for wiring in ("direct_can", "teensy_bridge")
+        for wiring in WIRINGS
     ),
 )
 

@@ -20,7 +20,7 @@ from tests.hardware.fake_can import wait_until
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"wiring": "usb"}, "--wiring usb: allowed: direct_can, teensy_bridge, watched_can"),
+        ({"wiring": "usb"}, "--wiring usb: allowed: teensy_bridge, watched_can"),
         ({"profile": "ak70_v3"}, "V3 firmware speaks another protocol"),
         ({"motor_ids": (1, 1)}, "both have the motor id 1"),
         ({"motor_ids": (1, 64)}, "motor id 64: allowed is 1 to 63"),
@@ -34,7 +34,7 @@ from tests.hardware.fake_can import wait_until
 def test_wrong_input_is_one_line_and_leaves_nothing_behind(tmp_path, arguments, message):
     out = tmp_path / "out"
     with pytest.raises(UserError, match=message) as caught:
-        emulate(**{"scenario": "turn_swing", "out": out, "wiring": "direct_can", "profile": "ak70_10_v1_0_8",
+        emulate(**{"scenario": "turn_swing", "out": out, "wiring": "watched_can", "profile": "ak70_10_v1_0_8",
                    "faults": None, "motor_ids": (1, 2), "published_strings": False, "duration": None, "settings": None,
                    **arguments})  # fmt: skip
     assert "\n" not in str(caught.value)
@@ -61,7 +61,7 @@ def test_a_missing_compiler_is_one_line(tmp_path):
 def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
     out = tmp_path / "emulated"
     command = [sys.executable, "-m", "aerodima", "emulate", "turn_swing", "--out", str(out)]
-    process = subprocess.Popen([*command, "--wiring", "direct_can"], stdout=subprocess.DEVNULL)
+    process = subprocess.Popen([*command, "--wiring", "watched_can"], stdout=subprocess.DEVNULL)
     assert wait_until((out / "ready.json").exists, 60.0)
     ports = read_ports(out / "ports.json")
     assert Path(ports.can.channel).is_char_device()
@@ -70,7 +70,7 @@ def test_a_signal_ends_it_in_order_with_logs_that_can_be_read(tmp_path, number):
     assert read_events(out / "events.jsonl")[-1]["event"] == "ended"
     log = read_run_log(out / "truth.parquet")
     assert log.has_truth
-    assert log.extra["emulated"] == "direct_can"
+    assert log.extra["emulated"] == "watched_can"
     assert list(can.BLFReader(out / "traffic.blf")) == []
     assert list((out / "ports").iterdir()) == []
 

@@ -11,7 +11,7 @@ import pytest
 from aerodima.hardware.car.car_ports import PORTS_FILE, read_ports
 from aerodima.hardware.car.wiring import WIRINGS
 from aerodima.hardware.drive.held_car import joint_angles, read_motor_angles, run_motor_test, write_zeros
-from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.hardware.drive.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
@@ -40,7 +40,7 @@ def test_one_joint_moves_by_five_degrees_and_the_motors_are_off_after_it(tmp_pat
     undisturbed(tried, tmp_path)
 
 
-@pytest.mark.parametrize("wiring", ["direct_can", "teensy_bridge"])
+@pytest.mark.parametrize("wiring", ["watched_can", "teensy_bridge"])
 def test_a_motor_that_is_off_fails_the_test(tmp_path, wiring):
     def tried(folder):
         script = {"clock": "entered", "faults": [{"time": 0.8, "fault": "motor_off", "part": "tail_roll"}]}
@@ -50,7 +50,7 @@ def test_a_motor_that_is_off_fails_the_test(tmp_path, wiring):
     undisturbed(tried, tmp_path)
 
 
-@pytest.mark.parametrize("wiring", ["direct_can", "teensy_bridge"])
+@pytest.mark.parametrize("wiring", ["watched_can", "teensy_bridge"])
 def test_the_angles_of_now_become_the_zeros_and_nothing_else_of_the_file_changes(tmp_path, wiring):
     def tried(folder):
         with EmulatorProcess(folder, CAR, wiring) as emulator:
@@ -69,7 +69,7 @@ def test_the_angles_of_now_become_the_zeros_and_nothing_else_of_the_file_changes
     undisturbed(tried, tmp_path)
 
 
-@pytest.mark.parametrize("wiring", ["direct_can", "teensy_bridge"])
+@pytest.mark.parametrize("wiring", ["watched_can", "teensy_bridge"])
 def test_the_example_moves_one_motor_and_leaves_it_off(tmp_path, wiring):
     def tried(folder):
         with EmulatorProcess(folder, CAR, wiring) as emulator:

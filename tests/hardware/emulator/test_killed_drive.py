@@ -5,10 +5,10 @@ import json
 import pytest
 
 from aerodima.hardware.car.car_ports import PORTS_FILE
-from aerodima.hardware.car.safety_settings import load_watchdog_timing
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WIRINGS
-from aerodima.hardware.watchdog.test_record import record_path, require_watchdog_test
-from aerodima.hardware.watchdog.watchdog_test import run_watchdog_test
+from aerodima.hardware.drive.watchdog_record import record_path, require_watchdog_test
+from aerodima.hardware.drive.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed
@@ -51,7 +51,7 @@ def test_a_watchdog_test_on_the_emulator_is_recorded_and_worth_nothing_for_real_
     assert path == record_path(wiring, tmp_path / "records")
     assert len(seen) == 1
     assert record.emulated
-    assert record.time_to_exit <= load_watchdog_timing().longest_test
+    assert record.time_to_exit <= load_drive_safety().longest_watchdog_test
     assert require_watchdog_test(wiring, emulator.ports, tmp_path / "records") == record
     data = json.loads((emulator.folder / PORTS_FILE).read_text())
     data["teensy"]["path"] = "/dev/ttyACM0"

@@ -84,7 +84,7 @@ def test_the_hash_follows_the_sources(monkeypatch, tmp_path):
 
 def test_the_exported_configuration_compiles_and_carries_the_parameters(tmp_path):
     folder = tmp_path / "tail_car"
-    exported = settings(wiring="direct_can", encoder=AEAT_6010, motor_ids=(4, 9))
+    exported = settings(wiring="watched_can", encoder=AEAT_6010, motor_ids=(4, 9))
     sketch = export_sketch(exported, folder)
     assert sketch == folder / "tail_car.ino"
     program = tmp_path / "main.cpp"

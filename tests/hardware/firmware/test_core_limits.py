@@ -73,7 +73,7 @@ def test_an_old_attitude_on_the_side_still_stops_the_tail():
     assert commanding(bench, 0.5, attitude=replace(OVER, age=60000), throttle=1500) < TIMING.attitude_time + 0.011
 
 
-@pytest.mark.parametrize("wiring", ["teensy_bridge", "direct_can"])
+@pytest.mark.parametrize("wiring", ["teensy_bridge", "watched_can"])
 @pytest.mark.parametrize(("asked", "end"), [(1900, 1700), (1100, 1300)])
 def test_a_throttle_step_is_clipped_and_comes_on_slowly(wiring, asked, end):
     bench = Bench(wiring)

@@ -231,14 +231,6 @@ def test_silent_motors_do_not_make_the_reply_late_and_do_not_count_as_answers():
     assert bench.last_reply().motors[0].replies == before
 
 
-def test_in_the_direct_wiring_it_leaves_the_bus_alone_and_centres_the_pulses():
-    bench = Bench("direct_can").drive()
-    assert bench.core.state.throttle == 1520
-    bench.wait(0.3)
-    assert bench.sent == []
-    assert (bench.core.state.servo, bench.core.state.throttle) == (1500, 1500)
-
-
 def test_the_published_form_is_silent_while_the_watchdog_holds():
     bench = Bench(form=StringForm.PUBLISHED).drive()
     bench.wait(0.3)
@@ -275,5 +267,5 @@ def test_words_of_the_sail_encoder_become_degrees(encoder, word, degrees):
 def test_settings_refuse_one_id_for_two_motors_and_other_wirings():
     with pytest.raises(HardwareError, match="both motors have the id 3"):
         FirmwareSettings("teensy_bridge", PROFILE, TIMING, (3, 3))
-    with pytest.raises(HardwareError, match="allowed: direct_can, teensy_bridge, watched_can"):
+    with pytest.raises(HardwareError, match="allowed: teensy_bridge, watched_can"):
         FirmwareSettings("usb", PROFILE, TIMING)

@@ -1,12 +1,10 @@
-"""One program at a time: locks by device, freed by every kind of death, kept by a watchdog that still sends."""
+"""One program at a time: locks by device, freed by every kind of death."""
 
-import os
 import signal
 import subprocess
 import sys
-import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 import pytest
 
@@ -15,34 +13,24 @@ from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.workbench.errors import HardwareError
 
 HOLD = """
-import subprocess, sys, time
+import sys, time
 from aerodima.hardware.transport.device_lock import lock_devices
-lock = lock_devices(sys.argv[2:], "a drive")
-if sys.argv[1] == "watched":
-    watchdog = subprocess.Popen(["sleep", "60"], pass_fds=lock.files)
-    lock.entrust(watchdog.pid)
-    print(watchdog.pid, flush=True)
+lock = lock_devices(sys.argv[1:], "a drive")
 print("held", flush=True)
 time.sleep(60)
 """
 
 
 @contextmanager
-def holder(*devices, how="alone"):
-    """Another program that has the devices, and the id of the process that has inherited them."""
-    process = subprocess.Popen([sys.executable, "-c", HOLD, how, *devices], stdout=subprocess.PIPE, text=True)
-    watchdog = 0
+def holder(*devices):
+    """Another program that has the devices."""
+    process = subprocess.Popen([sys.executable, "-c", HOLD, *devices], stdout=subprocess.PIPE, text=True)
     try:
-        if how == "watched":
-            watchdog = int(process.stdout.readline())
         assert process.stdout.readline() == "held\n"
-        yield process, watchdog
+        yield process
     finally:
         process.kill()
         process.wait()
-        if watchdog:
-            with suppress(ProcessLookupError):
-                os.kill(watchdog, signal.SIGKILL)
 
 
 @pytest.fixture
@@ -54,7 +42,7 @@ def device(tmp_path):
 
 
 def test_a_second_program_is_refused_at_once_and_told_who_has_the_device(device):
-    with holder(device) as (process, _):
+    with holder(device) as process:
         begin = time.monotonic()
         with pytest.raises(HardwareError, match=rf"ttyTeensy: is in use by a drive \(process {process.pid}, since"):
             lock_devices([device], "a console")
@@ -90,36 +78,10 @@ def test_all_or_none(device, tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV])
 def test_death_frees_the_device(device, number):
-    with holder(device) as (process, _):
+    with holder(device) as process:
         process.send_signal(number)
         process.wait()
         lock_devices([device], "a drive").close()
-
-
-def test_a_watchdog_that_outlives_its_drive_keeps_the_device_and_a_new_drive_waits_and_says_so(device):
-    with holder(device, how="watched") as (process, watchdog):
-        process.kill()
-        process.wait()
-        said = []
-        end = threading.Timer(0.5, lambda: os.kill(watchdog, signal.SIGTERM))
-        end.start()
-        begin = time.monotonic()
-        lock = lock_devices([device], "a drive", said.append)
-        waited = time.monotonic() - begin
-        lock.close()
-        assert 0.3 < waited < 5.0
-        assert said == [f"{device}: the watchdog of an earlier drive still sends exit frames; waiting for it to end"]
-
-
-def test_a_drive_that_gives_the_device_back_while_its_watchdog_lives_is_not_named_any_more(device):
-    lock = lock_devices([device], "a drive")
-    watchdog = subprocess.Popen(["sleep", "0.5"], pass_fds=lock.files)
-    lock.entrust(watchdog.pid)
-    lock.close()
-    said = []
-    lock_devices([device], "a drive", said.append).close()
-    assert len(said) == 1
-    watchdog.wait()
 
 
 def test_an_adapter_that_is_no_device_of_this_computer_is_locked_by_its_address():

@@ -129,7 +129,6 @@ def _spoilt(text: str) -> str:
         ("aerodima.hardware.devices.motor_settings", "load_motor_safety", "motor_safety"),
         ("aerodima.hardware.car.safety_settings", "load_drive_safety", "drive_safety"),
         ("aerodima.hardware.car.safety_settings", "load_teensy_timing", "teensy_firmware"),
-        ("aerodima.hardware.car.safety_settings", "load_watchdog_timing", "watchdog"),
         ("aerodima.hardware.emulator.fault_script", "load_emulator_numbers", "emulator"),
     ],
 )

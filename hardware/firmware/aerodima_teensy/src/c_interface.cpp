@@ -53,7 +53,6 @@ void* ad_core_new(const ad_config* c, uint32_t now) {
   Config config;
   config.profile = to_profile(c->profile);
   config.owns_can = c->owns_can != 0;
-  config.watches_bus = c->watches_bus != 0;
   config.checked = c->checked != 0;
   config.attitude_limit = c->attitude_limit;
   config.attitude_ms = c->attitude_ms;

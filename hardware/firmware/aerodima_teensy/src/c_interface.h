@@ -24,7 +24,7 @@ struct ad_config {
   ad_profile profile;
   ad_limits limits[2];
   double attitude_limit, throttle_start, throttle_rate;
-  int32_t owns_can, watches_bus, checked;
+  int32_t owns_can, checked;
   uint32_t watchdog_ms, exit_burst, exit_cycles, exit_cycle_ms, reminder_ms, reply_wait_ms, attitude_ms, attitude_age_ms;
   int32_t sail_bits, motor_ids[2], throttle_least, throttle_most;
 };

@@ -132,7 +132,7 @@ void TeensyCore::bridge(const Order& order, const MotorGuard& guard) {
 }
 
 void TeensyCore::receive(const CanFrame& frame) {
-  if (config_.watches_bus) hear_beat(frame);
+  if (!config_.owns_can) hear_beat(frame);
   MitReply reply;
   if (!config_.owns_can || !decode_reply(frame, config_.profile, &reply)) return;
   for (int i = 0; i < 2; ++i) {
@@ -201,7 +201,7 @@ void TeensyCore::make_safe(uint32_t now, Status cause) {
   exits_left_ = config_.exit_cycles;
   queue_size_ = 0;  // no command leaves after this
   unanswered_[0] = unanswered_[1] = 0;
-  if (!on_bus() || !knows_motors()) return;
+  if (!knows_motors()) return;
   for (const Report& report : reports_) {  // a motor may jump to its last command when it is entered again
     CanFrame frame;
     if (make_command(report.motor_id, MitCommand(), config_.profile, &frame)) push(frame);
@@ -210,7 +210,6 @@ void TeensyCore::make_safe(uint32_t now, Status cause) {
 }
 
 void TeensyCore::exit_motors(uint32_t repeats) {
-  if (!on_bus()) return;
   for (uint32_t i = 0; i < repeats; ++i) {
     for (const Report& report : reports_) push(make_special(report.motor_id, Special::kExit));
   }

@@ -19,8 +19,7 @@
 namespace aerodima {
 
 struct Config {
-  bool owns_can = true;      // wiring teensy_bridge; false: direct_can and watched_can
-  bool watches_bus = false;  // wiring watched_can
+  bool owns_can = true;      // wiring teensy_bridge; false: watched_can
   bool checked = true;   // form of the strings
   Profile profile;
   uint32_t watchdog_ms = 0;
@@ -70,7 +69,6 @@ class TeensyCore {
   void make_safe(uint32_t now, Status cause);
   void exit_motors(uint32_t repeats);
   void push(const CanFrame& frame);
-  bool on_bus() const { return config_.owns_can || config_.watches_bus; }
   bool knows_motors() const { return reports_[0].motor_id != 0; }
   bool motors_answered() const;
   void write_reply(uint32_t now);

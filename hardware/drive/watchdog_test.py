@@ -1,45 +1,40 @@
 """The watchdog test: the motors hold, the link is cut, and somebody sees that they are off.
 
-`direct_can`: a process that holds the motors is killed (SIGKILL); the watchdog process reports when it sent the first
-exit frame. `watched_can`: both are killed together; the Teensy reports that the heartbeat on the bus has stopped.
-`teensy_bridge`: the strings stop; the Teensy reports that its watchdog has acted. No report shows what the motors do:
-`confirm` asks the operator to move the tail by hand.
+`watched_can`: a process that holds the motors is killed (SIGKILL); the Teensy reports that the heartbeat on the bus has
+stopped. `teensy_bridge`: the strings stop; the Teensy reports that its watchdog has acted. No report shows what the
+motors do: `confirm` asks the operator to move the tail by hand.
 
-The process to kill is this module: `python -m aerodima.hardware.watchdog.watchdog_test SETTINGS` enters the motors and
-holds them. SETTINGS is JSON: `scenario` (resolved), `ports`, `report`, `wiring`. It prints `holding` and the id of its
-watchdog once the motors hold, with the gains of the scenario's controller, and goes on until it is killed.
+The process to kill is this module: `python -m aerodima.hardware.drive.watchdog_test SETTINGS` enters the motors and
+holds them. SETTINGS is JSON: `scenario` (resolved) and `ports`. It prints `holding` once the motors hold, with the
+gains of the scenario's controller, and goes on until it is killed.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+from aerodima.hardware.car.bus_watch import BusWatch
 from aerodima.hardware.car.car_ports import CarPorts, ports_from_dict
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.safety_settings import load_watchdog_timing
-from aerodima.hardware.car.watchdogs import BusWatch, Watchdog, Watchdogs
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink
+from aerodima.hardware.drive.watchdog_record import WatchdogTest, new_record, write_record
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID
 from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
-from aerodima.hardware.watchdog.test_record import WatchdogTest, new_record, write_record
-from aerodima.hardware.watchdog.watchdog_process import WatchdogProcess
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.errors import HardwareError, UserError
 
@@ -68,8 +63,7 @@ def run_watchdog_test(
     """
     if scenario.tail.mode == "none":
         raise HardwareError("tail.mode: none; a watchdog test needs the motors of a tail")
-    cut = {"direct_can": _kill_holder, "teensy_bridge": _stop_strings, "watched_can": _kill_both}[wiring]
-    time_to_exit, what = cut(scenario, ports)
+    time_to_exit, what = (_stop_strings if wiring == "teensy_bridge" else _kill_holder)(scenario, ports)
     if not confirm(QUESTION):
         raise HardwareError(f"watchdog test of {wiring}: the motors were not seen off; nothing is recorded")
     record = new_record(wiring, ports, what, time_to_exit, seen_by)
@@ -77,23 +71,9 @@ def run_watchdog_test(
 
 
 def _kill_holder(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
-    with tempfile.TemporaryDirectory() as folder:
-        report = Path(folder) / "watchdog.json"
-        with _holding(scenario, ports, "direct_can", report) as (holder, _):
-            killed = time.monotonic()
-            holder.kill()
-            holder.wait()
-        found = _wait_for(report)
-    if not found["taken_by_driver"]:
-        raise HardwareError("watchdog test: the adapter did not take the exit frames; cut the power")
-    return max(0.0, found["first_exit_time_s"] - killed), "drive process killed (SIGKILL)"
-
-
-def _kill_both(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
     """Nobody is left but the Teensy, which tells of itself over its own port."""
-    with tempfile.TemporaryDirectory() as folder, _neutral_strings(ports) as stopped:
-        with _holding(scenario, ports, "watched_can", Path(folder) / "watchdog.json") as (holder, watchdog):
-            os.kill(watchdog, signal.SIGKILL)
+    with _neutral_strings(ports) as stopped:
+        with _holding(scenario, ports) as holder:
             holder.kill()
             killed = time.monotonic()
             holder.wait()
@@ -101,7 +81,7 @@ def _kill_both(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
             if time.monotonic() - killed > _ACT_TIME:
                 raise HardwareError(f"watchdog test: the Teensy did not act within {_ACT_TIME:g} s; cut the power")
             time.sleep(0.001)
-        return max(0.0, stopped[0] - killed), "drive and watchdog process killed together (SIGKILL)"
+        return max(0.0, stopped[0] - killed), "drive process killed (SIGKILL)"
 
 
 @contextmanager
@@ -138,18 +118,11 @@ def _neutral_strings(ports: CarPorts) -> Iterator[list[float]]:
 
 
 @contextmanager
-def _holding(
-    scenario: Scenario, ports: CarPorts, wiring: WiringName, report: Path
-) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """A process that holds the motors, and the id of its watchdog; it is dead at the end of the block."""
-    content = {
-        "scenario": scenario.resolved(),
-        "ports": ports.model_dump(mode="json", by_alias=True),
-        "report": str(report),
-        "wiring": wiring,
-    }
+def _holding(scenario: Scenario, ports: CarPorts) -> Iterator[subprocess.Popen[str]]:
+    """A process that holds the motors; it is dead at the end of the block."""
+    content = {"scenario": scenario.resolved(), "ports": ports.model_dump(mode="json", by_alias=True)}
     holder = subprocess.Popen(
-        [sys.executable, "-P", "-m", "aerodima.hardware.watchdog.watchdog_test", json.dumps(content)],
+        [sys.executable, "-P", "-m", "aerodima.hardware.drive.watchdog_test", json.dumps(content)],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -160,22 +133,11 @@ def _holding(
         give_up.cancel()
         if word != "holding":
             raise HardwareError(rest if word == "error:" else "watchdog test: the motors could not be held")
-        yield holder, int(rest)
+        yield holder
     finally:
         give_up.cancel()
         holder.kill()
         holder.wait()
-
-
-def _wait_for(report: Path) -> dict[str, float]:
-    end = time.monotonic() + _ACT_TIME
-    while time.monotonic() < end:
-        try:
-            content: dict[str, float] = json.loads(report.read_text(encoding="utf-8"))
-            return content
-        except (OSError, ValueError):  # not there yet, or not whole
-            time.sleep(PERIOD)
-    raise HardwareError(f"watchdog test: the watchdog process did not act within {_ACT_TIME:g} s; cut the power")
 
 
 def _stop_strings(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
@@ -218,19 +180,14 @@ SETTLING = 50
 """Cycles of holding before the cut: the gains have come on."""
 
 
-def hold(scenario: dict, ports_data: dict, report: Path, wiring: str) -> None:
+def hold(scenario: Scenario, ports: CarPorts) -> None:
     """Enters and holds until something fails; raises `HardwareError` then."""
-    ports = ports_from_dict(ports_data)
-    settings = ports.adapter(wiring)
-    lock = lock_devices([can_address(settings)], "a watchdog test")
+    settings = ports.adapter("watched_can")
+    _lock = lock_devices([can_address(settings)], "a watchdog test")
     bus = CanBus.open(settings, listen={0, ANSWER_ID, *ports.motor_ids})
-    process = WatchdogProcess(settings, ports.motor_ids, report, lock)
-    watch = BusWatch(bus, load_watchdog_timing())
-    watched = wiring == "watched_can"
-    watchdog: Watchdog = Watchdogs(process, watch) if watched else process
-    motors = tail_motors(scenario_from_dict(scenario), ports, load_mounting())
-    with MotorGroup(motors, watch if watched else bus) as group:
-        _hear_the_teensy(group, watchdog)
+    watchdog = BusWatch(bus, load_drive_safety().heartbeat_answer)
+    with MotorGroup(tail_motors(scenario, ports, load_mounting()), watchdog) as group:
+        _await_the_teensy(group, watchdog)
         watchdog.arm()
         group.set_enter(time.monotonic())
         due, cycles = time.monotonic(), 0
@@ -242,14 +199,14 @@ def hold(scenario: dict, ports_data: dict, report: Path, wiring: str) -> None:
                 raise HardwareError(watchdog.reason)
             cycles = cycles + 1 if group.ready else 0
             if cycles == SETTLING:
-                print(f"holding {process.pid}", flush=True)
+                print("holding", flush=True)
             due = max(due + PERIOD, now)
             time.sleep(due - now)
         raise HardwareError(group.fault_text)
 
 
-def _hear_the_teensy(group: MotorGroup, watchdog: Watchdog) -> None:
-    """Beats until every watchdog is well, for a second at most."""
+def _await_the_teensy(group: MotorGroup, watchdog: BusWatch) -> None:
+    """Sends heartbeats until the Teensy has answered for ten cycles, for a second at most."""
     end = time.monotonic() + 1.0
     while time.monotonic() < end:
         group.step(time.monotonic())
@@ -263,7 +220,7 @@ def main() -> int:
     """2 if the motors cannot be held; otherwise it does not return."""
     settings = json.loads(sys.argv[1])
     try:
-        hold(settings["scenario"], settings["ports"], Path(settings["report"]), settings["wiring"])
+        hold(scenario_from_dict(settings["scenario"]), ports_from_dict(settings["ports"]))
     except UserError as error:
         print(f"error: {error}", flush=True)
     return 2

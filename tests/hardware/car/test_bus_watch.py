@@ -5,15 +5,14 @@ import time
 
 import pytest
 
-from aerodima.hardware.car.safety_settings import load_watchdog_timing
-from aerodima.hardware.car.watchdogs import BusWatch, Watchdogs
+from aerodima.hardware.car.bus_watch import BusWatch
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.heartbeat import BEAT_ID, BeatState, decode_beat, make_answer
 from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.workbench.errors import HardwareError
-from tests.hardware.car.fake_devices import FakeWatchdog
 
-TIMING = load_watchdog_timing()
+ANSWER = load_drive_safety().heartbeat_answer
 
 
 class Bus:
@@ -50,7 +49,7 @@ def clock(monkeypatch):
 
 @pytest.fixture
 def watch(clock):
-    return BusWatch(Bus(), TIMING)
+    return BusWatch(Bus(), ANSWER)
 
 
 def turn(watch, clock, seconds=0.1):
@@ -80,7 +79,7 @@ def test_a_teensy_that_dies_is_noticed(watch, clock, armed):
     if armed:
         watch.arm()
     watch._port.there = False
-    turn(watch, clock, TIMING.answer_timeout - 0.02)
+    turn(watch, clock, ANSWER - 0.02)
     assert watch.healthy
     turn(watch, clock, 0.05)
     assert not watch.healthy
@@ -128,16 +127,3 @@ def test_trip_and_disarm_are_said_on_the_bus(watch, clock):
     watch.disarm()
     watch.beat()
     assert watch._port.beats[-1][0] is BeatState.OFF
-
-
-def test_two_watchdogs_are_one_and_none_is_armed_when_one_is_ill():
-    first, second = FakeWatchdog(), FakeWatchdog()
-    both = Watchdogs(first, second)
-    both.arm()
-    both.beat()
-    assert first.calls == second.calls == ["arm", "beat"]
-    second.healthy, second.reason = False, "dead"
-    assert both.reason == "dead"
-    with pytest.raises(HardwareError, match="dead"):
-        both.arm()
-    assert first.calls == ["arm", "beat"]

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from aerodima.hardware.car.car_ports import READY_FILE, READY_SCHEMA, ports_from_dict
-from aerodima.hardware.watchdog import test_record as record
-from aerodima.hardware.watchdog.test_record import (
+from aerodima.hardware.drive import watchdog_record as record
+from aerodima.hardware.drive.watchdog_record import (
     is_emulated,
     new_record,
     read_record,
@@ -22,7 +22,7 @@ def ports(teensy="/dev/ttyACM0", can=None):
 
 
 REAL = ports(can={"interface": "socketcan", "channel": "can0"})
-WIRINGS = ("direct_can", "teensy_bridge")
+WIRINGS = ("watched_can", "teensy_bridge")
 
 
 def recorded(folder, wiring="teensy_bridge", **changes):
@@ -40,8 +40,8 @@ def test_a_test_of_this_wiring_allows_arming(tmp_path, wiring):
 
 def test_without_a_record_it_says_how_to_make_one(tmp_path):
     recorded(tmp_path, "teensy_bridge")
-    with pytest.raises(HardwareError, match=r"no watchdog test of direct_can is recorded.*--watchdog-test"):
-        require_watchdog_test("direct_can", REAL, tmp_path)
+    with pytest.raises(HardwareError, match=r"no watchdog test of watched_can is recorded.*--watchdog-test"):
+        require_watchdog_test("watched_can", REAL, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,6 @@ def test_without_a_record_it_says_how_to_make_one(tmp_path):
     [
         ({"emulated": True}, "was made on the emulator; the motors are real"),
         ({"firmware": "0" * 64}, "another firmware"),
-        ({"watchdog": "0" * 64}, "another watchdog process"),
         ({"time_to_exit": 0.5}, "took 0.5 s"),
         ({"ports": ports("/dev/ttyACM7").model_dump(mode="json", by_alias=True)}, "other ports: teensy"),
         ({"ports": {**REAL.model_dump(mode="json"), "firmware_profile": "ak70_10_24_n_m"}}, "firmware_profile"),
@@ -64,17 +63,17 @@ def test_a_record_that_does_not_fit_is_refused(tmp_path, changes, message):
 
 
 def test_a_record_of_another_wiring_under_this_name_is_refused(tmp_path):
-    recorded(tmp_path, "direct_can").rename(tmp_path / "teensy_bridge.json")
-    with pytest.raises(HardwareError, match="is of the wiring direct_can; allowed: teensy_bridge"):
+    recorded(tmp_path, "watched_can").rename(tmp_path / "teensy_bridge.json")
+    with pytest.raises(HardwareError, match="is of the wiring watched_can; allowed: teensy_bridge"):
         require_watchdog_test("teensy_bridge", REAL, tmp_path)
 
 
 def test_exit_frames_that_came_too_late_are_not_recorded():
     with pytest.raises(HardwareError, match=r"exit frames 0\.400 s after the cut; allowed is 0\.3 s"):
-        new_record("direct_can", REAL, "drive process killed (SIGKILL)", 0.4, "operator")
+        new_record("watched_can", REAL, "drive process killed (SIGKILL)", 0.4, "operator")
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/1"}', "\xff"])
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "aerodima/watchdog_test/2"}', "\xff"])
 def test_a_file_that_is_no_record_is_one_line(tmp_path, text):
     path = tmp_path / "teensy_bridge.json"
     path.write_text(text, encoding="latin-1")
@@ -94,12 +93,12 @@ def test_a_record_with_an_unknown_key_is_refused(tmp_path):
     ("wiring", "car", "emulated"),
     [
         ("teensy_bridge", REAL, False),
-        ("direct_can", REAL, False),
-        ("direct_can", ports(can={"interface": "slcan", "channel": "/dev/ttyACM3"}), False),
-        ("direct_can", ports(can={"interface": "virtual", "channel": "x"}), True),
-        ("direct_can", ports("/dev/pts/0", can={"interface": "socketcan", "channel": "can0"}), False),
+        ("watched_can", REAL, False),
+        ("watched_can", ports(can={"interface": "slcan", "channel": "/dev/ttyACM3"}), False),
+        ("watched_can", ports(can={"interface": "virtual", "channel": "x"}), True),
+        ("watched_can", ports("/dev/pts/0", can={"interface": "socketcan", "channel": "can0"}), False),
         (
-            "direct_can",
+            "watched_can",
             ports(can={"interface": "socketcand", "channel": "can0", "options": {"host": "127.0.0.1", "port": 1}}),
             False,
         ),
@@ -122,13 +121,13 @@ def test_only_a_pseudo_terminal_of_an_emulator_is_no_real_motor(tmp_path):
 
 
 def test_a_test_is_void_for_another_adapter_and_not_for_another_zero_or_imu(tmp_path):
-    recorded(tmp_path, "direct_can")
+    recorded(tmp_path, "watched_can")
     data = REAL.model_dump(mode="json", by_alias=True)
     moved = {**data, "imu": {"path": "/dev/ttyUSB9"}, "tail_roll": {"motor_id": 2, "zero": 0.3}}
-    assert require_watchdog_test("direct_can", ports_from_dict(moved), tmp_path)
+    assert require_watchdog_test("watched_can", ports_from_dict(moved), tmp_path)
     other = {**data, "can": {"interface": "socketcan", "channel": "can1"}}
     with pytest.raises(HardwareError, match="other ports: can"):
-        require_watchdog_test("direct_can", ports_from_dict(other), tmp_path)
+        require_watchdog_test("watched_can", ports_from_dict(other), tmp_path)
 
 
 def test_strings_that_hide_a_silent_motor_are_not_armed(tmp_path):
@@ -139,14 +138,13 @@ def test_strings_that_hide_a_silent_motor_are_not_armed(tmp_path):
 
 
 def test_other_timing_is_another_watchdog(monkeypatch, tmp_path):
-    before = record.watchdog_hash(), record.teensy_hash()
+    before = record.teensy_hash()
     changed = tmp_path / "changed.yaml"
-    changed.write_text("heartbeat_timeout: 0.25")
+    changed.write_text("watchdog_timeout: 0.25")
     monkeypatch.setattr(record, "model_path", lambda name: changed)
-    assert record.watchdog_hash() != before[0]
-    assert record.teensy_hash() != before[1]
+    assert record.teensy_hash() != before
 
 
 def test_the_default_place_is_the_users_state_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert record.record_path("direct_can") == tmp_path / "aerodima" / "watchdog_tests" / "direct_can.json"
+    assert record.record_path("watched_can") == tmp_path / "aerodima" / "watchdog_tests" / "watched_can.json"

@@ -1,16 +1,13 @@
-"""What switches the motors off when this process dies: the Teensy on the bus of the computer's adapter, or several.
+"""The Teensy as the watchdog on the bus of the computer's adapter, in the wiring `watched_can`.
 
-In the wiring `watched_can` a heartbeat leaves for the Teensy every cycle, which answers each on the same bus. One that
-is not answered in time stops the car: a Teensy that is dead, or that cannot reach the bus, would not switch the motors
-off either. `aerodima.hardware.watchdog` is the process of this computer that watches.
+A heartbeat leaves for the Teensy every cycle, which answers each on the same bus. A missing answer stops the car: a
+Teensy that is dead, or that cannot reach the bus, would not switch the motors off either.
 """
 
 from __future__ import annotations
 
 import time
-from typing import Protocol
 
-from aerodima.hardware.car.safety_settings import WatchdogTiming
 from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.heartbeat import ANSWER_ID, BeatState, decode_answer, make_beat
@@ -18,53 +15,19 @@ from aerodima.hardware.protocol.teensy import SWITCHED_OFF, TeensyStatus
 from aerodima.workbench.errors import HardwareError
 
 
-class Watchdog(Protocol):
-    """What switches the motors off when this process dies, as a `WatchdogProcess` does."""
-
-    @property
-    def healthy(self) -> bool:
-        """Whether it lives and has not acted."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """Why it is not healthy."""
-        ...
-
-    def arm(self) -> None:
-        """From now on it waits for heartbeats; `HardwareError` if it is not healthy."""
-        ...
-
-    def beat(self) -> None:
-        """The loop lives."""
-        ...
-
-    def disarm(self) -> None:
-        """The motors are off; no heartbeats follow."""
-        ...
-
-    def trip(self) -> None:
-        """Asks it to switch the motors off."""
-        ...
-
-    def close(self) -> None:
-        """Ends it in order."""
-        ...
-
-
 class BusWatch:
-    """A `FramePort` that takes the Teensy's answers out of what comes from the bus, and a `Watchdog` that counts them.
+    """A `FramePort` that takes the Teensy's answers out of what comes from the bus, and sends the heartbeats.
 
     Args:
         port: the open bus.
-        timing: `answer_timeout` is how long an answer may take.
+        answer_timeout: s that an answer may take.
 
     Attributes:
         answers: counted since the start.
     """
 
-    def __init__(self, port: FramePort, timing: WatchdogTiming) -> None:
-        self._port, self._timeout = port, timing.answer_timeout
+    def __init__(self, port: FramePort, answer_timeout: float) -> None:
+        self._port, self._timeout = port, answer_timeout
         self._state, self._counter = BeatState.OFF, 0
         self._asked: float | None = None
         self._status: TeensyStatus | None = None
@@ -133,9 +96,6 @@ class BusWatch:
         """Asks the Teensy to switch the motors off."""
         self._send(BeatState.TRIP)
 
-    def close(self) -> None:
-        """Nothing to end: the Teensy goes on listening."""
-
     def _send(self, state: BeatState) -> None:
         self._state = state
         self._counter = (self._counter + 1) % 256
@@ -151,48 +111,3 @@ class BusWatch:
         if (self._counter - counter) % 256 < 128:  # an answer that waited in a buffer still shows that it lives
             self._status, self._asked = status, None
             self.answers += 1
-
-
-class Watchdogs:
-    """Several watchdogs as one: all must be healthy, and all are told everything."""
-
-    def __init__(self, *watchdogs: Watchdog) -> None:
-        self._all = watchdogs
-
-    @property
-    def healthy(self) -> bool:
-        """Whether all are."""
-        return not self.reason
-
-    @property
-    def reason(self) -> str:
-        """Of the first that is not healthy."""
-        return next((watchdog.reason for watchdog in self._all if not watchdog.healthy), "")
-
-    def arm(self) -> None:
-        """All of them; `HardwareError` of the first that is not healthy, before any is armed."""
-        for watchdog in self._all:
-            if not watchdog.healthy:
-                raise HardwareError(watchdog.reason)
-        for watchdog in self._all:
-            watchdog.arm()
-
-    def beat(self) -> None:
-        """To all."""
-        for watchdog in self._all:
-            watchdog.beat()
-
-    def disarm(self) -> None:
-        """To all."""
-        for watchdog in self._all:
-            watchdog.disarm()
-
-    def trip(self) -> None:
-        """To all."""
-        for watchdog in self._all:
-            watchdog.trip()
-
-    def close(self) -> None:
-        """All of them."""
-        for watchdog in self._all:
-            watchdog.close()
