@@ -192,5 +192,5 @@ class ReceiverDies(Breaker):
         super().strike()
         devices = self.car.devices
         assert devices is not None
-        port = devices.teensy._link if devices.group.port is devices.teensy else devices.group.port
+        port = devices.teensy._link if devices.watchdog is None else devices.watchdog._port
         port._inbox = _DeadEnd()  # type: ignore[union-attr]
