@@ -21,7 +21,7 @@ def corner(
     out: Annotated[Path, typer.Option(help="Folder for tables, page and runs; a stopped study goes on in it.")],
     work: WorkOptions,
     scenario: ScenarioOption = "turn_fast",
-    contestant: Annotated[
+    candidate: Annotated[
         list[str] | None,
         typer.Option(
             help="none, low-ballast, low-centre, held, published, constant, trained, trained-by-yaw; may be repeated; "
@@ -36,7 +36,7 @@ def corner(
     disturbed: Annotated[
         int,
         typer.Option(
-            help="Runs of each contestant in each case with air, grip, motors and release off plan.", min=0, max=1000
+            help="Runs of each candidate in each case with air, grip, motors and release off plan.", min=0, max=1000
         ),
     ] = 0,
     ensemble: Ensemble = "car",
@@ -93,7 +93,7 @@ def corner(
         TWO_LEVELS,
         CornerPlan,
         chosen_cars,
-        contestants_of,
+        candidates_of,
     )
     from aerodima.optimisation.studies.disturbed_turns import survival_cells
     from aerodima.optimisation.studies.law_files import read_laws
@@ -104,7 +104,7 @@ def corner(
     from aerodima.workbench.errors import SweepError
     from aerodima.workbench.text_table import text_table
 
-    chosen = contestants_of(contestant or STANDARD)
+    chosen = candidates_of(candidate or STANDARD)
     players = [player for name in law or () for player in read_laws(name, scenario, other_car=other_car)]
     split = load_ensemble(ensemble).split(seed)
     for option, asked, part in (("--cars", cars, split.test), ("--training", training, split.training)):

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.studies.contestants import NO_TAIL, Contestant
+from aerodima.optimisation.studies.candidates import NO_TAIL, Candidate
 from aerodima.optimisation.studies.corner_floors import turn_settings
 from aerodima.optimisation.studies.corner_plan import CornerPlan
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION
@@ -29,15 +29,15 @@ AFTER = 1.0
 MARKS = 0.25
 """Between two marks on a path, s."""
 MOST_SHOWN = 6
-"""Contestants that are driven again: those with the largest courses, and the car without tail."""
+"""Candidates that are driven again: those with the largest courses, and the car without tail."""
 
 
 def middle_case(cases: pd.DataFrame) -> pd.DataFrame | None:
     """Rows of the case whose largest gain over the car without tail is in the middle; None where nobody gains.
 
-    The lesser of two in the middle. Contestants without a turn that counts are left out.
+    The lesser of two in the middle. Candidates without a turn that counts are left out.
     """
-    table = cases.pivot_table(index=KEY, columns="contestant", values="course_change_rad", sort=False)
+    table = cases.pivot_table(index=KEY, columns="candidate", values="course_change_rad", sort=False)
     if NO_TAIL.name not in table or table.shape[1] < 2:
         return None
     best = table.drop(columns=NO_TAIL.name).max(axis=1) / table[NO_TAIL.name]
@@ -46,23 +46,23 @@ def middle_case(cases: pd.DataFrame) -> pd.DataFrame | None:
         return None
     key = order.index[(len(order) - 1) // 2]
     chosen = cases.set_index(KEY).loc[[key]].reset_index().dropna(subset="course_change_rad")
-    first = chosen[chosen["contestant"] == NO_TAIL.name]
-    others = chosen[chosen["contestant"] != NO_TAIL.name].nlargest(MOST_SHOWN - 1, "course_change_rad")
+    first = chosen[chosen["candidate"] == NO_TAIL.name]
+    others = chosen[chosen["candidate"] != NO_TAIL.name].nlargest(MOST_SHOWN - 1, "course_change_rad")
     return pd.concat([first, others])
 
 
 def case_sections(
-    plan: CornerPlan, contestants: Sequence[Contestant], test: Sequence[Member], cases: pd.DataFrame
+    plan: CornerPlan, candidates: Sequence[Candidate], test: Sequence[Member], cases: pd.DataFrame
 ) -> list[Section]:
     """The section of the page that shows it; empty where no case can be shown."""
     shown = middle_case(cases)
     if shown is None:
         return []
-    by_name = {who.name: who for who in contestants}
+    by_name = {who.name: who for who in candidates}
     cars = {car.name: car for car in test}
     rows = shown.to_dict("records")
-    runs = {row["contestant"]: _run(plan, by_name[row["contestant"]], cars[row["car"]], row) for row in rows}
-    names = [f"{row['contestant']}: {math.degrees(row['course_change_rad']):.0f}°" for row in rows]
+    runs = {row["candidate"]: _run(plan, by_name[row["candidate"]], cars[row["car"]], row) for row in rows}
+    names = [f"{row['candidate']}: {math.degrees(row['course_change_rad']):.0f}°" for row in rows]
     car, speed, floor, pulse = (rows[0][name] for name in KEY)
     words = (
         f"{car} at {speed:g} m/s on a floor of friction {rows[0]['friction']:.2f} ({floor:g} times the critical one), "
@@ -72,12 +72,12 @@ def case_sections(
     paths = Plot(
         plot_paths(dict(zip(names, runs.values(), strict=True))),
         f"From above; a mark every {MARKS:g} s.",
-        "Paths of the contestants over one another",
+        "Paths of the candidates over one another",
     )
     return [Section("The case in the middle", [words, paths, replays_in_step(list(runs.values()), names)])]
 
 
-def _run(plan: CornerPlan, who: Contestant, car: Member, row: Mapping[Any, Any]) -> RunLog:
+def _run(plan: CornerPlan, who: Candidate, car: Member, row: Mapping[Any, Any]) -> RunLog:
     """The run of a row of the table, at the fine step, with everything logged."""
     from aerodima.workbench.simulate.simulation import simulate  # loads Drake
 

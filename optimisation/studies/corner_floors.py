@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from aerodima.optimisation.studies.contestants import THESIS, Contestant
+from aerodima.optimisation.studies.candidates import THESIS, Candidate
 from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
 from aerodima.optimisation.sweep.rollover_threshold import SPEED, Case, find_thresholds
 from aerodima.optimisation.sweep.study_engine import RunEngine
@@ -34,16 +34,16 @@ def find_floors(plan: CornerPlan, members: Sequence[Member], engine: RunEngine) 
 
 
 def critical_frictions(
-    plan: CornerPlan, wanted: Sequence[tuple[Contestant, Member, float]], engine: RunEngine
+    plan: CornerPlan, wanted: Sequence[tuple[Candidate, Member, float]], engine: RunEngine
 ) -> list[float | None]:
-    """Critical friction at full lock of contestants, cars and speeds (m/s); None: the car is clean on no floor."""
+    """Critical friction at full lock of candidates, cars and speeds (m/s); None: the car is clean on no floor."""
     cases = [Case(who.name, plan.scenario, turn_settings(plan.scenario, who, m, v, plan.step)) for who, m, v in wanted]
     starts = [load_scenario(plan.scenario, m.settings_on(plan.scenario)).car.tyre_friction for _, m, _ in wanted]
     return [one.survived for one in find_thresholds(cases, plan.friction, engine, starts=starts)]
 
 
-def turn_settings(scenario: str, who: Contestant, member: Member, speed: float, step: float) -> tuple[str, ...]:
-    """Settings of a contestant's turns with a car at a speed (m/s) and a step of the plant (s), but for the floor."""
+def turn_settings(scenario: str, who: Candidate, member: Member, speed: float, step: float) -> tuple[str, ...]:
+    """Settings of a candidate's turns with a car at a speed (m/s) and a step of the plant (s), but for the floor."""
     own = member.settings_on(scenario)
     ballast = () if who.ballast is None else who.ballast(load_scenario(scenario, own))
     numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import Field, field_validator
 
-from aerodima.optimisation.studies.contestants import Contestant, refuse_twice, swing_player
+from aerodima.optimisation.studies.candidates import Candidate, refuse_twice, swing_player
 from aerodima.workbench.config.checked_files import StrictModel, checked, nearest, read_yaml, shipped_names
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.controllers.law_of_scenario import refuse_other_car
@@ -50,11 +50,11 @@ class LawList(StrictModel):
     """A file of laws."""
 
     schema_: str = Field(alias="schema")
-    contestants: list[Law] = Field(min_length=1)
+    candidates: list[Law] = Field(min_length=1)
 
 
-def read_laws(name_or_path: str, scenario: str, *, other_car: bool = False) -> list[Contestant]:
-    """The laws of a list, one of the shipped list `models/short_turn/contestants.yaml` by its name, or a swing file.
+def read_laws(name_or_path: str, scenario: str, *, other_car: bool = False) -> list[Candidate]:
+    """The laws of a list, one of the shipped list `models/short_turn/candidates.yaml` by its name, or a swing file.
 
     Args:
         name_or_path: path of a list or of a swing file, name of a shipped law or of a shipped swing.
@@ -65,7 +65,7 @@ def read_laws(name_or_path: str, scenario: str, *, other_car: bool = False) -> l
         UserError: no such file or name; malformed; a setting that a law may not bring, or that the scenario refuses; a
             swing for another car.
     """
-    shipped = {one.name: Contestant(one.name, tuple(one.settings)) for one in short_turn.load_entries().contestants}
+    shipped = {one.name: Candidate(one.name, tuple(one.settings)) for one in short_turn.load_entries().candidates}
     path = Path(name_or_path)
     if name_or_path in shipped:
         laws = [shipped[name_or_path]]
@@ -74,7 +74,7 @@ def read_laws(name_or_path: str, scenario: str, *, other_car: bool = False) -> l
         raise SweepError(
             f"law {name_or_path!r}: no such file, and none ships by this name; {nearest(name_or_path, known)}"
         )
-    elif path.exists() and "contestants" in (data := read_yaml(path, SwingFileError)):
+    elif path.exists() and "candidates" in (data := read_yaml(path, SwingFileError)):
         laws = _listed(path, data)
     else:
         laws = [swing_player(name_or_path)]
@@ -88,10 +88,10 @@ def read_laws(name_or_path: str, scenario: str, *, other_car: bool = False) -> l
     return laws
 
 
-def _listed(path: Path, data: dict[str, object]) -> list[Contestant]:
+def _listed(path: Path, data: dict[str, object]) -> list[Candidate]:
     """The demo's own list has more keys than laws need."""
     if data.get("schema") == short_turn.SCHEMA:
-        data = {"schema": SCHEMA, "contestants": data["contestants"]}
-    laws = checked(LawList, data, str(path), SweepError, schema=SCHEMA).contestants
+        data = {"schema": SCHEMA, "candidates": data["candidates"]}
+    laws = checked(LawList, data, str(path), SweepError, schema=SCHEMA).candidates
     refuse_twice([law.name for law in laws], f"{path}: law")
-    return [Contestant(law.name, tuple(law.settings)) for law in laws]
+    return [Candidate(law.name, tuple(law.settings)) for law in laws]

@@ -41,16 +41,16 @@ WORDS = (
 
 
 def gains_by_pulse(gained: pd.DataFrame) -> pd.DataFrame:
-    """A row per contestant and pulse.
+    """A row per candidate and pulse.
 
     Args:
         gained: cases with their `gain`.
     """
     rows = []
-    for (name, pulse), own in gained.groupby(["contestant", "pulse_s"], sort=False):
+    for (name, pulse), own in gained.groupby(["candidate", "pulse_s"], sort=False):
         rows.append(
             {
-                "contestant": name,
+                "candidate": name,
                 "pulse_s": pulse,
                 "number": len(own),
                 "without_a_turn_that_counts": int(own["course_change_rad"].isna().sum()),
@@ -59,7 +59,7 @@ def gains_by_pulse(gained: pd.DataFrame) -> pd.DataFrame:
                 "worst_car_gain": float(own.groupby("car")["gain"].median().min()),
             }
         )
-    return make_frame(rows).sort_values(["contestant", "pulse_s"], kind="stable", ignore_index=True)
+    return make_frame(rows).sort_values(["candidate", "pulse_s"], kind="stable", ignore_index=True)
 
 
 def end_of_gain(pulses: Sequence[float], gains: Sequence[float]) -> float:
@@ -83,20 +83,20 @@ def pulse_rows(table: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
     """Header and rows of `gains_by_pulse`: a column per pulse with median and worst car, then where the gain ends."""
     pulses = sorted(table["pulse_s"].unique())
     rows = []
-    for name in dict.fromkeys(table["contestant"]):
-        own = table[table["contestant"] == name].set_index("pulse_s")
+    for name in dict.fromkeys(table["candidate"]):
+        own = table[table["candidate"] == name].set_index("pulse_s")
         cells = [f"{own.at[p, 'median_gain']:+.1%} ({own.at[p, 'worst_car_gain']:+.1%})" for p in pulses]
         rows.append([str(name), *cells, _end_words(pulses, own["median_gain"].loc[pulses].to_numpy(float))])
-    return ["contestant", *(f"{pulse:g} s" for pulse in pulses), "gain ends"], rows
+    return ["candidate", *(f"{pulse:g} s" for pulse in pulses), "gain ends"], rows
 
 
 def plot_pulses(table: pd.DataFrame) -> Figure:
-    """Median gain over the length of the pulse, a line per contestant, a band down to the worst car."""
+    """Median gain over the length of the pulse, a line per candidate, a band down to the worst car."""
     with styled():
         image, grid = new_figure(9.0, 5.0)
         axes = grid[0, 0]
-        for (colour, marker), name in zip(_STYLES * len(table), dict.fromkeys(table["contestant"]), strict=False):
-            own = table[table["contestant"] == name]
+        for (colour, marker), name in zip(_STYLES * len(table), dict.fromkeys(table["candidate"]), strict=False):
+            own = table[table["candidate"] == name]
             median, worst = (100.0 * own[column].to_numpy(float) for column in ("median_gain", "worst_car_gain"))
             axes.plot(own["pulse_s"], median, color=colour, marker=marker, label=str(name))
             axes.fill_between(own["pulse_s"], worst, median, color=colour, alpha=0.12, linewidth=0.0)

@@ -2,7 +2,7 @@
 
 The measure of the corner study: course after a pulse of 0.5 s with the best steering of each. The folder is that of a
 corner study with the designed tail (`aerodima corner --scenario turn_designed`): its `cases.csv` has the full car's
-courses of the contestants at each speed, `laws.csv` the trained laws. Then over a number of drawn laws on one car,
+courses of the candidates at each speed, `laws.csv` the trained laws. Then over a number of drawn laws on one car,
 whose runs are kept in the folder, so that a second call goes on with what is missing.
 
     python -m tests.optimisation.course_gate out/corner_designed 30
@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import qmc, spearmanr
 
-from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, THESIS, Contestant
+from aerodima.optimisation.studies.candidates import HELD, NO_TAIL, THESIS, Candidate
 from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
 from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.optimisation.studies.law_training import TRAINED, screened_courses
@@ -57,7 +57,7 @@ def main() -> None:
         trained = laws.groupby("speed_m_per_s").last()[list(TRAINED.ranges)]
         for who in (NO_TAIL, HELD, THESIS, None):
             name = "trained" if who is None else who.name
-            for speed, cases in table[table.contestant == name].groupby("speed_m_per_s"):
+            for speed, cases in table[table.candidate == name].groupby("speed_m_per_s"):
                 floors = [
                     Floor(members[row.car], row.speed_m_per_s, row.floor, row.critical_friction)
                     for row in cases.itertuples()
@@ -69,7 +69,7 @@ def main() -> None:
         if number:
             laws = TRAINED.laws(qmc.LatinHypercube(len(TRAINED.ranges), rng=5).random(number))
             floor = runs.floors(ensemble.split(1).training[:1])
-            full = runs.courses([Contestant("", TRAINED.settings(law)) for law in laws], floor)[:, 0]
+            full = runs.courses([Candidate("", TRAINED.settings(law)) for law in laws], floor)[:, 0]
             cases = replace(runs.reduced_cases(floor), laws=tuple(laws), fixed=TRAINED.fixed)
             reduced = np.array(screened_courses(cases))[:, 0]
             print(f"{number} drawn laws on {floor[0].member.name}: {words(full, reduced)}")

@@ -134,10 +134,10 @@ def demo_runs(out: Path, plan: DemoPlan) -> list[DemoRun]:
 
 
 def _short_turn_runs(out: Path, seed: int) -> list[DemoRun]:
-    """All contestants of the short turn in the case that is shown, steered alike."""
+    """All candidates of the short turn in the case that is shown, steered alike."""
     table = load_short_turn()
     runs = []
-    for one in table.entries.contestants:
+    for one in table.entries.candidates:
         scenario = table.scenario(one.name, table.steering_deg).resolved() | {"seed": seed}
         log = out / "logs" / f"{one.name}.parquet"
         runs.append(DemoRun(f"short turn, {one.name}", scenario, log, None, None, opening=True))

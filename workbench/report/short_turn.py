@@ -1,7 +1,7 @@
 """The short turn of the shipped table: who takes part, which case is shown, and the runs that show it.
 
-`models/short_turn` holds the list of contestants and what `aerodima corner` measures of them. Shown is the case in the
-middle: that whose gain of the last contestant over the first is the median of all, the lesser of two in the middle.
+`models/short_turn` holds the list of candidates and what `aerodima corner` measures of them. Shown is the case in the
+middle: that whose gain of the last candidate over the first is the median of all, the lesser of two in the middle.
 There all of them get the steering that is best for the last one.
 """
 
@@ -18,7 +18,7 @@ from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import model_path
 
 SCHEMA = "aerodima/short_turn/1"
-ENTRIES, CASES = "short_turn/contestants.yaml", "short_turn/cases.csv"
+ENTRIES, CASES = "short_turn/candidates.yaml", "short_turn/cases.csv"
 STEP, LOG_RATE = 0.0005, 500.0
 """Step of the plant (s) and rate of the log (Hz) of the runs that the table rests on."""
 PULSE, AFTER = 0.5, 1.5
@@ -27,7 +27,7 @@ _KEY = ["car", "speed_m_per_s", "floor"]
 
 
 class Entry(StrictModel):
-    """A contestant.
+    """A candidate.
 
     Attributes:
         name: in the table.
@@ -43,7 +43,7 @@ class Entry(StrictModel):
 
 
 class Entries(StrictModel):
-    """What the table is made of; the first contestant is the reference, the last one the best that is known."""
+    """What the table is made of; the first candidate is the reference, the last one the best that is known."""
 
     schema_: str = Field(alias="schema")
     scenario: str
@@ -52,7 +52,7 @@ class Entries(StrictModel):
     test_cars: int
     speeds_m_per_s: list[float]
     floors: list[float]
-    contestants: list[Entry]
+    candidates: list[Entry]
 
 
 def load_entries() -> Entries:
@@ -70,9 +70,9 @@ class ShortTurn:
     """The table and the case that is shown.
 
     Attributes:
-        entries: the contestants.
-        cases: columns of `aerodima corner`, a row per contestant and case.
-        gains: of the last contestant over the first by (car, speed, floor), rising.
+        entries: the candidates.
+        cases: columns of `aerodima corner`, a row per candidate and case.
+        gains: of the last candidate over the first by (car, speed, floor), rising.
         shown: index of the case that is shown.
     """
 
@@ -82,19 +82,19 @@ class ShortTurn:
     shown: tuple[str, float, float]
 
     def row(self, name: str) -> pd.Series:
-        """What the table says of a contestant in the case that is shown."""
+        """What the table says of a candidate in the case that is shown."""
         own = self.cases
-        for column, value in zip(["contestant", *_KEY], (name, *self.shown), strict=True):
+        for column, value in zip(["candidate", *_KEY], (name, *self.shown), strict=True):
             own = own[own[column] == value]
         return own.iloc[0]
 
     @property
     def steering_deg(self) -> float:
-        """That all of them get in the case that is shown: the best one of the last contestant."""
-        return float(self.row(self.entries.contestants[-1].name)["steering_deg"])
+        """That all of them get in the case that is shown: the best one of the last candidate."""
+        return float(self.row(self.entries.candidates[-1].name)["steering_deg"])
 
     def scenario(self, name: str, steering_deg: float | None = None) -> Scenario:
-        """The run of a contestant in the case that is shown; with its own best steering unless it is given."""
+        """The run of a candidate in the case that is shown; with its own best steering unless it is given."""
         row = self.row(name)
         angle = float(row["steering_deg"]) if steering_deg is None else steering_deg
         return turn_of(self.entries, name, self.shown, float(row["friction"]), angle)
@@ -104,13 +104,13 @@ def load_short_turn() -> ShortTurn:
     """The shipped table, and the case in its middle.
 
     Raises:
-        ScenarioError: the table and the list of contestants do not go together.
+        ScenarioError: the table and the list of candidates do not go together.
     """
     entries, cases = load_entries(), pd.read_csv(model_path(CASES))
-    names = [one.name for one in entries.contestants]
-    if list(dict.fromkeys(cases["contestant"])) != names:
-        raise ScenarioError(f"{CASES}: has not the contestants of {ENTRIES}: {', '.join(names)}")
-    course = cases.set_index(["contestant", *_KEY])["course_change_rad"]
+    names = [one.name for one in entries.candidates]
+    if list(dict.fromkeys(cases["candidate"])) != names:
+        raise ScenarioError(f"{CASES}: has not the candidates of {ENTRIES}: {', '.join(names)}")
+    course = cases.set_index(["candidate", *_KEY])["course_change_rad"]
     gains = (course.loc[names[-1]] / course.loc[names[0]] - 1.0).sort_values()
     return ShortTurn(entries, cases, gains, gains.index[(len(gains) - 1) // 2])
 
@@ -118,9 +118,9 @@ def load_short_turn() -> ShortTurn:
 def turn_of(
     entries: Entries, name: str, case: tuple[str, float, float], friction: float, steering_deg: float
 ) -> Scenario:
-    """The run of a contestant on a floor of that friction, steered by that amplitude (degrees)."""
+    """The run of a candidate on a floor of that friction, steered by that amplitude (degrees)."""
     car = next(member for member in load_ensemble(entries.ensemble).members if member.name == case[0])
-    who = next(one for one in entries.contestants if one.name == name)
+    who = next(one for one in entries.candidates if one.name == name)
     start = load_scenario(entries.scenario).manoeuvre.turn_start
     settings = [
         *car.settings_on(entries.scenario),

@@ -1,4 +1,4 @@
-"""The first chapter of the demo: one case of the short turn in step, what each contestant turns, and in how many."""
+"""The first chapter of the demo: one case of the short turn in step, what each candidate turns, and in how many."""
 
 from collections.abc import Mapping
 
@@ -19,9 +19,9 @@ def short_turn_chapter(table: ShortTurn, run_logs: Mapping[str, RunLog]) -> tupl
 
     Args:
         table: what was measured.
-        run_logs: name of a contestant -> its run in the case that is shown, steered as the last one.
+        run_logs: name of a candidate -> its run in the case that is shown, steered as the last one.
     """
-    who = table.entries.contestants
+    who = table.entries.candidates
     names = [f"{one.words}: {_ending(run_logs[one.name])}" for one in who]
     shown = Section(
         "Same car, same floor, same steering",
@@ -35,14 +35,14 @@ def short_turn_chapter(table: ShortTurn, run_logs: Mapping[str, RunLog]) -> tupl
         plot_courses(table),
         "Each with the steering that is best for it. Bar: median; band: least and largest; a dot per case, that of the "
         "replay in black.",
-        "Course turned by a pulse of steering by each contestant, with its spread over the cases",
+        "Course turned by a pulse of steering by each candidate, with its spread over the cases",
     )
     return shown, Section("How far each turns with its own best steering", [bars, *_how_far(table)])
 
 
 def lead_of(table: ShortTurn, run_logs: Mapping[str, RunLog]) -> str:
     """One sentence for the top of the page."""
-    who = table.entries.contestants
+    who = table.entries.candidates
     over = [one.words.lower() for one in who if outcome_of(run_logs[one.name]).result == "flipped"]
     return (
         f"Same car, floor, speed and steering. Rolls over: {_listed(over) or 'nobody'}. The best swing "
@@ -79,9 +79,9 @@ def _which_case(table: ShortTurn) -> str:
     car, speed, floor = table.shown
     gains = 100.0 * table.gains
     place = list(table.gains.index).index(table.shown) + 1
-    friction = float(table.row(table.entries.contestants[0].name)["friction"])
+    friction = float(table.row(table.entries.candidates[0].name)["friction"])
     return (
-        f"This is no best case. By what the last contestant gains over the first, {gains[table.shown]:+.0f} %, it is "
+        f"This is no best case. By what the last candidate gains over the first, {gains[table.shown]:+.0f} %, it is "
         f"number {place} from below among the {len(gains)} of the table: the one in the middle, or the lesser of two. "
         f"They range from {gains.iloc[0]:+.0f} to {gains.iloc[-1]:+.0f} %. It is {car} of the ensemble at {speed:g} "
         f"m/s, steered for {PULSE:g} s on a floor of friction {friction:.2f}, {floor:g} times what the published "
@@ -91,9 +91,9 @@ def _which_case(table: ShortTurn) -> str:
 
 def _how_far(table: ShortTurn) -> list[str]:
     course = table.cases.pivot_table(
-        index=["car", "speed_m_per_s", "floor"], columns="contestant", values="course_change_rad"
+        index=["car", "speed_m_per_s", "floor"], columns="candidate", values="course_change_rad"
     )
-    first, *others = table.entries.contestants
+    first, *others = table.entries.candidates
     said = []
     for one in others:
         gain = 100.0 * (course[one.name] / course[first.name] - 1.0)
@@ -111,13 +111,13 @@ def _how_far(table: ShortTurn) -> list[str]:
 
 
 def plot_courses(table: ShortTurn) -> Figure:
-    """Course of each contestant: median, band over the cases, a dot for each."""
-    who = table.entries.contestants
+    """Course of each candidate: median, band over the cases, a dot for each."""
+    who = table.entries.candidates
     with styled():
         image, grid = new_figure(9.0, 1.0 + 0.55 * len(who))
         axes = grid[0, 0]
         for place, one in enumerate(reversed(who)):
-            own = table.cases[table.cases["contestant"] == one.name]
+            own = table.cases[table.cases["candidate"] == one.name]
             values = np.degrees(own["course_change_rad"].to_numpy(float))
             median = float(np.median(values))
             axes.barh(place, median, color=BLUE, height=0.5)

@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.contestants import HELD, LOW_PLACE, NO_TAIL, THESIS, low_ballast
+from aerodima.optimisation.studies.candidates import HELD, LOW_PLACE, NO_TAIL, THESIS, low_ballast
 from aerodima.optimisation.studies.corner_page import corner_pulses, make_corner
-from aerodima.optimisation.studies.corner_plan import CornerPlan, chosen_cars, contestants_of, counts
+from aerodima.optimisation.studies.corner_plan import CornerPlan, chosen_cars, candidates_of, counts
 from aerodima.optimisation.studies.law_files import read_laws
 from aerodima.optimisation.studies.law_search import LawSearch
 from aerodima.optimisation.studies.law_training import TRAINED, TRAINED_BY_YAW, Screening
@@ -98,12 +98,12 @@ class MadeUp:
 
 
 def measured(folder: Path, engine: Any = None, plan: CornerPlan = PLAN) -> tuple[pd.DataFrame, pd.DataFrame]:
-    chosen = contestants_of(["none", "held", "published", "constant"])
+    chosen = candidates_of(["none", "held", "published", "constant"])
     corner, summary, _ = make_corner(folder, plan, chosen, [], CARS[:1], CARS[1:], engine or MadeUp())
-    return corner.cases.set_index(["contestant", "floor"]), summary.set_index(["cases", "contestant"])
+    return corner.cases.set_index(["candidate", "floor"]), summary.set_index(["cases", "candidate"])
 
 
-def test_each_contestant_gets_the_steering_that_the_fine_step_bears_out(tmp_path: Path) -> None:
+def test_each_candidate_gets_the_steering_that_the_fine_step_bears_out(tmp_path: Path) -> None:
     cases, summary = measured(tmp_path)
     for (name, floor), row in cases.iterrows():
         limit = {NO_TAIL.name: LIMIT["none"], HELD.name: LIMIT["held"]}.get(name) or limit_of("swing", rate_of(name))
@@ -119,9 +119,9 @@ def test_each_contestant_gets_the_steering_that_the_fine_step_bears_out(tmp_path
     assert "| held |" in (tmp_path / "corner.md").read_text()
 
 
-def rate_of(contestant: str) -> float:
+def rate_of(candidate: str) -> float:
     """rad/s, of "best constant rate (10 @ 0.5)"; the published one without."""
-    found = re.search(r"\((\S+) @", contestant)
+    found = re.search(r"\((\S+) @", candidate)
     return 8.0 if found is None else float(found[1])
 
 
@@ -183,7 +183,7 @@ class Drawn(MadeUp):
 
 @pytest.mark.parametrize("reduced", [False, True])
 def test_the_gain_ends_where_longer_pulses_turn_no_further(tmp_path: Path, *, reduced: bool) -> None:
-    plan, chosen = replace(PLAN, pulses=(0.5, 0.8, 1.2), reduced=reduced), contestants_of(["held"])
+    plan, chosen = replace(PLAN, pulses=(0.5, 0.8, 1.2), reduced=reduced), candidates_of(["held"])
     engine = Drawn()
     corner, summary, _ = make_corner(tmp_path, plan, chosen, [], CARS[:1], (), engine)
     assert set(corner.cases["pulse_s"]) == {0.5, 0.8, 1.2}
@@ -216,7 +216,7 @@ def test_longer_pulses_may_be_waited_for_and_swung_through() -> None:
 
 LAWS = """
 schema: aerodima/laws/1
-contestants:
+candidates:
   - name: slow
     settings: [tail.mode=swing, controller.swing_file=none, controller.swing_speed=3.0]
 """
@@ -253,7 +253,7 @@ def test_laws_that_ship_take_part_by_name() -> None:
     assert "controller.pitch_angle=0.593" in best.settings
     (thesis,) = read_laws("thesis_8_rad_per_s", "turn_fast")
     assert any(setting.startswith("controller.swing_file=") for setting in thesis.settings)
-    assert len(read_laws(str(model_path("short_turn/contestants.yaml")), "turn_designed")) == 4
+    assert len(read_laws(str(model_path("short_turn/candidates.yaml")), "turn_designed")) == 4
     with pytest.raises(UserError, match=r"law 'best_swin': no such file, and none ships by this name; .*best_swing"):
         read_laws("best_swin", "turn_designed")
 
@@ -262,19 +262,19 @@ def test_laws_that_ship_take_part_by_name() -> None:
 def test_tables_of_an_earlier_call_do_not_stay(tmp_path: Path, chosen: list[str], *, there: bool) -> None:
     for name in ("laws.csv", "survival.csv"):
         (tmp_path / name).write_text("of another call")
-    make_corner(tmp_path, PLAN, contestants_of(chosen), [], CARS[:1], CARS[1:], MadeUp())
+    make_corner(tmp_path, PLAN, candidates_of(chosen), [], CARS[:1], CARS[1:], MadeUp())
     assert (tmp_path / "laws.csv").exists() is there
     assert not (tmp_path / "survival.csv").exists()
 
 
-def test_a_law_with_the_name_of_a_contestant_is_refused_before_anything_is_run(tmp_path: Path) -> None:
+def test_a_law_with_the_name_of_a_candidate_is_refused_before_anything_is_run(tmp_path: Path) -> None:
     engine = MadeUp()
-    with pytest.raises(UserError, match="contestant 'held': named twice; allowed: once"):
-        make_corner(tmp_path, PLAN, contestants_of(["held"]), read_laws("held", "turn_fast"), CARS[:1], (), engine)
+    with pytest.raises(UserError, match="candidate 'held': named twice; allowed: once"):
+        make_corner(tmp_path, PLAN, candidates_of(["held"]), read_laws("held", "turn_fast"), CARS[:1], (), engine)
     assert not engine.tasks
 
 
-def test_a_contestant_whose_turns_do_not_count_has_turned_nothing(tmp_path: Path) -> None:
+def test_a_candidate_whose_turns_do_not_count_has_turned_nothing(tmp_path: Path) -> None:
     class Sliding(MadeUp):
         """Every turn with a held tail ends in a slide."""
 
@@ -294,7 +294,7 @@ def test_a_car_without_a_floor_is_named_and_left_out(tmp_path: Path) -> None:
         def row(self, given: dict[str, str]) -> dict[str, Any]:
             return super().row(given) | ({"clean": False} if given["car.mass"] == "5.0" else {})
 
-    chosen = contestants_of(["held"])
+    chosen = candidates_of(["held"])
     corner, *_ = make_corner(tmp_path, PLAN, chosen, [], CARS, (), Touching())
     assert set(corner.cases["car"]) == {"heavy"}
     assert "Left out: light at 4.5 m/s." in (tmp_path / "corner.md").read_text()
@@ -419,7 +419,7 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda: contestants_of(["none", "someone"]), "contestant 'someone': allowed: none, low-ballast, low-centre"),
+        (lambda: candidates_of(["none", "someone"]), "candidate 'someone': allowed: none, low-ballast, low-centre"),
         (lambda: chosen_cars(CARS, ["light", "light"]), "car 'light': named twice"),
         (lambda: CornerPlan(speeds=(4.5, 4.5)), "speed '4.5': named twice; allowed: once"),
         (lambda: CornerPlan(floors=(1.3, 1.1, 1.3)), "floor '1.3': named twice"),

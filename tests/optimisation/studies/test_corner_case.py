@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.contestants import HELD, NO_TAIL
+from aerodima.optimisation.studies.candidates import HELD, NO_TAIL
 from aerodima.optimisation.studies.corner_case import case_sections, middle_case, plot_paths
 from aerodima.optimisation.studies.corner_plan import CornerPlan
 from aerodima.workbench.config.ensemble import Member
@@ -20,7 +20,7 @@ from aerodima.workbench.simulate.simulation import simulate
 def table_of(courses: dict[str, list[float]]) -> pd.DataFrame:
     """A case per floor; courses in degrees."""
     rows = [
-        {"contestant": name, "car": "a", "speed_m_per_s": 4.5, "floor": 1.0 + place, "pulse_s": 0.5, "friction": 0.9}
+        {"candidate": name, "car": "a", "speed_m_per_s": 4.5, "floor": 1.0 + place, "pulse_s": 0.5, "friction": 0.9}
         | {"course_change_rad": math.radians(course), "steering_deg": 4.0}
         for name, own in courses.items()
         for place, course in enumerate(own)
@@ -33,14 +33,14 @@ def test_the_case_in_the_middle_is_shown_with_the_furthest_first() -> None:
     shown = middle_case(cases)
     assert shown is not None
     assert set(shown["floor"]) == {3.0}, "gains of 10, 100, 30 and 50 %: the lesser of the two in the middle is 30"
-    assert list(shown["contestant"]) == [NO_TAIL.name, "b", "a"]
+    assert list(shown["candidate"]) == [NO_TAIL.name, "b", "a"]
 
 
-def test_a_contestant_without_a_turn_is_not_shown_and_a_study_without_gains_shows_nothing() -> None:
+def test_a_candidate_without_a_turn_is_not_shown_and_a_study_without_gains_shows_nothing() -> None:
     cases = table_of({NO_TAIL.name: [30], "a": [33], "b": [math.nan]})
     shown = middle_case(cases)
     assert shown is not None
-    assert list(shown["contestant"]) == [NO_TAIL.name, "a"]
+    assert list(shown["candidate"]) == [NO_TAIL.name, "a"]
     assert middle_case(table_of({NO_TAIL.name: [math.nan], "a": [33]})) is None
     assert middle_case(table_of({"a": [33]})) is None
 

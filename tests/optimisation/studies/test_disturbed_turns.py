@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, THESIS
+from aerodima.optimisation.studies.candidates import HELD, NO_TAIL, THESIS
 from aerodima.optimisation.studies.corner_page import make_corner
-from aerodima.optimisation.studies.corner_plan import CornerPlan, contestants_of
+from aerodima.optimisation.studies.corner_plan import CornerPlan, candidates_of
 from aerodima.optimisation.studies.corner_result import Corner
 from aerodima.optimisation.studies.disturbances import (
     AIR_SHARE,
@@ -102,7 +102,7 @@ class Slippery(MadeUp):
 
 
 def measured(folder: Path, engine: MadeUp, plan: CornerPlan = DISTURBED) -> Corner:
-    chosen = contestants_of(["held", "published"])
+    chosen = candidates_of(["held", "published"])
     return make_corner(folder, plan, chosen, [], CARS, (), engine)[0]
 
 
@@ -117,16 +117,16 @@ def slippery(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MadeUp, Co
     return folder, engine, measured(folder, engine)
 
 
-def test_all_contestants_of_a_car_meet_the_same_draws_with_their_own_steering(
+def test_all_candidates_of_a_car_meet_the_same_draws_with_their_own_steering(
     slippery: tuple[Path, MadeUp, Corner],
 ) -> None:
     _, engine, corner = slippery
     runs = corner.disturbed
-    assert len(runs) == len(disturbed_tasks(engine)) == 3 * 2 * 2 * 6, "contestants, cars, floors, draws"
+    assert len(runs) == len(disturbed_tasks(engine)) == 3 * 2 * 2 * 6, "candidates, cars, floors, draws"
     given = ["air", "friction", "speed", "torque", "torque_limit", "imu_delay", "imu_noise", "late", "seed"]
     assert (runs.groupby(["car", "draw"])[given].nunique() == 1).all().all()
     assert runs.groupby("car")["air"].nunique().to_dict() == {"light": 6, "heavy": 6}
-    steering = corner.cases.set_index(["contestant", "car", "floor"])["steering_deg"]
+    steering = corner.cases.set_index(["candidate", "car", "floor"])["steering_deg"]
     for task in disturbed_tasks(engine):
         settings = dict(setting.partition("=")[::2] for setting in task.settings)
         name = {"none": NO_TAIL, "held": HELD, "swing": THESIS}[settings["tail.mode"]].name
@@ -141,7 +141,7 @@ def test_survival_and_course_are_compared_in_pairs_with_the_published_swing(
     slippery: tuple[Path, MadeUp, Corner],
 ) -> None:
     folder, _, corner = slippery
-    survival = corner.survival.set_index("contestant")
+    survival = corner.survival.set_index("candidate")
     held, published, bare = (survival.loc[who.name] for who in (HELD, THESIS, NO_TAIL))
     assert held["survived"] == 1.0
     assert 0.5 < published["survived"] < 1.0, "lost on the floor of 1.3 where friction is more than planned"
@@ -153,7 +153,7 @@ def test_survival_and_course_are_compared_in_pairs_with_the_published_swing(
     assert ratio == pytest.approx(LIMIT["none"] / LIMIT["swing"], rel=0.03)
     assert "Disturbed runs" in (folder / "corner.html").read_text(encoding="utf-8")
     assert "6 draws for each of 2 cars" in (folder / "corner.md").read_text(encoding="utf-8")
-    assert list(pd.read_csv(folder / "survival.csv")["contestant"]) == list(survival.index)
+    assert list(pd.read_csv(folder / "survival.csv")["candidate"]) == list(survival.index)
     assert len(pd.read_csv(folder / "disturbed.csv")) == 72
 
 
@@ -165,18 +165,18 @@ def test_a_run_that_came_to_nothing_says_nothing(tmp_path: Path) -> None:
             failed = given["tail.mode"] == "held" and given.get("seed") == "2"
             return {"outcome": None, "error": "the solver gave up"} if failed else super().row(given)
 
-    held = measured(tmp_path, Failing()).survival.set_index("contestant").loc[HELD.name]
+    held = measured(tmp_path, Failing()).survival.set_index("candidate").loc[HELD.name]
     assert (held["failed"], held["runs"], held["survived"], held["survived_difference"]) == (4, 20, 1.0, 0.0)
 
 
-def test_a_contestant_without_a_turn_is_not_disturbed(tmp_path: Path) -> None:
+def test_a_candidate_without_a_turn_is_not_disturbed(tmp_path: Path) -> None:
     class Sliding(MadeUp):
         """Every turn with a held tail ends in a slide."""
 
         def row(self, given: dict[str, str]) -> dict[str, Any]:
             return super().row(given) | ({"exit_sideslip_rad": -0.11} if given["tail.mode"] == "held" else {})
 
-    held = measured(tmp_path, Sliding()).survival.set_index("contestant").loc[HELD.name]
+    held = measured(tmp_path, Sliding()).survival.set_index("candidate").loc[HELD.name]
     assert held["runs"] == 0
     assert math.isnan(held["survived_difference"])
 

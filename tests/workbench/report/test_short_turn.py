@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.contestants import HELD, NO_TAIL, THESIS, Contestant
+from aerodima.optimisation.studies.candidates import HELD, NO_TAIL, THESIS, Candidate
 from aerodima.optimisation.studies.corner_plan import ONE_LEVEL, CornerPlan, Floor
 from aerodima.optimisation.studies.corner_study import CornerRuns
 from aerodima.workbench.config.ensemble import load_ensemble
@@ -28,17 +28,17 @@ def table() -> ShortTurn:
     return load_short_turn()
 
 
-def test_every_contestant_is_measured_in_every_case_on_test_cars(table: ShortTurn) -> None:
+def test_every_candidate_is_measured_in_every_case_on_test_cars(table: ShortTurn) -> None:
     entries = table.entries
     number = entries.test_cars * len(entries.speeds_m_per_s) * len(entries.floors)
     assert len(table.gains) == number
-    assert set(table.cases["contestant"].value_counts()) == {number}
+    assert set(table.cases["candidate"].value_counts()) == {number}
     test = load_ensemble(entries.ensemble).split(entries.seed).test[: entries.test_cars]
     assert set(table.cases["car"]) == {car.name for car in test}
 
 
-def test_contestants_are_those_of_the_corner_study(table: ShortTurn) -> None:
-    settings = {one.name: tuple(one.settings) for one in table.entries.contestants}
+def test_candidates_are_those_of_the_corner_study(table: ShortTurn) -> None:
+    settings = {one.name: tuple(one.settings) for one in table.entries.candidates}
     assert settings["no_tail"] == NO_TAIL.settings
     assert settings["held"] == HELD.settings
     assert settings["published_swing"] == THESIS.settings
@@ -48,7 +48,7 @@ def test_the_case_that_is_shown_is_in_the_middle(table: ShortTurn) -> None:
     shown = table.gains[table.shown]
     below, above = (table.gains < shown).sum(), (table.gains > shown).sum()
     assert 0 <= above - below <= 1
-    last, first = (table.row(table.entries.contestants[place].name)["course_change_rad"] for place in (-1, 0))
+    last, first = (table.row(table.entries.candidates[place].name)["course_change_rad"] for place in (-1, 0))
     assert shown == pytest.approx(last / first - 1.0)
 
 
@@ -59,20 +59,20 @@ def test_a_run_has_the_scenario_that_the_study_proved(table: ShortTurn, name: st
     place = next(k for k in range(257) if math.isclose(math.degrees(plan.search.angle(k)), row["steering_deg"]))
     car = next(member for member in load_ensemble(entries.ensemble).members if member.name == table.shown[0])
     floor = Floor(car, float(table.shown[1]), float(table.shown[2]), float(row["critical_friction"]))
-    who = short_turn_contestant(table, name)
+    who = short_turn_candidate(table, name)
     task = CornerRuns(plan, None).task((who, floor, place, ONE_LEVEL), plan.fine_step, (0.5, 1.5))
     assert table.scenario(name).resolved() == load_scenario(entries.scenario, task.settings).resolved()
 
 
-def short_turn_contestant(table: ShortTurn, name: str) -> Contestant:
-    return Contestant(name, tuple(next(one for one in table.entries.contestants if one.name == name).settings))
+def short_turn_candidate(table: ShortTurn, name: str) -> Candidate:
+    return Candidate(name, tuple(next(one for one in table.entries.candidates if one.name == name).settings))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "place"), [("no_tail", 0), ("best_swing", -1)])
 def test_two_cells_come_out_again(table: ShortTurn, name: str, place: int, tmp_path: Path) -> None:
     case = table.gains.index[place]
-    row = table.cases.set_index(["contestant", "car", "speed_m_per_s", "floor"]).loc[(name, *case)]
+    row = table.cases.set_index(["candidate", "car", "speed_m_per_s", "floor"]).loc[(name, *case)]
     run = simulate(turn_of(table.entries, name, case, row["friction"], row["steering_deg"]), tmp_path / "run.parquet")
     course = turn_course(run)
     # The logs of a study are kept at the same rate; what is left is the order of sums on other processors.
@@ -83,7 +83,7 @@ def test_two_cells_come_out_again(table: ShortTurn, name: str, place: int, tmp_p
 def test_sentences_say_who_rolls_over_and_how_far_the_others_turn(
     table: ShortTurn, standard_runs: dict[str, Any]
 ) -> None:
-    logs = dict(zip((one.name for one in table.entries.contestants), standard_runs.values(), strict=True))
+    logs = dict(zip((one.name for one in table.entries.candidates), standard_runs.values(), strict=True))
     upright = lead_of(table, logs)
     assert "Rolls over: nobody." in upright
     tilted = logs["held"].table.assign(tilt_truth_rad=2.0)
@@ -93,7 +93,7 @@ def test_sentences_say_who_rolls_over_and_how_far_the_others_turn(
 
 @pytest.mark.slow
 def test_chapter_has_the_replays_a_sentence_each_and_the_bars(table: ShortTurn, standard_runs: dict[str, Any]) -> None:
-    who = table.entries.contestants
+    who = table.entries.candidates
     logs = dict(zip((one.name for one in who), standard_runs.values(), strict=True))
     shown, bars = short_turn_chapter(table, logs)
     replays, finding, case = shown.parts
@@ -105,17 +105,17 @@ def test_chapter_has_the_replays_a_sentence_each_and_the_bars(table: ShortTurn, 
 
 def test_bars_are_the_medians(table: ShortTurn) -> None:
     (axes,) = plot_courses(table).axes
-    medians = table.cases.groupby("contestant")["course_change_rad"].median()
+    medians = table.cases.groupby("candidate")["course_change_rad"].median()
     shown = [text.get_text() for text in axes.texts]
-    assert shown == [f"{math.degrees(medians[one.name]):.1f}°" for one in reversed(table.entries.contestants)]
+    assert shown == [f"{math.degrees(medians[one.name]):.1f}°" for one in reversed(table.entries.candidates)]
 
 
-def test_a_table_of_other_contestants_is_refused(
+def test_a_table_of_other_candidates_is_refused(
     table: ShortTurn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = tmp_path / "cases.csv"
-    pd.DataFrame(table.cases[table.cases["contestant"] != "held"]).to_csv(other, index=False)
+    pd.DataFrame(table.cases[table.cases["candidate"] != "held"]).to_csv(other, index=False)
     real = short_turn.model_path
     monkeypatch.setattr(short_turn, "model_path", lambda name: other if name == short_turn.CASES else real(name))
-    with pytest.raises(ScenarioError, match=r"has not the contestants of .*: no_tail, held"):
+    with pytest.raises(ScenarioError, match=r"has not the candidates of .*: no_tail, held"):
         load_short_turn()

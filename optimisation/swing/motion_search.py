@@ -11,7 +11,7 @@ import numpy as np
 
 from aerodima.optimisation.corner.corner_programme import FEASIBLE, CornerProgramme, JointSolution, best_of
 from aerodima.optimisation.corner.turn_shooting import TurnShooting
-from aerodima.optimisation.studies.contestants import FRICTION_CLIMB, SWINGING, THESIS, fixed_law
+from aerodima.optimisation.studies.candidates import FRICTION_CLIMB, SWINGING, THESIS, fixed_law
 from aerodima.optimisation.studies.corner_plan import AFTER, PULSE
 from aerodima.optimisation.studies.steering_search import SteeringSearch
 from aerodima.optimisation.sweep.rollover_threshold import Case, find_thresholds

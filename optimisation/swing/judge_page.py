@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.studies.contestants import NO_TAIL, THESIS, Contestant
+from aerodima.optimisation.studies.candidates import NO_TAIL, THESIS, Candidate
 from aerodima.optimisation.studies.corner_case import case_sections
 from aerodima.optimisation.studies.corner_plan import (
     MOST_BACK,
@@ -42,8 +42,8 @@ SOMETIMES = ("laws.csv", "pulses.csv", "disturbed.csv", "survival.csv")
 def make_corner(
     out: Path,
     plan: CornerPlan,
-    chosen: Mapping[str, Contestant | LawFamily],
-    laws: Sequence[Contestant],
+    chosen: Mapping[str, Candidate | LawFamily],
+    laws: Sequence[Candidate],
     test: Sequence[Member],
     training: Sequence[Member],
     engine: RunEngine,
@@ -67,7 +67,7 @@ def make_corner(
         with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
             corner = CornerRuns(plan, remembering).measure(chosen, laws, test, training)
         progress(f"{remembering.ran} runs made, the others were there")
-    summary = summarise_corner(corner.cases, corner.contestants)
+    summary = summarise_corner(corner.cases, corner.candidates)
     tables = {"cases.csv": corner.cases, "summary.csv": summary}
     tables |= {"laws.csv": corner.laws} if len(corner.laws) else {}
     left_out = "".join(f" Left out: {words}." for words in corner.without_floor)
@@ -82,25 +82,25 @@ def make_corner(
         survival = markdown_table(survival_cells(corner.survival))
         markdown += "\n".join(["", disturbed_words(corner.disturbed), "", *survival, ""])
     drop_stale(out, SOMETIMES, tables)
-    case = case_sections(plan, corner.contestants, test, corner.cases) if show_case and not plan.reduced else []
+    case = case_sections(plan, corner.candidates, test, corner.cases) if show_case and not plan.reduced else []
     page = corner_page(corner, summary, words, case)
     return corner, summary, write_files(out, {**tables, TABLE: markdown, PAGE: page})
 
 
 def gains(cases: pd.DataFrame, over: str, value: str = "course_change_rad") -> pd.DataFrame:
-    """The cases with `gain` of a value over that of another contestant in the same case.
+    """The cases with `gain` of a value over that of another candidate in the same case.
 
-    A contestant without a run that counts has turned nothing: its gain is -1; without one of the other there is none.
+    A candidate without a run that counts has turned nothing: its gain is -1; without one of the other there is none.
     """
     key = ["car", "speed_m_per_s", "floor", "pulse_s"]
-    other = cases[cases["contestant"] == over].set_index(key)[value].rename("other")
+    other = cases[cases["candidate"] == over].set_index(key)[value].rename("other")
     joined = cases.join(other, on=key)
     ratio = joined[value].fillna(0.0) / joined["other"]
     return joined.assign(gain=np.where(joined["other"].isna(), np.nan, ratio - 1.0))
 
 
-def summarise_corner(cases: pd.DataFrame, contestants: Sequence[Contestant]) -> pd.DataFrame:
-    """A row per contestant over all cases, then over those of each speed, floor and pulse, with medians.
+def summarise_corner(cases: pd.DataFrame, candidates: Sequence[Candidate]) -> pd.DataFrame:
+    """A row per candidate over all cases, then over those of each speed, floor and pulse, with medians.
 
     The worst car is that of the lowest median over its own cases.
     """
@@ -113,10 +113,10 @@ def summarise_corner(cases: pd.DataFrame, contestants: Sequence[Contestant]) -> 
     gained = {label: gains(cases, name) for label, name in references.items()}
     rows = []
     for part, inside in parts.items():
-        for who in contestants:
-            chosen = inside & (cases["contestant"] == who.name)
+        for who in candidates:
+            chosen = inside & (cases["candidate"] == who.name)
             own = cases[chosen]
-            row: dict[str, Any] = {"cases": part, "contestant": who.name, "number": len(own)}
+            row: dict[str, Any] = {"cases": part, "candidate": who.name, "number": len(own)}
             row["without_a_turn_that_counts"] = int(own["course_change_rad"].isna().sum())
             row |= {f"median_{name}": float(own[name].median()) for name in ("steering_deg", *SHOWN[:4], *SHOWN[5:8])}
             for label, table in gained.items():
@@ -134,7 +134,7 @@ def summarise_corner(cases: pd.DataFrame, contestants: Sequence[Contestant]) -> 
 
 
 COLUMNS = {
-    "contestant": "contestant",
+    "candidate": "candidate",
     "number": "cases",
     "without_a_turn_that_counts": "without a turn",
     "median_steering_deg": "steering [deg]",
@@ -212,18 +212,18 @@ def corner_page(corner: Corner, summary: pd.DataFrame, how: str, case: Sequence[
 def corner_pulses(cases: pd.DataFrame) -> pd.DataFrame:
     """`gains_by_pulse` over the car without tail, which is left out."""
     table = gains(cases, NO_TAIL.name)
-    return gains_by_pulse(table[table["contestant"] != NO_TAIL.name])
+    return gains_by_pulse(table[table["candidate"] != NO_TAIL.name])
 
 
 def plot_gains(corner: Corner) -> Figure:
-    """Gain in course over the car without tail, a row per contestant."""
+    """Gain in course over the car without tail, a row per candidate."""
     table = gains(corner.cases, NO_TAIL.name)
-    names = [who.name for who in corner.contestants if who.name != NO_TAIL.name]
+    names = [who.name for who in corner.candidates if who.name != NO_TAIL.name]
     with styled():
         image, grid = new_figure(9.0, 1.2 + 0.5 * len(names))
         axes = grid[0, 0]
         for place, name in enumerate(reversed(names)):
-            values = 100.0 * table[table["contestant"] == name]["gain"].to_numpy(float)
+            values = 100.0 * table[table["candidate"] == name]["gain"].to_numpy(float)
             axes.barh(place, np.nanmedian(values) if np.isfinite(values).any() else 0.0, color=BLUE, height=0.5)
             axes.plot(values, np.full(values.size, place), ".", color=GREY)
         axes.set_yticks(range(len(names)), list(reversed(names)))
@@ -267,7 +267,7 @@ def how_measured(plan: CornerPlan, test: Sequence[Member], training: Sequence[Me
         f"{_listed(plan.pulses)} s. "
         f"A run counts that is clean, with a peak roll of at most {MOST_ROLL:g} rad and a sideslip of at most "
         f"{MOST_SIDESLIP:g} rad at the exit. Steering from {low} to {high} degrees: {search.runs} runs of each shape "
-        f"({_shapes(plan)}) at {1000 * plan.step:g} ms for each contestant and case; the best is proved at "
+        f"({_shapes(plan)}) at {1000 * plan.step:g} ms for each candidate and case; the best is proved at "
         f"{1000 * plan.fine_step:g} ms, {back:.1%} less each time it does not count there, at most {MOST_BACK} times. "
         "Gains are medians over the cases, -100 % in one without a turn that counts; all other columns are medians "
         "over the turns that count. The worst car is that of the lowest median gain over its own cases."

@@ -1,7 +1,7 @@
 """Turns with what may be otherwise than planned: who stays on the wheels and how far it still turns, in pairs.
 
-All contestants of a car meet the same draws, each with the steering that it was given for the turn as planned, so that
-a contestant and the published swing make a pair in each draw. Draws of one car are alike, and so are its floors: the
+All candidates of a car meet the same draws, each with the steering that it was given for the turn as planned, so that
+a candidate and the published swing make a pair in each draw. Draws of one car are alike, and so are its floors: the
 interval of the mean difference comes from drawing cars, and of each car its draws, again and again (a bootstrap of two
 stages: Davison and Hinkley 1997, section 3.8). With few cars it is too narrow, since what differs from car to car is
 then known from these few alone; with one car it holds for that car.
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.studies.contestants import THESIS, Contestant
+from aerodima.optimisation.studies.candidates import THESIS, Candidate
 from aerodima.optimisation.studies.corner_plan import ONE_LEVEL, Aim, CornerPlan, Floor, Run, counts
 from aerodima.optimisation.studies.disturbances import (
     AIR_SHARE,
@@ -47,7 +47,7 @@ _CASE = ["car", "speed_m_per_s", "floor", "pulse_s"]
 def drive_disturbed(
     plan: CornerPlan,
     cases: pd.DataFrame,
-    contestants: Sequence[Contestant],
+    candidates: Sequence[Candidate],
     members: Sequence[Member],
     task: Callable[[Run, float, tuple[float, float]], RunTask],
     engine: RunEngine,
@@ -56,21 +56,21 @@ def drive_disturbed(
 
     Args:
         plan: of the cases.
-        cases: a row per contestant and turn, with its steering.
-        contestants, members: of the cases.
+        cases: a row per candidate and turn, with its steering.
+        candidates, members: of the cases.
         task: makes the task of a turn as planned, with a step and the times steered and after that, s.
         engine: where to run.
     """
-    who, cars = {one.name: one for one in contestants}, {member.name: member for member in members}
+    who, cars = {one.name: one for one in candidates}, {member.name: member for member in members}
     heads, tasks = [], []
     for case in cases[cases["steering_deg"].notna()].to_dict("records"):
         floor = Floor(cars[case["car"]], case["speed_m_per_s"], case["floor"], case["critical_friction"])
         shape = (case.get("first_level", ONE_LEVEL[0]), case.get("first_level_time_s", ONE_LEVEL[1]))
         place = plan.search.place(math.radians(case["steering_deg"]))
-        turn = task((who[case["contestant"]], floor, place, shape), plan.step, Aim(pulse=case["pulse_s"]).searching)
+        turn = task((who[case["candidate"]], floor, place, shape), plan.step, Aim(pulse=case["pulse_s"]).searching)
         planned = load_scenario(turn.scenario, turn.settings)
         for draw, given in enumerate(draw_disturbances(plan.disturbed, plan.seed, case["car"]), 1):
-            head = {name: case[name] for name in ("contestant", *_CASE)} | {"draw": draw, **vars(given)}
+            head = {name: case[name] for name in ("candidate", *_CASE)} | {"draw": draw, **vars(given)}
             heads.append(head | {"missed": given.missed})
             tasks.append(replace(turn, settings=(*turn.settings, *given.settings(planned))))
     return make_frame([head | _result(row) for head, row in zip(heads, engine.rows(tasks), strict=True)])
@@ -87,17 +87,17 @@ def _result(row: Mapping[str, Any]) -> dict[str, Any]:
     return found | {"survived": float(clean), "counts": float(counts(row)), "course_change_rad": course}
 
 
-def summarise_disturbed(runs: pd.DataFrame, contestants: Sequence[Contestant]) -> pd.DataFrame:
-    """A row per contestant: shares and mean course of its runs, and the difference to the published swing in pairs.
+def summarise_disturbed(runs: pd.DataFrame, candidates: Sequence[Candidate]) -> pd.DataFrame:
+    """A row per candidate: shares and mean course of its runs, and the difference to the published swing in pairs.
 
     A run that is not clean has turned nothing. The differences are NaN without the published swing.
     """
     rows = []
-    for who in contestants:
-        own = runs[runs["contestant"] == who.name]
+    for who in candidates:
+        own = runs[runs["candidate"] == who.name]
         ran = own[own["survived"].notna()]
         released, missed = (ran[ran["missed"].astype(bool) == one] for one in (False, True))
-        row: dict[str, Any] = {"contestant": who.name, "cases": len(own.groupby(_CASE)), "runs": len(ran)}
+        row: dict[str, Any] = {"candidate": who.name, "cases": len(own.groupby(_CASE)), "runs": len(ran)}
         row |= {"failed": len(own) - len(ran), "survived": ran["survived"].mean(), "counted": ran["counts"].mean()}
         row |= {"released_survived": released["survived"].mean(), "missed_survived": missed["survived"].mean()}
         row["mean_course_rad"] = ran["course_change_rad"].mean()
@@ -109,12 +109,12 @@ def summarise_disturbed(runs: pd.DataFrame, contestants: Sequence[Contestant]) -
 
 
 def paired_by_car(runs: pd.DataFrame, one: str, other: str, value: str) -> list[FloatArray]:
-    """Difference of a value between two contestants, of each car the means (draws,) over its other cases.
+    """Difference of a value between two candidates, of each car the means (draws,) over its other cases.
 
     Cases in which one of them has no steering make no pair.
     """
     tables = [
-        runs[runs["contestant"] == name].set_index([*_CASE, "draw"])[value].astype(float) for name in (one, other)
+        runs[runs["candidate"] == name].set_index([*_CASE, "draw"])[value].astype(float) for name in (one, other)
     ]
     gap = (tables[0] - tables[1]).dropna()
     draws = gap.groupby(level=["car", "draw"]).mean()
@@ -143,7 +143,7 @@ def paired_difference(cars: Sequence[FloatArray]) -> tuple[float, float, float]:
 
 
 COLUMNS = {
-    "contestant": "contestant",
+    "candidate": "candidate",
     "cases": "cases",
     "runs": "runs",
     "survived": "survived",
@@ -166,7 +166,7 @@ def disturbed_words(runs: pd.DataFrame) -> str:
     """What was disturbed and how survival is counted."""
     draws, cars = int(runs["draw"].max()), runs["car"].nunique()
     return (
-        f"{draws} draws for each of {cars} cars, the same for all contestants, each with the steering of the turn as "
+        f"{draws} draws for each of {cars} cars, the same for all candidates, each with the steering of the turn as "
         f"planned, at the step of the search: force of the air +-{AIR_SHARE:.0%}, friction +-{FRICTION_SHARE:.0%}, "
         f"speed +-{SPEED_SHARE:.0%}, torque +-{TORQUE_SHARE:.0%} and its limit up to {LIMIT_SHARE:.0%} less, IMU up to "
         f"{1000 * DELAY:g} ms later and up to {NOISE_FACTOR:g} times as noisy, swing up to {1000 * LATE:g} ms after "
@@ -181,7 +181,7 @@ def _cell(name: str, row: Mapping[Any, Any]) -> str:
     value = row[name]
     if isinstance(value, str):
         return value
-    if value != value or (name.endswith("_difference") and row["contestant"] == THESIS.name):
+    if value != value or (name.endswith("_difference") and row["candidate"] == THESIS.name):
         return "-"
     if name in ("cases", "runs"):
         return f"{value:.0f}"

@@ -1,7 +1,7 @@
-"""Who turns the car further: floor and speed are given, every contestant has the steering that is best for it.
+"""Who turns the car further: floor and speed are given, every candidate has the steering that is best for it.
 
 A case is a car, a speed and a floor: a multiple of the critical friction of the published swing at full lock there.
-Each contestant steers a pulse, or pulses of several lengths, with the amplitude that turns the course furthest among
+Each candidate steers a pulse, or pulses of several lengths, with the amplitude that turns the course furthest among
 the runs that count (`counts`): found at the ordinary step, proved at the fine one, and lowered by a stated share until
 it counts there too.
 The time to a course is measured likewise, in runs of their own that are steered until they reach it. The steering is
@@ -18,7 +18,7 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.studies.contestants import THESIS, Contestant, refuse_twice
+from aerodima.optimisation.studies.candidates import THESIS, Candidate, refuse_twice
 from aerodima.optimisation.studies.corner_floors import find_floors, turn_settings
 from aerodima.optimisation.studies.corner_plan import (
     MOST_BACK,
@@ -66,39 +66,39 @@ class CornerRuns:
         self._without_floor: dict[str, None] = {}
 
     def measure(
-        self, chosen: Mapping[str, Contestant | LawFamily], laws: Sequence[Contestant], test: Sequence[Member],
+        self, chosen: Mapping[str, Candidate | LawFamily], laws: Sequence[Candidate], test: Sequence[Member],
         training: Sequence[Member],
     ) -> Corner:  # fmt: skip
         """The table.
 
         Args:
-            chosen: of `contestants_of`.
-            laws: further contestants.
+            chosen: of `candidates_of`.
+            laws: further candidates.
             test: cars that are judged on.
             training: cars that laws are looked for on.
 
         Raises:
-            UserError: two contestants of one name; none has a floor.
+            UserError: two candidates of one name; none has a floor.
         """
-        refuse_twice([who.name for who in (*chosen.values(), *laws)], "contestant")
+        refuse_twice([who.name for who in (*chosen.values(), *laws)], "candidate")
         trained = {who.name: self.trained(who, training) for who in chosen.values() if isinstance(who, LawFamily)}
         tables = [table for _, table in trained.values()]
-        contestants = [trained[who.name][0] if isinstance(who, LawFamily) else who for who in chosen.values()]
-        contestants += laws
+        candidates = [trained[who.name][0] if isinstance(who, LawFamily) else who for who in chosen.values()]
+        candidates += laws
         floors = self.floors(test)
-        cases = self.cases(contestants, floors, self.floors(training) if self._plan.fixed else ())
+        cases = self.cases(candidates, floors, self.floors(training) if self._plan.fixed else ())
         table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
         disturbed = pd.DataFrame()
         if self._plan.disturbed:
             self._engine.stage = "disturbed runs"
-            disturbed = drive_disturbed(self._plan, cases, contestants, test, self.task, self._engine)
-        return Corner(cases, table, tuple(contestants), tuple(self._without_floor), disturbed)
+            disturbed = drive_disturbed(self._plan, cases, candidates, test, self.task, self._engine)
+        return Corner(cases, table, tuple(candidates), tuple(self._without_floor), disturbed)
 
     def cases(
-        self, contestants: Sequence[Contestant], floors: Sequence[Floor], training: Sequence[Floor] = ()
+        self, candidates: Sequence[Candidate], floors: Sequence[Floor], training: Sequence[Floor] = ()
     ) -> pd.DataFrame:
-        """A row per pulse, floor and contestant; steering is fixed, if it is, by the floors for `training`."""
-        turns, learning = ([(who, floor) for floor in part for who in contestants] for part in (floors, training))
+        """A row per pulse, floor and candidate; steering is fixed, if it is, by the floors for `training`."""
+        turns, learning = ([(who, floor) for floor in part for who in candidates] for part in (floors, training))
         courses = {aim: self._steered(aim, turns, self._plan.shapes) for aim in map(Aim, self._plan.courses)}
         if self._plan.reduced:
             return make_frame(self._reduced([(pulse, *turn) for pulse in self._plan.pulses for turn in turns]))
@@ -133,7 +133,7 @@ class CornerRuns:
         self._without_floor |= dict.fromkeys(without)
         return floors
 
-    def trained(self, family: LawFamily, training: Sequence[Member]) -> tuple[Contestant, pd.DataFrame]:
+    def trained(self, family: LawFamily, training: Sequence[Member]) -> tuple[Candidate, pd.DataFrame]:
         """The law of a family for each speed that is best on the training cars, and a table of the finalists."""
         chosen, rows = {}, []
         family = family.for_pulse(self._plan.pulses[0])
@@ -143,13 +143,13 @@ class CornerRuns:
             found = screened_finalists(family, self._plan.training, cases, self._engine)
             laws = [family.published_law, *found.finalists]
             self._engine.stage = family.name
-            courses = self.courses([Contestant("", family.settings(law)) for law in laws], floors)
+            courses = self.courses([Candidate("", family.settings(law)) for law in laws], floors)
             worth = score(courses, courses[0], cases.cars)
             chosen[speed] = laws[int(np.argmax(worth))]
             for place, law in enumerate(laws):
                 row = {"family": family.name, "speed_m_per_s": speed, "law": place or "published", **law}
                 rows.append(row | {"worth": worth[place], "median_course_rad": np.median(courses[place])})
-        return family.contestant(chosen), pd.DataFrame(rows)
+        return family.candidate(chosen), pd.DataFrame(rows)
 
     def reduced_cases(self, floors: Sequence[Floor]) -> Screening:
         """The floors for reduced cars, with the published law."""
@@ -168,7 +168,7 @@ class CornerRuns:
         content = content_key([scenario_content(plan.scenario, own) for own in settings])
         return Screening(plan.scenario, tuple(settings), cars, *numbers, duration=longest + SOON_OVER, content=content)
 
-    def courses(self, drivers: Sequence[Contestant], floors: Sequence[Floor]) -> FloatArray:
+    def courses(self, drivers: Sequence[Candidate], floors: Sequence[Floor]) -> FloatArray:
         """Course at 2 ms (drivers, floors), rad, with the best steering of one level; 0 where no turn counts."""
         turns = [(who, floor) for who in drivers for floor in floors]
         aim = Aim(pulse=self._plan.pulses[0])
@@ -230,7 +230,7 @@ class CornerRuns:
         return results
 
     def _fixed_places(self, aim: Aim, turns: Sequence[Turn]) -> dict[tuple[str, float, float], int]:
-        """Least of the best amplitudes by contestant, speed and share, as places on the grid."""
+        """Least of the best amplitudes by candidate, speed and share, as places on the grid."""
         least: dict[tuple[str, float, float], int] = {}
         for (who, floor), one in zip(turns, self._steered(aim, turns, [ONE_LEVEL]), strict=True):
             key = (who.name, floor.speed, floor.share)
@@ -257,8 +257,8 @@ class CornerRuns:
             )
         return columns
 
-    def _row(self, who: Contestant, floor: Floor, measured: Mapping[Aim, Steered]) -> dict[str, Any]:
-        row: dict[str, Any] = {"contestant": who.name, "car": floor.member.name, "speed_m_per_s": floor.speed}
+    def _row(self, who: Candidate, floor: Floor, measured: Mapping[Aim, Steered]) -> dict[str, Any]:
+        row: dict[str, Any] = {"candidate": who.name, "car": floor.member.name, "speed_m_per_s": floor.speed}
         row |= {"pulse_s": next(aim.pulse for aim in measured if aim.degrees is None)}
         row |= {"floor": floor.share, "critical_friction": floor.critical, "friction": floor.friction}
         for aim, steered in measured.items():

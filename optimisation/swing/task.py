@@ -1,4 +1,4 @@
-"""What the corner study asks: contestants, floors, which runs count, and what the steering is made best for."""
+"""What the corner study asks: candidates, floors, which runs count, and what the steering is made best for."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from aerodima.optimisation.studies.contestants import (
+from aerodima.optimisation.studies.candidates import (
     FRICTION_CLIMB,
     HELD,
     LOW_BALLAST,
     LOW_CENTRE,
     NO_TAIL,
     THESIS,
-    Contestant,
+    Candidate,
     refuse_twice,
 )
 from aerodima.optimisation.studies.disturbances import draw_disturbances
@@ -27,7 +27,7 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.metrics.turn_course import COURSES
 
-CONTESTANTS: dict[str, Contestant | LawFamily] = {
+CANDIDATES: dict[str, Candidate | LawFamily] = {
     "none": NO_TAIL,
     "low-ballast": LOW_BALLAST,
     "low-centre": LOW_CENTRE,
@@ -38,7 +38,7 @@ CONTESTANTS: dict[str, Contestant | LawFamily] = {
     "trained-by-yaw": TRAINED_BY_YAW,
 }
 """By the name that asks for one; of a family of laws the best one on the training cars is found first."""
-STANDARD = tuple(name for name, who in CONTESTANTS.items() if who is not TRAINED_BY_YAW)
+STANDARD = tuple(name for name, who in CANDIDATES.items() if who is not TRAINED_BY_YAW)
 """Who takes part unless somebody else is asked for."""
 PULSE = 0.5
 """s, unless another is asked for."""
@@ -68,22 +68,22 @@ class CornerPlan:
     """How much is run.
 
     Attributes:
-        scenario: of the turn; its tail is the one that all contestants have.
+        scenario: of the turn; its tail is the one that all candidates have.
         speeds: m/s.
         floors: friction over the critical friction of the published swing at full lock.
         courses: degrees; the time to each is measured too.
         pulses: lengths of the steering, s; laws are trained for the first one.
         reduced: courses on reduced cars alone, with nothing else of a turn and nothing proved; in place of the full
             ones, which set the floors all the same.
-        shapes: of the steering: first level over the second and its time, s; (1, 0) is one level. Every contestant
+        shapes: of the steering: first level over the second and its time, s; (1, 0) is one level. Every candidate
             searches each of them, and has the best; laws are trained with the first one alone.
         fixed: also measure the course with steering of one level that is not found on the test car: the least of the
-            best amplitudes of the training cars, by contestant, speed and share of the floor.
+            best amplitudes of the training cars, by candidate, speed and share of the floor.
         search: for the steering.
         friction: climb of the critical friction.
         training: how laws are looked for on the training cars.
-        disturbed: runs of each contestant in each case with what may be otherwise than planned; 0: none.
-        seed: of these disturbances, the same for all contestants of a car.
+        disturbed: runs of each candidate in each case with what may be otherwise than planned; 0: none.
+        seed: of these disturbances, the same for all candidates of a car.
         step, fine_step: of the plant, s: of searches and disturbed runs, and of claims.
 
     Raises:
@@ -131,7 +131,7 @@ class CornerPlan:
 
 @dataclass(frozen=True)
 class Floor:
-    """A case without its contestant: `share` times the critical friction is the friction of the floor."""
+    """A case without its candidate: `share` times the critical friction is the friction of the floor."""
 
     member: Member
     speed: float
@@ -144,10 +144,10 @@ class Floor:
         return float(f"{self.share * self.critical:.6g}")
 
 
-Turn = tuple[Contestant, Floor]
-PulsedTurn = tuple[float, Contestant, Floor]
+Turn = tuple[Candidate, Floor]
+PulsedTurn = tuple[float, Candidate, Floor]
 """With the length of its pulse, s."""
-Run = tuple[Contestant, Floor, int, tuple[float, float]]
+Run = tuple[Candidate, Floor, int, tuple[float, float]]
 """A turn with place on the grid and shape of its steering."""
 
 
@@ -203,7 +203,7 @@ class Steering(NamedTuple):
 
 @dataclass(frozen=True)
 class Steered:
-    """The steering of one contestant in one case.
+    """The steering of one candidate in one case.
 
     Attributes:
         found: what the search came to; None when nothing counted.
@@ -216,16 +216,16 @@ class Steered:
     row: Mapping[str, Any] = field(default_factory=dict)
 
 
-def contestants_of(names: Sequence[str]) -> dict[str, Contestant | LawFamily]:
-    """Contestants by the names that ask for them; the reference without tail always takes part.
+def candidates_of(names: Sequence[str]) -> dict[str, Candidate | LawFamily]:
+    """Candidates by the names that ask for them; the reference without tail always takes part.
 
     Raises:
         SweepError: an unknown name; lists all.
     """
     for name in names:
-        if name not in CONTESTANTS:
-            raise SweepError(f"contestant {name!r}: allowed: {', '.join(CONTESTANTS)}")
-    return {name: who for name, who in CONTESTANTS.items() if name in names or who is NO_TAIL}
+        if name not in CANDIDATES:
+            raise SweepError(f"candidate {name!r}: allowed: {', '.join(CANDIDATES)}")
+    return {name: who for name, who in CANDIDATES.items() if name in names or who is NO_TAIL}
 
 
 def chosen_cars(cars: Sequence[Member], names: Sequence[str]) -> list[Member]:
