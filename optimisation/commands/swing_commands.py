@@ -1,122 +1,138 @@
-"""`aerodima optimise corner` and `verify`: find a tail swing, judge it on the full car."""
+"""`aerodima swing search`, `judge` and `verify`: find a law or a motion of the tail, and judge candidates."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from aerodima.optimisation.commands.study_commands import engine_for
 from aerodima.workbench.cli.options import (
     SWINGS,
     Ensemble,
     Force,
     Members,
-    ScenarioArgument,
+    OtherCar,
     Settings,
     SwingArgument,
     SwingScenarioOption,
     Workers,
+    WorkOptions,
+    command_group,
+    grouped,
 )
+
+TaskArgument = Annotated[
+    str, typer.Argument(help="Task file (YAML), or one that ships: short_turn, short_turn_designed.")
+]
+TaskSettings = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Override of the task such as cars=12 or speeds=[3.6,4.5]; may be repeated."),
+]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the group `optimise` and the command `verify`."""
-    group = typer.Typer(no_args_is_help=True, help="Find tail swings.")
-    group.callback()(_group)
-    group.command()(corner)
-    app.add_typer(group, name="optimise", rich_help_panel=SWINGS)
-    app.command(rich_help_panel=SWINGS)(verify)
+    """Adds the group `swing`."""
+    group = command_group(app, "swing", "Search laws and motions of the tail, and judge what they gain.", SWINGS)
+    for command in (search, judge, verify):
+        group.command()(command)
 
 
-def _group() -> None:
-    """Find tail swings that turn the car further."""
-
-
-def refuse_unwritable(folder: Path) -> None:
-    """A search takes minutes: that its result cannot be written is said before it."""
-    import tempfile
-
-    from aerodima.workbench.errors import SwingError
-
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as cause:
-        raise SwingError(f"{folder}: cannot be written ({cause.strerror}); allowed: another --out") from None
-
-
-def corner(
-    scenario: ScenarioArgument = "turn_designed",
-    out: Annotated[Path, typer.Option(help="Swing file to write.")] = Path("corner_swing.yaml"),
-    members: Annotated[
-        int, typer.Option(help="Training cars that the swing is for; 0: the scenario's own car.", min=0)
-    ] = 0,
-    ensemble: Ensemble = "car",
-    split_seed: Annotated[int, typer.Option(help="Of the split into training and test cars.", min=0)] = 1,
-    speed: Annotated[float | None, typer.Option(help="Of the turn, m/s; by default the scenario's.")] = None,
-    floor: Annotated[
-        float, typer.Option(help="Friction over the published swing's critical friction at full lock, per car.")
-    ] = 1.3,
-    starts: Annotated[int, typer.Option(help="Random starts.", min=1, max=1000)] = 7,
-    seed: Annotated[int, typer.Option(help="Of the random starts.", min=0)] = 1,
-    knots: Annotated[int, typer.Option(help="Of the tail's rate.")] = 11,
-    length: Annotated[float, typer.Option(help="Of the tail's motion, s.")] = 0.8,
-    iterations: Annotated[int, typer.Option(help="Most iterations from a start.")] = 60,
-    settings: Settings = None,
-    force: Force = False,
+@grouped
+def search(
+    task: TaskArgument,
+    out: Annotated[Path, typer.Option(help="Folder for what is found and its runs; a stopped search goes on in it.")],
+    work: WorkOptions,
+    what: Annotated[
+        str, typer.Option("--for", help="motion, or a family of laws: constant, trained, trained-by-yaw.")
+    ] = "trained",
+    settings: TaskSettings = None,
+    seed: Annotated[int, typer.Option(help="Of all draws.", min=0)] = 1,
+    laws: Annotated[int, typer.Option(help="Of a generation, for each number that is free.", min=3)] = 6,
+    generations: Annotated[int, typer.Option(help="Of laws beside the first one, on reduced cars.", min=0)] = 15,
+    finalists: Annotated[int, typer.Option(help="Of the laws, driven by the full training cars.", min=1)] = 5,
+    starts: Annotated[int, typer.Option(help="Random starts of a motion.", min=1, max=1000)] = 7,
+    knots: Annotated[int, typer.Option(help="Of the motion's rate.")] = 11,
+    length: Annotated[float, typer.Option(help="Of the motion, s.")] = 0.8,
+    iterations: Annotated[int, typer.Option(help="Most iterations of the motion from a start.")] = 30,
 ) -> None:
-    """Steering and tail roll as one programme: what turns cars furthest by 0.5 s of steering on their floors.
+    """Search on the training cars of a task: the numbers of a law, or motion and steering as one programme.
 
-    Solved on reduced cars; the full car sets the floors, and drives what was found once, at 0.5 ms. The tail's motion
-    is one for all cars, the steering each car's own; the file holds both.
+    Writes candidates.yaml (a law) or swing.yaml (a motion), for `aerodima swing judge --candidate FILE`.
 
-    Example: aerodima optimise corner turn_designed --floor 1.3 --out corner_swing.yaml
+    Example: aerodima swing search short_turn_designed --for motion --set training=0 --out out/motion
     """
-    from aerodima.optimisation.corner.corner_search import CornerOptions, find_turn
-    from aerodima.optimisation.sweep.study_engine import SerialRunEngine
-    from aerodima.workbench.atomic_write import make_folder, refuse_existing
-    from aerodima.workbench.config.ensemble import load_ensemble
+    from aerodima.optimisation.swing.candidate import write_candidates
+    from aerodima.optimisation.swing.judge import remembering
+    from aerodima.optimisation.swing.law_search import FAMILIES, LawSearch, search_law
+    from aerodima.optimisation.swing.motion_search import MotionSearch, search_motion
+    from aerodima.optimisation.swing.task import load_task
+    from aerodima.workbench.atomic_write import refuse_existing
     from aerodima.workbench.config.swing_file import write_swing
     from aerodima.workbench.errors import SwingError
 
-    refuse_existing(out, force, SwingError)
-    make_folder(out.parent, SwingError)
-    refuse_unwritable(out.parent)
-    options = CornerOptions(floor, starts, seed, knots, length, iterations)
-    given = (*(settings or ()), *(() if speed is None else (f"manoeuvre.speed={speed!r}",)))
-    cars: list[tuple[str, tuple[str, ...]]] = [("car", given)]
-    if members:
-        training = load_ensemble(ensemble).split(split_seed).training
-        if members > len(training):
-            raise SwingError(
-                f"--members {members}: the ensemble has {len(training)} training cars; allowed: up to that"
-            )
-        cars = [(car.name, (*car.settings_on(scenario), *given)) for car in training[:members]]
-    found = find_turn(
-        out.stem, scenario, cars, options, SerialRunEngine(), progress=lambda line: typer.echo(line, err=True)
-    )
-    write_swing(found, out, force=force)
-    typer.echo(f"swing: {out}")
-    typer.echo("\n".join(_turn_words(found.provenance.found, [name for name, _ in cars])))
-    typer.echo(f"drive it: aerodima turn --swing {out}")
+    if what != "motion" and what not in FAMILIES:
+        raise SwingError(f"--for {what}: allowed: motion, {', '.join(FAMILIES)}")
+    asked = load_task(task, settings or ())
+    motion = MotionSearch(starts, seed, knots, length, iterations)
+    path = out / ("swing.yaml" if what == "motion" else "candidates.yaml")
+    refuse_existing(path, work.force, SwingError)
+    with (
+        engine_for(out, work.workers, work.scheduler) as (engine, progress),
+        remembering(out, engine, force=work.force, progress=progress) as kept,
+    ):
+        if what == "motion":
+            write_swing(search_motion(out.name, asked, motion, kept, progress=progress), path, force=work.force)
+        else:
+            search_for = LawSearch(laws, generations, finalists, seed)
+            found, table = search_law(asked, FAMILIES[what], search_for, kept)
+            write_candidates(path, [found], f"aerodima swing search {task} --for {what}", force=work.force)
+            table.to_csv(out / "laws.csv", index=False)
+    typer.echo(f"found: {path}")
+    typer.echo(f"judge it: aerodima swing judge {task} --candidate {path} --out {out / 'judge'}")
 
 
-def _turn_words(facts: dict[str, Any], cars: list[str]) -> list[str]:
-    """A line per car: its steering, and its course on reduced and full car."""
-    from math import degrees
+@grouped
+def judge(
+    task: TaskArgument,
+    out: Annotated[Path, typer.Option(help="Folder for tables, page and runs; a stopped judgement goes on in it.")],
+    work: WorkOptions,
+    candidate: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="none, low-ballast, low-centre, held, published, best_swing, a swing, or a file of candidates; may be "
+            "repeated; by default the first five. The car without tail always takes part."
+        ),
+    ] = None,
+    settings: TaskSettings = None,
+    other_car: OtherCar = False,
+    replays: Annotated[
+        bool, typer.Option(help="Show the case with the median gain: paths, and replays in step.")
+    ] = True,
+) -> None:
+    """Judge how far candidates turn the cars of a task on the same floors, each with its own best steering.
 
-    lines = [f"{facts['starts_converged']} of {facts['starts']} starts converged in {facts['wall_time_s']:.0f} s"]
-    for car in cars:
-        first, then = (degrees(facts[f"{car}_{name}_rad"]) for name in ("first_angle", "steer_angle"))
-        full = facts.get(f"{car}_full_car_course_rad")
-        came = "no exit" if full is None else f"{degrees(full):.1f} deg"
-        lines.append(
-            f"{car}: {first:.1f} deg for {facts[f'{car}_first_hold_s']:.2f} s, then {then:.1f} deg; course "
-            f"{degrees(facts[f'{car}_course_rad']):.1f} deg, full car {came}, "
-            f"{'clean' if facts[f'{car}_full_car_clean'] else 'not clean'}"
-        )
-    return lines
+    Asked for again after Ctrl-C, or with more cars, speeds or floors, it keeps the runs that are there.
+
+    Example: aerodima swing judge short_turn --set cars=1 --candidate held --out out/judge
+    """
+    from aerodima.optimisation.swing.candidate import CANDIDATES, read_candidates
+    from aerodima.optimisation.swing.judge import judge as judge_candidates
+    from aerodima.optimisation.swing.task import load_task
+    from aerodima.workbench.text_table import text_table
+
+    asked = load_task(task, settings or ())
+    who = read_candidates(candidate or CANDIDATES, asked.scenario, other_car=other_car)
+    with engine_for(out, work.workers, work.scheduler) as (engine, progress):
+        found = judge_candidates(asked, who, out, engine, force=work.force, progress=progress)
+    from aerodima.optimisation.swing.judge_page import summary_cells, survival_cells, write_judgement  # Matplotlib
+
+    files = write_judgement(out, asked, found, replays=replays)
+    typer.echo("\n".join(text_table(*summary_cells(found.summary))))
+    if len(found.disturbed):
+        typer.echo("\n".join(["disturbed runs:", *text_table(*survival_cells(found.survival))]))
+    typer.echo(f"page: {files[-1]}")
 
 
 def verify(
@@ -137,7 +153,7 @@ def verify(
     swing at the highest friction that both survive. Exits with 2 when it is not; the report is written all the same.
     Speed and friction are those that the file claims to survive, for all cars, unless --set says otherwise.
 
-    Example: aerodima verify thesis_8_rad_per_s --members 3 --out out/verify
+    Example: aerodima swing verify thesis_8_rad_per_s --members 3 --out out/verify
     """
     from aerodima.optimisation.sweep.study_engine import open_run_engine
     from aerodima.optimisation.swing.verification import verify_swing

@@ -1,7 +1,7 @@
 """Candidates: a controller of the tail with its numbers, by name, from a list in a file, or a swing file.
 
-A list (schema `aerodima/candidates/1`) names settings as `aerodima turn --set` takes them, of tail and controller alone:
-a candidate may not bring another car, floor or driver.
+A list (schema `aerodima/candidates/1`) names settings as `aerodima turn --set` takes them, of tail and controller
+alone: a candidate may not bring another car, floor or driver.
 """
 
 from __future__ import annotations
@@ -74,9 +74,7 @@ NO_TAIL = Candidate("no tail", ("tail.mode=none",))
 HELD = Candidate("held", ("tail.mode=held",))
 THESIS = Candidate("thesis, 8 rad/s", (*SWINGING, "controller.swing_speed=8.0"))
 LOW_BALLAST = Candidate("no tail, its mass low", NO_TAIL.settings, ballast=low_ballast)
-LOW_CENTRE = Candidate(
-    "no tail, centre of mass at 0.2 m", (*NO_TAIL.settings, f"car.com_height={LOW_CENTRE_HEIGHT!r}")
-)
+LOW_CENTRE = Candidate("no tail, centre of mass at 0.2 m", (*NO_TAIL.settings, f"car.com_height={LOW_CENTRE_HEIGHT!r}"))
 CANDIDATES = {
     "none": NO_TAIL,
     "low-ballast": LOW_BALLAST,

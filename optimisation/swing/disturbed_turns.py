@@ -1,4 +1,4 @@
-"""Turns with what may be otherwise than planned: who stays on the wheels and how far it still turns, in pairs.
+"""Turns with what may be otherwise than planned, all at once: who stays on the wheels and how far it still turns.
 
 All candidates of a car meet the same draws, each with the steering that it was given for the turn as planned, so that
 a candidate and the published swing make a pair in each draw. Draws of one car are alike, and so are its floors: the
@@ -9,74 +9,143 @@ then known from these few alone; with one car it holds for that car.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.studies.candidates import THESIS, Candidate
-from aerodima.optimisation.studies.corner_plan import ONE_LEVEL, Aim, CornerPlan, Floor, Run, counts
-from aerodima.optimisation.studies.disturbances import (
-    AIR_SHARE,
-    DELAY,
-    FRICTION_SHARE,
-    LATE,
-    LIMIT_SHARE,
-    MISSED_SHARE,
-    NOISE_FACTOR,
-    SPEED_SHARE,
-    TORQUE_SHARE,
-    draw_disturbances,
-)
-from aerodima.optimisation.sweep.rollover_threshold import is_clean
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask
+from aerodima.optimisation.sweep.study import Sample, Uniform
+from aerodima.optimisation.sweep.study_engine import RunEngine
+from aerodima.optimisation.swing.candidate import THESIS, Candidate
+from aerodima.optimisation.swing.task import Task
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.scenario import Scenario, load_scenario
 
+AIR_SHARE, FRICTION_SHARE, TORQUE_SHARE, SPEED_SHARE = 0.3, 0.05, 0.2, 0.03
+LIMIT_SHARE = 0.3
+"""By which the largest torque of the tail motors may fall short."""
+DELAY = 0.020
+"""s, on top of the delay of the scenario's IMU."""
+NOISE_FACTOR = 4.0
+"""Noise and bias of the IMU grow by this: to about the upper ends of their priors."""
+LATE = 0.050
+"""Latest swing after its release, s: five ticks of the controller."""
+MISSED_SHARE = 0.1
+"""Of the draws that miss their release; the tail then waits on the inside through the whole turn."""
+NEVER = 10.0
+"""s; longer than any turn here, and the longest delay that a controller may have."""
 RESAMPLES = 4000
 """Draws of the bootstrap, of cars and of their runs."""
 _SEED = 1
 _CASE = ["car", "speed_m_per_s", "floor", "pulse_s"]
 
 
+@dataclass(frozen=True)
+class Disturbance:
+    """What differs from the plan.
+
+    Attributes:
+        air, friction, speed, torque: relative changes of the force on the sail, of the tyres' friction, of the
+            commanded speed and of the torque that a command gives.
+        torque_limit: relative change of the largest torque of the tail motors.
+        imu_delay: on top of the scenario's, s.
+        imu_noise: factor of the IMU's noise and bias.
+        late: time from the release to the swing on top of the law's own, s; `NEVER` misses it.
+        seed: of the sensors' noise; None: the scenario's.
+    """
+
+    air: float = 0.0
+    friction: float = 0.0
+    speed: float = 0.0
+    torque: float = 0.0
+    torque_limit: float = 0.0
+    imu_delay: float = 0.0
+    imu_noise: float = 1.0
+    late: float = 0.0
+    seed: int | None = None
+
+    def settings(self, scenario: Scenario) -> tuple[str, ...]:
+        """Overrides that make it, of the scenario that is disturbed.
+
+        The force of the sail is changed through the density of the air, which acts on nothing else, so that every kind
+        of coefficients can be disturbed; it equals a change of C_N.
+        """
+        air, car, imu = scenario.environment.air_density, scenario.car, scenario.imu
+        found = [f"environment.air_density={air * (1 + self.air):.9g}"] if self.air else []
+        found += [f"imu.delay={imu.delay + self.imu_delay:.9g}"] if self.imu_delay else []
+        if self.imu_noise != 1.0:
+            noises = ("gyro_noise", "gyro_bias", "accelerometer_noise", "attitude_noise")
+            found += [f"imu.{name}={self.imu_noise * getattr(imu, name):.9g}" for name in noises]
+        found += [f"{FRICTION}={car.tyre_friction * (1 + self.friction):.9g}"] if self.friction else []
+        found += [f"{SPEED}={scenario.manoeuvre.speed * (1 + self.speed):.9g}"] if self.speed else []
+        found += [f"tail_motor.torque_error={self.torque:.9g}"] if self.torque else []
+        if self.torque_limit:
+            found += [f"tail_motor.torque_limit={scenario.tail_motor.torque_limit * (1 + self.torque_limit):.9g}"]
+        if self.late:
+            found += [f"controller.delay={min(NEVER, scenario.controller.delay + self.late):.9g}"]
+        return (*found, *(() if self.seed is None else (f"seed={self.seed}",)))
+
+    @property
+    def missed(self) -> bool:
+        """Whether the tail never swings."""
+        return self.late >= NEVER
+
+
+def draw_disturbances(number: int, seed: int, car: str) -> list[Disturbance]:
+    """Everything at once, evenly from the ranges of this file (Sobol): the first ones of a car are those of any number.
+
+    Args:
+        number: of draws.
+        seed: with the name of the car that of the draws.
+        car: its name.
+    """
+    ranges = {"air": AIR_SHARE, "friction": FRICTION_SHARE, "speed": SPEED_SHARE, "torque": TORQUE_SHARE}
+    factors: dict[str, Uniform] = {name: Uniform(low=-share, high=share) for name, share in ranges.items()}
+    factors |= {
+        "torque_limit": Uniform(low=-LIMIT_SHARE, high=0.0),
+        "imu_delay": Uniform(low=0.0, high=DELAY),
+        "imu_noise": Uniform(low=1.0, high=NOISE_FACTOR),
+        "release": Uniform(low=0.0, high=1.0),
+    }
+    sample = Sample(number=number, seed=zlib.crc32(f"{seed} {car}".encode()), factors={**factors}, new_seeds=True)
+    found = []
+    for row in sample.rows():
+        release, noise = float(row.pop("release")), int(row.pop("seed"))
+        late = LATE * (release - MISSED_SHARE) / (1.0 - MISSED_SHARE) if release >= MISSED_SHARE else NEVER
+        drawn = {name: float(f"{float(value):.6g}") for name, value in row.items()}
+        found.append(Disturbance(**drawn, late=float(f"{late:.6g}"), seed=noise))
+    return found
+
+
 def drive_disturbed(
-    plan: CornerPlan,
-    cases: pd.DataFrame,
-    candidates: Sequence[Candidate],
-    members: Sequence[Member],
-    task: Callable[[Run, float, tuple[float, float]], RunTask],
-    engine: RunEngine,
+    task: Task, cases: pd.DataFrame, candidates: Sequence[Candidate], engine: RunEngine
 ) -> pd.DataFrame:
     """A row per disturbed run of each case whose steering was borne out; without `survived` where one came to nothing.
 
     Args:
-        plan: of the cases.
+        task: with the number of draws.
         cases: a row per candidate and turn, with its steering.
-        candidates, members: of the cases.
-        task: makes the task of a turn as planned, with a step and the times steered and after that, s.
+        candidates: of the cases.
         engine: where to run.
     """
-    who, cars = {one.name: one for one in candidates}, {member.name: member for member in members}
+    who = {one.name: one for one in candidates}
     heads, tasks = [], []
     for case in cases[cases["steering_deg"].notna()].to_dict("records"):
-        floor = Floor(cars[case["car"]], case["speed_m_per_s"], case["floor"], case["critical_friction"])
-        shape = (case.get("first_level", ONE_LEVEL[0]), case.get("first_level_time_s", ONE_LEVEL[1]))
-        place = plan.search.place(math.radians(case["steering_deg"]))
-        turn = task((who[case["candidate"]], floor, place, shape), plan.step, Aim(pulse=case["pulse_s"]).searching)
+        turn = task.run(task.steered_turn(who[case["candidate"]], case), task.step)
         planned = load_scenario(turn.scenario, turn.settings)
-        for draw, given in enumerate(draw_disturbances(plan.disturbed, plan.seed, case["car"]), 1):
+        for draw, given in enumerate(draw_disturbances(task.disturbed, task.seed, case["car"]), 1):
             head = {name: case[name] for name in ("candidate", *_CASE)} | {"draw": draw, **vars(given)}
             heads.append(head | {"missed": given.missed})
             tasks.append(replace(turn, settings=(*turn.settings, *given.settings(planned))))
-    return make_frame([head | _result(row) for head, row in zip(heads, engine.rows(tasks), strict=True)])
+    return make_frame([head | _result(task, row) for head, row in zip(heads, engine.rows(tasks), strict=True)])
 
 
-def _result(row: Mapping[str, Any]) -> dict[str, Any]:
+def _result(task: Task, row: Mapping[str, Any]) -> dict[str, Any]:
     """Of the row of a run; one that is not clean has turned nothing."""
     found = {name: row.get(name) for name in ("outcome", "peak_roll_rad", "exit_time_s", "swing_trigger_time_s")}
     found["error"] = row.get("error")
@@ -84,7 +153,7 @@ def _result(row: Mapping[str, Any]) -> dict[str, Any]:
         return found | dict.fromkeys(("survived", "counts", "course_change_rad"))
     clean = is_clean(row)
     course = float(row["course_change_rad"] or 0.0) if clean else 0.0
-    return found | {"survived": float(clean), "counts": float(counts(row)), "course_change_rad": course}
+    return found | {"survived": float(clean), "counts": float(task.counts(row)), "course_change_rad": course}
 
 
 def summarise_disturbed(runs: pd.DataFrame, candidates: Sequence[Candidate]) -> pd.DataFrame:
@@ -113,9 +182,7 @@ def paired_by_car(runs: pd.DataFrame, one: str, other: str, value: str) -> list[
 
     Cases in which one of them has no steering make no pair.
     """
-    tables = [
-        runs[runs["candidate"] == name].set_index([*_CASE, "draw"])[value].astype(float) for name in (one, other)
-    ]
+    tables = [runs[runs["candidate"] == name].set_index([*_CASE, "draw"])[value].astype(float) for name in (one, other)]
     gap = (tables[0] - tables[1]).dropna()
     draws = gap.groupby(level=["car", "draw"]).mean()
     return [np.asarray(part, dtype=np.float64) for _, part in draws.groupby(level="car")]
@@ -140,55 +207,3 @@ def paired_difference(cars: Sequence[FloatArray]) -> tuple[float, float, float]:
             found[own] += car[draws].mean(axis=1) / number
     low, high = np.quantile(found, [0.025, 0.975])
     return float(np.mean([car.mean() for car in cars])), float(low), float(high)
-
-
-COLUMNS = {
-    "candidate": "candidate",
-    "cases": "cases",
-    "runs": "runs",
-    "survived": "survived",
-    "survived_difference": "over published [95 %]",
-    "released_survived": "where the tail swung",
-    "missed_survived": "where it missed",
-    "counted": "a turn that counts",
-    "mean_course_rad": "mean course [deg]",
-    "course_difference": "over published [deg, 95 %]",
-}
-"""Of the summary, with the words of page and terminal."""
-
-
-def survival_cells(survival: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the summary."""
-    return list(COLUMNS.values()), [[_cell(name, row) for name in COLUMNS] for row in survival.to_dict("records")]
-
-
-def disturbed_words(runs: pd.DataFrame) -> str:
-    """What was disturbed and how survival is counted."""
-    draws, cars = int(runs["draw"].max()), runs["car"].nunique()
-    return (
-        f"{draws} draws for each of {cars} cars, the same for all candidates, each with the steering of the turn as "
-        f"planned, at the step of the search: force of the air +-{AIR_SHARE:.0%}, friction +-{FRICTION_SHARE:.0%}, "
-        f"speed +-{SPEED_SHARE:.0%}, torque +-{TORQUE_SHARE:.0%} and its limit up to {LIMIT_SHARE:.0%} less, IMU up to "
-        f"{1000 * DELAY:g} ms later and up to {NOISE_FACTOR:g} times as noisy, swing up to {1000 * LATE:g} ms after "
-        f"its release; {MISSED_SHARE:.0%} of the draws miss the release. Survived: nothing but the wheels touches the "
-        "ground. A turn that counts also keeps to the limits of roll and sideslip, which the steering was made to use "
-        "up. A run that is not clean has turned nothing. Differences in pairs of the same draw; intervals from drawing "
-        "cars, and of each its draws, again and again: with few cars they are too narrow."
-    )
-
-
-def _cell(name: str, row: Mapping[Any, Any]) -> str:
-    value = row[name]
-    if isinstance(value, str):
-        return value
-    if value != value or (name.endswith("_difference") and row["candidate"] == THESIS.name):
-        return "-"
-    if name in ("cases", "runs"):
-        return f"{value:.0f}"
-    if name.endswith("_difference"):
-        ends = [row[name.replace("_difference", end)] for end in ("_low", "_high")]
-        scale, digits = (100.0, 0) if name.startswith("survived") else (180.0 / np.pi, 1)
-        unit = " %" if name.startswith("survived") else ""
-        low, high = (f"{scale * end:+.{digits}f}" for end in ends)
-        return f"{scale * value:+.{digits}f}{unit} [{low}, {high}]"
-    return f"{np.degrees(value):.1f}" if name.endswith("_rad") else f"{value:.0%}"

@@ -1,282 +1,276 @@
-"""Who turns the car further: floor and speed are given, every candidate has the steering that is best for it.
+"""Judge: how far candidates turn the cars of a task, each with the steering that is best for it.
 
-A case is a car, a speed and a floor: a multiple of the critical friction of the published swing at full lock there.
-Each candidate steers a pulse, or pulses of several lengths, with the amplitude that turns the course furthest among
-the runs that count (`counts`): found at the ordinary step, proved at the fine one, and lowered by a stated share until
-it counts there too.
-The time to a course is measured likewise, in runs of their own that are steered until they reach it. The steering is
-found on the car that is judged, as a driver would; laws are trained (`law_training`) on training cars alone.
+The amplitude that turns the course furthest among the runs that count is searched at the ordinary step, proved at the
+fine one, and lowered by a stated share until it counts there too. The steering is found on the car that is judged, as
+a driver would; candidates are searched (`law_search`, `motion_search`) on training cars alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, cast
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.studies.candidates import THESIS, Candidate, refuse_twice
-from aerodima.optimisation.studies.corner_floors import find_floors, turn_settings
-from aerodima.optimisation.studies.corner_plan import (
-    MOST_BACK,
-    MOST_ROLL,
-    MOST_SIDESLIP,
-    ONE_LEVEL,
-    SHOWN,
-    STEP_BACK,
-    Aim,
-    CornerPlan,
-    Floor,
-    PulsedTurn,
-    Run,
-    Steered,
-    Steering,
-    Turn,
-    counts,
-)
-from aerodima.optimisation.studies.corner_result import Corner
-from aerodima.optimisation.studies.disturbed_turns import drive_disturbed
-from aerodima.optimisation.studies.law_training import (
-    CHUNK,
-    SOON_OVER,
-    LawFamily,
-    Screening,
-    run_screenings,
-    score,
-    screened_finalists,
-)
-from aerodima.optimisation.studies.steering_search import best_place, search_steering
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION
 from aerodima.optimisation.sweep.run_study import make_frame
-from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunTask, scenario_content
-from aerodima.workbench.batch.row_store import content_key
+from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
+from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS, Candidate
+from aerodima.optimisation.swing.disturbed_turns import drive_disturbed, summarise_disturbed
+from aerodima.optimisation.swing.steering_search import best_place, search_steering
+from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task, find_floors
+from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on
+from aerodima.workbench.batch.worker_record import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.scenario import default_values
+from aerodima.workbench.logs.schema import software_versions
+
+STEP_BACK, MOST_BACK = 2, 8
+"""Places on the grid of the search by which the steering is lowered when the fine step does not bear it out, and how
+often at most."""
+CASE = ["car", "speed_m_per_s", "floor", "pulse_s"]
+SHOWN = (
+    *("course_change_rad", "exit_heading_change_rad", "exit_time_s", "exit_speed_m_per_s", "exit_sideslip_rad"),
+    *("average_linear_acceleration_m_per_s2", "peak_roll_rad", "two_wheel_time_s", "swing_trigger_time_s"),
+)
+"""Of the run that proves the steering."""
 
 
-class CornerRuns:
-    """Runs what a plan asks for; everything that it runs goes through an engine that remembers."""
+@dataclass(frozen=True)
+class Judgement:
+    """What was measured.
 
-    def __init__(self, plan: CornerPlan, engine: RememberingEngine) -> None:
-        self._plan, self._engine = plan, engine
-        self._without_floor: dict[str, None] = {}
+    Attributes:
+        cases: a row per case and candidate.
+        summary: medians and gains, a row per candidate over all cases, then over those of each speed and floor.
+        candidates: in order.
+        without_floor: cars and speeds that have no floor, since the published swing at full lock is clean on none.
+        disturbed: a row per disturbed run, `survival` its summary, a row per candidate; empty without.
+    """
 
-    def measure(
-        self, chosen: Mapping[str, Candidate | LawFamily], laws: Sequence[Candidate], test: Sequence[Member],
-        training: Sequence[Member],
-    ) -> Corner:  # fmt: skip
-        """The table.
+    cases: pd.DataFrame
+    summary: pd.DataFrame
+    candidates: tuple[Candidate, ...]
+    without_floor: tuple[str, ...]
+    disturbed: pd.DataFrame
+    survival: pd.DataFrame
 
-        Args:
-            chosen: of `candidates_of`.
-            laws: further candidates.
-            test: cars that are judged on.
-            training: cars that laws are looked for on.
 
-        Raises:
-            UserError: two candidates of one name; none has a floor.
-        """
-        refuse_twice([who.name for who in (*chosen.values(), *laws)], "candidate")
-        trained = {who.name: self.trained(who, training) for who in chosen.values() if isinstance(who, LawFamily)}
-        tables = [table for _, table in trained.values()]
-        candidates = [trained[who.name][0] if isinstance(who, LawFamily) else who for who in chosen.values()]
-        candidates += laws
-        floors = self.floors(test)
-        cases = self.cases(candidates, floors, self.floors(training) if self._plan.fixed else ())
-        table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+def judge(
+    task: Task,
+    candidates: Sequence[Candidate],
+    out: Path,
+    engine: RunEngine,
+    *,
+    force: bool = False,
+    progress: ProgressLine = silent,
+) -> Judgement:
+    """Runs what the folder does not hold yet.
+
+    Args:
+        task: what is asked.
+        candidates: of `read_candidates`; the car without tail is the reference.
+        out: folder in which the runs are kept.
+        engine: where to run.
+        force: drop the runs that are there.
+        progress: told lines.
+
+    Raises:
+        UserError: the folder is in use, or holds the runs of other parameters or versions; no case has a floor.
+    """
+    with remembering(out, engine, force=force, progress=progress) as kept:
+        courses = Courses(task, kept)
+        floors, without = courses.floors(task.test_cars)
+        cases = courses.cases(candidates, floors)
         disturbed = pd.DataFrame()
-        if self._plan.disturbed:
-            self._engine.stage = "disturbed runs"
-            disturbed = drive_disturbed(self._plan, cases, candidates, test, self.task, self._engine)
-        return Corner(cases, table, tuple(candidates), tuple(self._without_floor), disturbed)
+        if task.disturbed:
+            kept.stage = "disturbed runs"
+            disturbed = drive_disturbed(task, cases, candidates, kept)
+    survival = summarise_disturbed(disturbed, candidates) if len(disturbed) else pd.DataFrame()
+    summary = summarise_cases(cases, candidates)
+    return Judgement(cases, summary, tuple(candidates), tuple(without), disturbed, survival)
 
-    def cases(
-        self, candidates: Sequence[Candidate], floors: Sequence[Floor], training: Sequence[Floor] = ()
-    ) -> pd.DataFrame:
-        """A row per pulse, floor and candidate; steering is fixed, if it is, by the floors for `training`."""
-        turns, learning = ([(who, floor) for floor in part for who in candidates] for part in (floors, training))
-        courses = {aim: self._steered(aim, turns, self._plan.shapes) for aim in map(Aim, self._plan.courses)}
-        if self._plan.reduced:
-            return make_frame(self._reduced([(pulse, *turn) for pulse in self._plan.pulses for turn in turns]))
-        return make_frame([row for pulse in self._plan.pulses for row in self._pulsed(pulse, turns, courses, learning)])
 
-    def _pulsed(
-        self, pulse: float, turns: Sequence[Turn], courses: Mapping[Aim, Sequence[Steered]], learning: Sequence[Turn]
-    ) -> list[dict[str, Any]]:
-        """Rows of the turns by a pulse; `courses` are the times to courses, `learning` the turns for fixed steering."""
-        aim = Aim(pulse=pulse)
-        measured = {aim: self._steered(aim, turns, self._plan.shapes), **courses}
-        rows = [
-            self._row(who, floor, {aim: steered[place] for aim, steered in measured.items()})
-            for place, (who, floor) in enumerate(turns)
-        ]
-        if self._plan.fixed:
-            for row, fixed in zip(rows, self._fixed(aim, turns, self._fixed_places(aim, learning)), strict=True):
-                row |= fixed
-        return rows
+@contextmanager
+def remembering(
+    out: Path, engine: RunEngine, *, force: bool = False, progress: ProgressLine = silent
+) -> Iterator[RememberingEngine]:
+    """An engine that keeps its runs in `runs.jsonl` of a folder, for runs of these parameters and versions."""
+    versions = software_versions()
+    identity = {"schema": "aerodima/judge/1", "parameters": default_values(), "versions": versions}
+    with RowStore(out / "runs.jsonl", identity, force=force) as store:
+        kept = RememberingEngine(engine, store, progress)
+        with saying_how_to_go_on(progress, lambda: f"{len(store.rows)} runs"):
+            yield kept
+        progress(f"{kept.ran} runs made, the others were there")
 
-    def _reduced(self, turns: Sequence[PulsedTurn]) -> list[dict[str, Any]]:
-        """Rows of reduced cars: the course alone."""
-        parts = [self._screening(turns[k : k + CHUNK]) for k in range(0, len(turns), CHUNK)]
-        courses = [course for (found,) in run_screenings(self._engine, parts) for course in found]
-        rows = [self._row(who, floor, {Aim(pulse=pulse): Steered(None)}) for pulse, who, floor in turns]
-        return [row | {"course_change_rad": course or math.nan} for row, course in zip(rows, courses, strict=True)]
 
-    def floors(self, members: Sequence[Member]) -> list[Floor]:
-        """Of cars, speeds and shares; SweepError when none has a floor."""
+class Steering(NamedTuple):
+    """An amplitude by its place on the grid, the shape of the steering, and the course that the search found, rad."""
+
+    place: int
+    shape: tuple[float, float]
+    course: float
+
+
+@dataclass(frozen=True)
+class Proof:
+    """The steering of one candidate in one case.
+
+    Attributes:
+        found: what the search came to; None when nothing counted.
+        proved: the place on the grid that the fine step bore out; None when none did.
+        row: of that run; empty without.
+    """
+
+    found: Steering | None
+    proved: int | None = None
+    row: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Courses:
+    """Measures the courses of a task; all that it runs goes through an engine that remembers."""
+
+    def __init__(self, task: Task, engine: RememberingEngine) -> None:
+        self._task, self._engine = task, engine
+
+    def floors(self, cars: Sequence[Member]) -> tuple[list[Floor], list[str]]:
+        """Floors of cars, speeds and shares, and who has none; SweepError when nobody has one."""
         self._engine.stage = "critical friction"
-        floors, without = find_floors(self._plan, members, self._engine)
-        self._without_floor |= dict.fromkeys(without)
-        return floors
+        return find_floors(self._task, cars, self._engine)
 
-    def trained(self, family: LawFamily, training: Sequence[Member]) -> tuple[Candidate, pd.DataFrame]:
-        """The law of a family for each speed that is best on the training cars, and a table of the finalists."""
-        chosen, rows = {}, []
-        family = family.for_pulse(self._plan.pulses[0])
-        for speed in self._plan.speeds:
-            floors = [floor for floor in self.floors(training) if floor.speed == speed]
-            cases = self.reduced_cases(floors)
-            found = screened_finalists(family, self._plan.training, cases, self._engine)
-            laws = [family.published_law, *found.finalists]
-            self._engine.stage = family.name
-            courses = self.courses([Candidate("", family.settings(law)) for law in laws], floors)
-            worth = score(courses, courses[0], cases.cars)
-            chosen[speed] = laws[int(np.argmax(worth))]
-            for place, law in enumerate(laws):
-                row = {"family": family.name, "speed_m_per_s": speed, "law": place or "published", **law}
-                rows.append(row | {"worth": worth[place], "median_course_rad": np.median(courses[place])})
-        return family.candidate(chosen), pd.DataFrame(rows)
+    def cases(self, candidates: Sequence[Candidate], floors: Sequence[Floor]) -> pd.DataFrame:
+        """A row per floor and candidate, proved at the fine step."""
+        turns = [(who, floor) for floor in floors for who in candidates]
+        return make_frame([self._row(*turn, one) for turn, one in zip(turns, self._prove(turns), strict=True)])
 
-    def reduced_cases(self, floors: Sequence[Floor]) -> Screening:
-        """The floors for reduced cars, with the published law."""
-        plan = self._plan
-        cases = self._screening([(plan.pulses[0], THESIS, floor) for floor in floors])
-        return replace(cases, steering=replace(plan.search, runs=plan.training.steering_runs))
+    def best(self, candidates: Sequence[Candidate], floors: Sequence[Floor]) -> FloatArray:
+        """Courses at the ordinary step (candidates, floors), rad, with steering of one level; 0: no turn counts."""
+        turns = [(who, floor) for who in candidates for floor in floors]
+        found = [one.course if one else 0.0 for one in self._search(turns, self._task.shapes[:1])]
+        return np.array(found).reshape(len(candidates), len(floors))
 
-    def _screening(self, turns: Sequence[PulsedTurn]) -> Screening:
-        """Turns as cases for reduced cars."""
-        plan, settings = self._plan, []
-        for hold, who, floor in turns:
-            own = turn_settings(plan.scenario, who, floor.member, floor.speed, plan.step)
-            settings.append((*own, f"{FRICTION}={floor.friction!r}", f"manoeuvre.turn_hold={hold!r}"))
-        cars, longest = tuple(floor.member.name for *_, floor in turns), max(pulse for pulse, *_ in turns)
-        numbers = (plan.search, MOST_ROLL, MOST_SIDESLIP)
-        content = content_key([scenario_content(plan.scenario, own) for own in settings])
-        return Screening(plan.scenario, tuple(settings), cars, *numbers, duration=longest + SOON_OVER, content=content)
-
-    def courses(self, drivers: Sequence[Candidate], floors: Sequence[Floor]) -> FloatArray:
-        """Course at 2 ms (drivers, floors), rad, with the best steering of one level; 0 where no turn counts."""
-        turns = [(who, floor) for who in drivers for floor in floors]
-        aim = Aim(pulse=self._plan.pulses[0])
-        best = [one.worth if one else 0.0 for one in self._search(aim, turns, self._plan.shapes[:1])]
-        return np.array(best).reshape(len(drivers), len(floors))
-
-    def task(self, run: Run, step: float, times: tuple[float, float]) -> RunTask:
-        """A turn with a step of the plant (s), steered, and going on after that, for these times (s)."""
-        who, floor, place, (ratio, first) = run
-        hold, after = times
-        end = load_scenario(self._plan.scenario).manoeuvre.turn_start + hold + after
-        angle = self._plan.search.angle(place)
-        steered = [f"manoeuvre.steer_angle={angle!r}", f"manoeuvre.turn_hold={hold!r}", f"manoeuvre.duration={end:.9g}"]
-        if first:
-            level = min(ratio * angle, self._plan.search.high)
-            steered += [f"manoeuvre.first_angle={level!r}", f"manoeuvre.first_hold={min(first, hold)!r}"]
-        settings = (
-            *turn_settings(self._plan.scenario, who, floor.member, floor.speed, step),
-            f"{FRICTION}={floor.friction!r}",
-            *steered,
-        )
-        return RunTask(f"{who.name} {floor.member.name} {floor.speed:g}", self._plan.scenario, settings)
-
-    def _runs(self, aim: Aim, wanted: Sequence[Run]) -> list[dict[str, Any]]:
-        return self._engine.rows([self.task(run, self._plan.step, aim.searching) for run in wanted])
-
-    def _search(self, aim: Aim, turns: Sequence[Turn], shapes: Sequence[tuple[float, float]]) -> list[Steering | None]:
+    def _search(
+        self, turns: Sequence[tuple[Candidate, Floor]], shapes: Sequence[tuple[float, float]]
+    ) -> list[Steering | None]:
         """The best steering of each turn, of all shapes."""
         searches = [(*turn, shape) for turn in turns for shape in shapes]
 
         def run(wanted: Sequence[tuple[int, int]]) -> list[float | None]:
-            runs = [(who, floor, place, shape) for (who, floor, shape), place in ((searches[k], p) for k, p in wanted)]
-            return [aim.worth(row) for row in self._runs(aim, runs)]
+            steered = [
+                SteeredTurn(who, floor, place, shape)
+                for (who, floor, shape), place in ((searches[k], place) for k, place in wanted)
+            ]
+            rows = self._engine.rows([self._task.run(turn, self._task.step) for turn in steered])
+            return [self._task.course(row) for row in rows]
 
         found: list[list[Steering]] = [[] for _ in turns]
-        for number, tried in enumerate(search_steering(self._plan.search, len(searches), run)):
+        for number, tried in enumerate(search_steering(self._task.search, len(searches), run)):
             if (place := best_place(tried)) is not None:
-                worth = cast(float, tried[place])
-                found[number // len(shapes)].append(Steering(place, searches[number][-1], worth))
-        return [max(one, key=lambda steering: steering.worth, default=None) for one in found]
+                course = cast(float, tried[place])
+                found[number // len(shapes)].append(Steering(place, searches[number][-1], course))
+        return [max(one, key=lambda steering: steering.course, default=None) for one in found]
 
-    def _steered(self, aim: Aim, turns: Sequence[Turn], shapes: Sequence[tuple[float, float]]) -> list[Steered]:
+    def _prove(self, turns: Sequence[tuple[Candidate, Floor]]) -> list[Proof]:
         """The best steering of each turn, proved at the fine step."""
-        self._engine.stage = aim.words
-        results = [Steered(found) for found in self._search(aim, turns, shapes)]
-        self._engine.stage = f"{aim.words}, fine step"
-        trying = {which: (*turns[which], *one.found[:2]) for which, one in enumerate(results) if one.found is not None}
+        task, engine = self._task, self._engine
+        engine.stage = f"{task.pulse:g} s pulse"
+        results = [Proof(found) for found in self._search(turns, task.shapes)]
+        engine.stage += ", fine step"
+        trying = {
+            which: SteeredTurn(*turns[which], *one.found[:2])
+            for which, one in enumerate(results)
+            if one.found is not None
+        }
         for _ in range(MOST_BACK + 1):
-            coarse = dict(zip(trying, self._runs(aim, list(trying.values())), strict=True))
-            tasks = {
-                which: self.task(trying[which], self._plan.fine_step, aim.proving(row))
-                for which, row in coarse.items()
-                if aim.worth(row) is not None
+            coarse = engine.rows([task.run(turn, task.step) for turn in trying.values()])
+            kept = [which for which, row in zip(trying, coarse, strict=True) if task.counts(row)]
+            fine = engine.rows([task.run(trying[which], task.fine_step) for which in kept])
+            for which, row in zip(kept, fine, strict=True):
+                if task.counts(row):
+                    results[which] = replace(results[which], proved=trying.pop(which).place, row=row)
+            trying = {
+                which: replace(turn, place=turn.place - STEP_BACK)
+                for which, turn in trying.items()
+                if turn.place >= STEP_BACK
             }
-            for which, row in zip(tasks, self._engine.rows(list(tasks.values())), strict=True):
-                if aim.proved(row):
-                    results[which] = replace(results[which], proved=trying.pop(which)[2], row=row)
-            trying = {k: (*run[:2], run[2] - STEP_BACK, run[3]) for k, run in trying.items() if run[2] >= STEP_BACK}
         return results
 
-    def _fixed_places(self, aim: Aim, turns: Sequence[Turn]) -> dict[tuple[str, float, float], int]:
-        """Least of the best amplitudes by candidate, speed and share, as places on the grid."""
-        least: dict[tuple[str, float, float], int] = {}
-        for (who, floor), one in zip(turns, self._steered(aim, turns, [ONE_LEVEL]), strict=True):
-            key = (who.name, floor.speed, floor.share)
-            if one.proved is not None:
-                least[key] = min(one.proved, least.get(key, one.proved))
-        return least
-
-    def _fixed(
-        self, aim: Aim, turns: Sequence[Turn], trained: Mapping[tuple[str, float, float], int]
-    ) -> list[dict[str, float]]:
-        """Columns of the runs with that steering at the fine step."""
-        self._engine.stage = "fixed steering, fine step"
-        places = [trained.get((who.name, floor.speed, floor.share)) for who, floor in turns]
-        known = [(*turn, place, ONE_LEVEL) for turn, place in zip(turns, places, strict=True) if place is not None]
-        rows = iter(self._engine.rows([self.task(run, self._plan.fine_step, aim.searching) for run in known]))
-        columns = []
-        for place in places:
-            row = {} if place is None else next(rows)
-            columns.append(
-                {
-                    "fixed_steering_deg": math.nan if place is None else self._degrees(place),
-                    "fixed_course_change_rad": float(row["course_change_rad"]) if row and counts(row) else math.nan,
-                }
-            )
-        return columns
-
-    def _row(self, who: Candidate, floor: Floor, measured: Mapping[Aim, Steered]) -> dict[str, Any]:
-        row: dict[str, Any] = {"candidate": who.name, "car": floor.member.name, "speed_m_per_s": floor.speed}
-        row |= {"pulse_s": next(aim.pulse for aim in measured if aim.degrees is None)}
-        row |= {"floor": floor.share, "critical_friction": floor.critical, "friction": floor.friction}
-        for aim, steered in measured.items():
-            suffix = "" if aim.degrees is None else f"_to_{aim.degrees}_deg"
-            found, proved = steered.found, steered.proved
-            row |= {
-                f"steering_found{suffix}_deg": math.nan if found is None else self._degrees(found.place),
-                f"steering{suffix}_deg": math.nan if proved is None else self._degrees(proved),
-            }
-            if len(self._plan.shapes) > 1:
-                ratio, first = (math.nan, math.nan) if found is None else found.shape
-                row |= {f"first_level{suffix}": ratio, f"first_level_time{suffix}_s": first}
-            names = SHOWN if aim.degrees is None else (f"time_to_{aim.degrees}_deg_s",)
-            row |= {name: _number(steered.row.get(name)) for name in names}
-        return row
+    def _row(self, who: Candidate, floor: Floor, proof: Proof) -> dict[str, Any]:
+        found, proved = proof.found, proof.proved
+        row: dict[str, Any] = {"candidate": who.name, "car": floor.car.name, "speed_m_per_s": floor.speed}
+        row |= {"pulse_s": self._task.pulse, "floor": floor.share}
+        row |= {"critical_friction": floor.critical, "friction": floor.friction}
+        row |= {
+            "steering_found_deg": math.nan if found is None else self._degrees(found.place),
+            "steering_deg": math.nan if proved is None else self._degrees(proved),
+        }
+        if self._task.levels > 1:
+            ratio, first = (math.nan, math.nan) if found is None else found.shape
+            row |= {"first_level": ratio, "first_level_time_s": first}
+        return row | {name: _number(proof.row.get(name)) for name in SHOWN}
 
     def _degrees(self, place: int) -> float:
-        return math.degrees(self._plan.search.angle(place))
+        return math.degrees(self._task.search.angle(place))
+
+
+def gains(cases: pd.DataFrame, over: str) -> pd.DataFrame:
+    """The cases with `gain` of the course over that of another candidate in the same case.
+
+    A candidate without a run that counts has turned nothing: its gain is -1; without one of the other there is none.
+    """
+    value = "course_change_rad"
+    other = cases[cases["candidate"] == over].set_index(CASE)[value].rename("other")
+    joined = cases.join(other, on=CASE)
+    ratio = joined[value].fillna(0.0) / joined["other"]
+    return joined.assign(gain=np.where(joined["other"].isna(), np.nan, ratio - 1.0))
+
+
+def summarise_cases(cases: pd.DataFrame, candidates: Sequence[Candidate]) -> pd.DataFrame:
+    """A row per candidate over all cases, then over those of each speed and floor, with medians.
+
+    The worst car is that of the lowest median over its own cases.
+    """
+    speeds, floors = (sorted(cases[name].unique()) for name in ("speed_m_per_s", "floor"))
+    parts = {"all": cases["floor"] > 0.0}
+    parts |= {f"{speed:g} m/s": cases["speed_m_per_s"] == speed for speed in speeds}
+    parts |= {f"floor x {floor:g}": cases["floor"] == floor for floor in floors}
+    gained = {"no_tail": gains(cases, NO_TAIL.name), "published": gains(cases, THESIS.name)}
+    rows = []
+    for part, inside in parts.items():
+        for who in candidates:
+            chosen = inside & (cases["candidate"] == who.name)
+            own = cases[chosen]
+            row: dict[str, Any] = {"cases": part, "candidate": who.name, "number": len(own)}
+            row["without_a_turn_that_counts"] = int(own["course_change_rad"].isna().sum())
+            row |= {f"median_{name}": float(own[name].median()) for name in ("steering_deg", *SHOWN[:4], *SHOWN[5:8])}
+            for label, table in gained.items():
+                mine = table[chosen]
+                row[f"gain_over_{label}"] = float(mine["gain"].median())
+                row[f"worst_car_over_{label}"] = float(mine.groupby("car")["gain"].median().min())
+            rows.append(row)
+    return make_frame(rows)
+
+
+def middle_case(cases: pd.DataFrame) -> pd.DataFrame | None:
+    """Rows of the case whose largest gain over the car without tail is in the middle; None where nobody gains.
+
+    The lesser of two in the middle. Candidates without a turn that counts are left out.
+    """
+    table = cases.pivot_table(index=CASE, columns="candidate", values="course_change_rad", sort=False)
+    if NO_TAIL.name not in table or table.shape[1] < 2:
+        return None
+    best = table.drop(columns=NO_TAIL.name).max(axis=1) / table[NO_TAIL.name]
+    order = best.dropna().sort_values()
+    if order.empty:
+        return None
+    key = order.index[(len(order) - 1) // 2]
+    return cases.set_index(CASE).loc[[key]].reset_index().dropna(subset="course_change_rad")
 
 
 def _number(value: Any) -> float:

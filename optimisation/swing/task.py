@@ -1,139 +1,168 @@
-"""What the corner study asks: candidates, floors, which runs count, and what the steering is made best for."""
+"""Task: the question that candidates are judged by: manoeuvre, cars, floors, disturbances, measure, and limits.
+
+A case is a car, a speed and a floor: a multiple of the critical friction of the published swing at full lock there.
+Measured is the course that a pulse of steering turns, with the steering that is best for each candidate. A run counts
+that is clean, leaves the turn, and keeps to the limits of roll and sideslip.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
 
-from aerodima.optimisation.studies.candidates import (
-    FRICTION_CLIMB,
-    HELD,
-    LOW_BALLAST,
-    LOW_CENTRE,
-    NO_TAIL,
-    THESIS,
-    Candidate,
-    refuse_twice,
-)
-from aerodima.optimisation.studies.disturbances import draw_disturbances
-from aerodima.optimisation.studies.law_search import LawSearch
-from aerodima.optimisation.studies.law_training import CONSTANT_RATE, TRAINED, TRAINED_BY_YAW, LawFamily
-from aerodima.optimisation.studies.steering_search import SteeringSearch
-from aerodima.optimisation.sweep.rollover_threshold import Search, is_clean
-from aerodima.optimisation.swing.full_car import FINE_STEP
-from aerodima.workbench.config.ensemble import Member
+import yaml
+from pydantic import Field
+
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED, Case, Search, find_thresholds, is_clean
+from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask
+from aerodima.optimisation.swing.candidate import THESIS, Candidate, refuse_twice
+from aerodima.optimisation.swing.steering_search import SteeringSearch
+from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
+from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import SweepError
-from aerodima.workbench.metrics.turn_course import COURSES
+from aerodima.workbench.errors import SweepError, UserError
 
-CANDIDATES: dict[str, Candidate | LawFamily] = {
-    "none": NO_TAIL,
-    "low-ballast": LOW_BALLAST,
-    "low-centre": LOW_CENTRE,
-    "held": HELD,
-    "published": THESIS,
-    "constant": CONSTANT_RATE,
-    "trained": TRAINED,
-    "trained-by-yaw": TRAINED_BY_YAW,
-}
-"""By the name that asks for one; of a family of laws the best one on the training cars is found first."""
-STANDARD = tuple(name for name, who in CANDIDATES.items() if who is not TRAINED_BY_YAW)
-"""Who takes part unless somebody else is asked for."""
+SCHEMA = "aerodima/task/1"
+FINE_STEP = 0.0005
+"""Step of the plant at which claims are made, s; a fourth of that of ordinary runs."""
 PULSE = 0.5
-"""s, unless another is asked for."""
-PULSES = (0.1, 2.0)
-"""Shortest and longest one that may be asked for, s."""
-LONGEST = 3.0
-"""Longest steering towards a course, s."""
-AFTER, SOON_AFTER = 1.5, 0.2
-"""How long a run goes on after the steering, s; the second where only the way to a course is looked at."""
+"""Length of the steering unless another is asked for, s."""
+AFTER = 1.5
+"""How long a run goes on after the steering, s."""
 MOST_ROLL, MOST_SIDESLIP = 0.35, 0.1
 """rad; outwards from the turn on, and to either side at the exit."""
-STEP_BACK, MOST_BACK = 2, 8
-"""Places on the grid of the search by which the steering is lowered when the fine step does not bear it out, and how
-often at most."""
 ONE_LEVEL = (1.0, 0.0)
 TWO_LEVELS = tuple((ratio, hold) for ratio in (0.6, 1.5, 2.5) for hold in (0.15, 0.3))
 """Shapes of steering beside that of one level: first level over the second, and how long it lasts, s."""
-SHOWN = (
-    *("course_change_rad", "exit_heading_change_rad", "exit_time_s", "exit_speed_m_per_s", "exit_sideslip_rad"),
-    *("average_linear_acceleration_m_per_s2", "peak_roll_rad", "two_wheel_time_s", "swing_trigger_time_s"),
-)
-"""Of the run that proves the pulse."""
+FRICTION_CLIMB = Search(FRICTION, 0.3, 1.3, 0.05, 0.0125)
 
 
-@dataclass(frozen=True)
-class CornerPlan:
-    """How much is run.
+class Task(StrictModel):
+    """What is asked; a file of `models/tasks`.
 
     Attributes:
-        scenario: of the turn; its tail is the one that all candidates have.
+        scenario: of the turn; its tail is the one that all candidates have unless they bring another.
+        ensemble: of cars, split by `seed` into test cars, training cars and reserved ones.
+        cars: test cars, so many or these by name; `training` so many of the training cars.
         speeds: m/s.
         floors: friction over the critical friction of the published swing at full lock.
-        courses: degrees; the time to each is measured too.
-        pulses: lengths of the steering, s; laws are trained for the first one.
-        reduced: courses on reduced cars alone, with nothing else of a turn and nothing proved; in place of the full
-            ones, which set the floors all the same.
-        shapes: of the steering: first level over the second and its time, s; (1, 0) is one level. Every candidate
-            searches each of them, and has the best; laws are trained with the first one alone.
-        fixed: also measure the course with steering of one level that is not found on the test car: the least of the
-            best amplitudes of the training cars, by candidate, speed and share of the floor.
-        search: for the steering.
-        friction: climb of the critical friction.
-        training: how laws are looked for on the training cars.
+        pulse: length of the steering, s.
+        levels: of the steering; with 2 every candidate also searches six shapes of two levels.
+        steering: least and largest amplitude that is tried, degrees; `runs` of each search for one.
         disturbed: runs of each candidate in each case with what may be otherwise than planned; 0: none.
-        seed: of these disturbances, the same for all candidates of a car.
+        most_roll, most_sideslip: of a run that counts, rad: outwards, and to either side at the exit.
         step, fine_step: of the plant, s: of searches and disturbed runs, and of claims.
-
-    Raises:
-        UserError: a course that is not measured, a pulse out of range, a speed, floor, course or pulse that is named
-            twice, a scenario without a turn, more steering than the servo has, more than courses of reduced cars, a
-            number of disturbed runs that is not allowed.
     """
 
+    schema_: Literal["aerodima/task/1"] = Field(default="aerodima/task/1", alias="schema")
     scenario: str = "turn_fast"
-    speeds: tuple[float, ...] = (4.5,)
-    floors: tuple[float, ...] = (1.1, 1.3)
-    courses: tuple[int, ...] = ()
-    pulses: tuple[float, ...] = (PULSE,)
-    reduced: bool = False
-    shapes: tuple[tuple[float, float], ...] = (ONE_LEVEL,)
-    fixed: bool = False
-    search: SteeringSearch = field(default_factory=SteeringSearch)
-    friction: Search = FRICTION_CLIMB
-    training: LawSearch = field(default_factory=LawSearch)
-    disturbed: int = 0
-    seed: int = 1
-    step: float = 0.002
-    fine_step: float = FINE_STEP
+    ensemble: str = "car"
+    seed: int = Field(default=1, ge=0)
+    cars: int | list[str] = 4
+    training: int = Field(default=4, ge=0)
+    speeds: list[float] = Field(default=[4.5], min_length=1)
+    floors: list[float] = Field(default=[1.1, 1.3], min_length=1)
+    pulse: float = Field(default=PULSE, ge=0.1, le=2.0)
+    levels: Literal[1, 2] = 1
+    steering: tuple[float, float] = (2.0, 30.0)
+    runs: int = Field(default=9, ge=3, le=50)
+    disturbed: int = Field(default=0, ge=0, le=1000)
+    most_roll: float = Field(default=MOST_ROLL, gt=0.0, le=1.5)
+    most_sideslip: float = Field(default=MOST_SIDESLIP, gt=0.0, le=1.5)
+    step: float = Field(default=0.002, gt=0.0, le=0.005)
+    fine_step: float = Field(default=FINE_STEP, gt=0.0, le=0.005)
 
-    def __post_init__(self) -> None:
-        for degrees in self.courses:
-            if degrees not in COURSES:
-                raise SweepError(f"course {degrees}: allowed: {', '.join(map(str, COURSES))} degrees")
-        for pulse in self.pulses:
-            if not PULSES[0] <= pulse <= PULSES[1]:
-                raise SweepError(f"pulse {pulse:g} s: allowed: {PULSES[0]:g} to {PULSES[1]:g} s")
-        asked = {"speed": self.speeds, "floor": self.floors, "course": self.courses, "pulse": self.pulses}
-        for name, values in asked.items():
+    def model_post_init(self, _context: Any) -> None:
+        """Raises `SweepError` for what no single value says: numbers named twice, a scenario without such a turn."""
+        for name, values, low, high in (("speed", self.speeds, 1.0, 8.0), ("floor", self.floors, 0.2, 3.0)):
             refuse_twice([f"{value:g}" for value in values], name)
-        if self.disturbed:
-            draw_disturbances(self.disturbed, self.seed, "")
-        if self.reduced and (self.courses or self.fixed or self.disturbed or len(self.shapes) > 1):
-            raise SweepError(
-                "reduced cars: allowed: courses after pulses of one level as planned, steering found on each car"
-            )
-        turn = load_scenario(self.scenario, [f"manoeuvre.steer_angle={self.search.high!r}"]).manoeuvre
+            for value in values:
+                if not low <= value <= high:
+                    raise SweepError(f"{name} {value:g}: allowed: {low:g} to {high:g}")
+        try:
+            turn = load_scenario(self.scenario, [f"manoeuvre.steer_angle={self.search.high!r}"]).manoeuvre
+        except UserError as error:
+            raise SweepError(f"task: {error}") from None
         if turn.kind != "turn":
             raise SweepError(f"{self.scenario}: manoeuvre.kind {turn.kind}; allowed: turn")
+
+    @cached_property
+    def search(self) -> SteeringSearch:
+        """For the amplitude of the steering."""
+        low, high = map(math.radians, self.steering)
+        return SteeringSearch(low, high, runs=self.runs)
+
+    @property
+    def shapes(self) -> tuple[tuple[float, float], ...]:
+        """Of the steering: first level over the second and its time, s."""
+        return (ONE_LEVEL, *(TWO_LEVELS if self.levels == 2 else ()))
+
+    @cached_property
+    def test_cars(self) -> tuple[Member, ...]:
+        """Cars that are judged on; SweepError for more than there are, or one that is no test car."""
+        there = load_ensemble(self.ensemble).split(self.seed).test
+        if isinstance(self.cars, int):
+            return _first(there, self.cars, "cars")
+        known = {car.name: car for car in there}
+        refuse_twice(self.cars, "car")
+        for name in self.cars:
+            if name not in known:
+                raise SweepError(f"car {name!r}: is no test car with this seed; allowed: {', '.join(sorted(known))}")
+        return tuple(known[name] for name in self.cars)
+
+    @property
+    def training_cars(self) -> tuple[Member, ...]:
+        """Cars that candidates are searched on; none of them is a test car."""
+        return _first(load_ensemble(self.ensemble).split(self.seed).training, self.training, "training")
+
+    def counts(self, row: Mapping[str, Any]) -> bool:
+        """Whether a run is a turn: clean, little roll, out of the turn, and hardly sliding there."""
+        if row["outcome"] is None or not is_clean(row) or row["exit_sideslip_rad"] is None:
+            return False
+        return row["peak_roll_rad"] <= self.most_roll and abs(row["exit_sideslip_rad"]) <= self.most_sideslip
+
+    def course(self, row: Mapping[str, Any]) -> float | None:
+        """The measure: the course that was turned, rad; None for a run that does not count."""
+        return float(row["course_change_rad"]) if self.counts(row) else None
+
+    def settings(self, who: Candidate, car: Member, speed: float, step: float) -> tuple[str, ...]:
+        """Settings of a candidate's turns with a car, a speed (m/s) and a step of the plant (s), but for the floor."""
+        own = car.settings_on(self.scenario)
+        ballast = () if who.ballast is None else who.ballast(load_scenario(self.scenario, own))
+        numerics = (f"simulation.step={step!r}", f"simulation.log_rate={min(500.0, 1.0 / step):g}")
+        return (*own, *numerics, *who.at(speed), *ballast, f"{SPEED}={speed!r}")
+
+    def run(self, turn: SteeredTurn, step: float, after: float = AFTER) -> RunTask:
+        """A steered turn as a run with a step of the plant (s), which goes on for some time after the steering (s)."""
+        who, floor, place, (ratio, first) = turn.who, turn.floor, turn.place, turn.shape
+        end = load_scenario(self.scenario).manoeuvre.turn_start + self.pulse + after
+        angle = self.search.angle(place)
+        steered = [
+            *(f"manoeuvre.steer_angle={angle!r}", f"manoeuvre.turn_hold={self.pulse!r}"),
+            f"manoeuvre.duration={end:.9g}",
+        ]
+        if first:
+            level = min(ratio * angle, self.search.high)
+            steered += [f"manoeuvre.first_angle={level!r}", f"manoeuvre.first_hold={min(first, self.pulse)!r}"]
+        settings = (*self.settings(who, floor.car, floor.speed, step), floor.setting, *steered)
+        return RunTask(f"{who.name} {floor.car.name} {floor.speed:g}", self.scenario, settings)
+
+    def steered_turn(self, who: Candidate, row: Mapping[Any, Any]) -> SteeredTurn:
+        """The turn of a row of the table of cases, with the steering that was proved."""
+        car = next(car for car in self.test_cars if car.name == row["car"])
+        floor = Floor(car, row["speed_m_per_s"], row["floor"], row["critical_friction"])
+        shape = (row.get("first_level", ONE_LEVEL[0]), row.get("first_level_time_s", ONE_LEVEL[1]))
+        return SteeredTurn(who, floor, self.search.place(math.radians(row["steering_deg"])), shape)
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A case without its candidate: `share` times the critical friction is the friction of the floor."""
+    """A case: `share` times the critical friction is the friction of the floor. speed: m/s."""
 
-    member: Member
+    car: Member
     speed: float
     share: float
     critical: float
@@ -143,100 +172,67 @@ class Floor:
         """Of tyres on the floor."""
         return float(f"{self.share * self.critical:.6g}")
 
-
-Turn = tuple[Candidate, Floor]
-PulsedTurn = tuple[float, Candidate, Floor]
-"""With the length of its pulse, s."""
-Run = tuple[Candidate, Floor, int, tuple[float, float]]
-"""A turn with place on the grid and shape of its steering."""
+    @property
+    def setting(self) -> str:
+        """The override that makes the floor."""
+        return f"{FRICTION}={self.friction!r}"
 
 
 @dataclass(frozen=True)
-class Aim:
-    """What the steering is made best for: the course after a pulse, or with `degrees` the time to that course."""
+class SteeredTurn:
+    """A candidate on a floor, steered: the amplitude by its place on the grid, and the shape of the steering."""
 
-    degrees: int | None = None
-    pulse: float = PULSE
-
-    @property
-    def words(self) -> str:
-        """For a line of progress."""
-        return f"{self.pulse:g} s pulse" if self.degrees is None else f"time to {self.degrees} degrees"
-
-    @property
-    def searching(self) -> tuple[float, float]:
-        """How long a run of the search is steered, and goes on after that, s."""
-        return (self.pulse, AFTER) if self.degrees is None else (LONGEST, SOON_AFTER)
-
-    def worth(self, row: Mapping[str, Any]) -> float | None:
-        """Of a run of the search; None where it does not count."""
-        if row["outcome"] is None:
-            return None
-        if self.degrees is None:
-            return float(row["course_change_rad"]) if counts(row) else None
-        time, roll = row[f"time_to_{self.degrees}_deg_s"], row[f"peak_roll_to_{self.degrees}_deg_rad"]
-        return -float(time) if time is not None and row[f"clean_to_{self.degrees}_deg"] and roll <= MOST_ROLL else None
-
-    def proving(self, row: Mapping[str, Any]) -> tuple[float, float]:
-        """The same for the run that proves a run of the search."""
-        return self.pulse if self.degrees is None else float(f"{row[f'time_to_{self.degrees}_deg_s']:.6g}"), AFTER
-
-    def proved(self, row: Mapping[str, Any]) -> bool:
-        """Whether a run at the fine step counts, and comes to the course."""
-        return counts(row) and (self.degrees is None or row[f"time_to_{self.degrees}_deg_s"] is not None)
-
-
-def counts(row: Mapping[str, Any]) -> bool:
-    """Whether a run is a turn: clean, little roll, out of the turn, and hardly sliding there."""
-    if row["outcome"] is None or not is_clean(row) or row["exit_sideslip_rad"] is None:
-        return False
-    return row["peak_roll_rad"] <= MOST_ROLL and abs(row["exit_sideslip_rad"]) <= MOST_SIDESLIP
-
-
-class Steering(NamedTuple):
-    """An amplitude by its place on the grid, the shape of the steering, and what the search found it worth."""
-
+    who: Candidate
+    floor: Floor
     place: int
-    shape: tuple[float, float]
-    worth: float
+    shape: tuple[float, float] = ONE_LEVEL
 
 
-@dataclass(frozen=True)
-class Steered:
-    """The steering of one candidate in one case.
+def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
+    """A task of `models/tasks`, or of a file.
 
-    Attributes:
-        found: what the search came to; None when nothing counted.
-        proved: the place on the grid that the fine step bore out; None when none did.
-        row: of that run; empty without.
-    """
-
-    found: Steering | None
-    proved: int | None = None
-    row: Mapping[str, Any] = field(default_factory=dict)
-
-
-def candidates_of(names: Sequence[str]) -> dict[str, Candidate | LawFamily]:
-    """Candidates by the names that ask for them; the reference without tail always takes part.
+    Args:
+        name_or_path: of the task.
+        settings: overrides such as `cars=12` or `speeds=[3.6, 4.5]`.
 
     Raises:
-        SweepError: an unknown name; lists all.
+        UserError: no such task; an unknown key, or a value that is not allowed.
     """
-    for name in names:
-        if name not in CANDIDATES:
-            raise SweepError(f"candidate {name!r}: allowed: {', '.join(CANDIDATES)}")
-    return {name: who for name, who in CANDIDATES.items() if name in names or who is NO_TAIL}
+    path = find_file(name_or_path, "tasks", "task", SweepError)
+    data = read_yaml(path, SweepError)
+    known = [*Task.model_fields]
+    for setting in settings:
+        key, separator, text = setting.partition("=")
+        if not separator or key.strip() not in known or key.startswith("schema"):
+            raise SweepError(f"--set {setting}: {nearest(key.strip(), known[1:])}, as KEY=VALUE")
+        try:
+            data[key.strip()] = yaml.safe_load(text)
+        except yaml.YAMLError:
+            raise SweepError(f"--set {setting}: {text!r} is not a value") from None
+    return checked(Task, data, str(path), SweepError, schema=SCHEMA)
 
 
-def chosen_cars(cars: Sequence[Member], names: Sequence[str]) -> list[Member]:
-    """Test cars by name.
+def find_floors(task: Task, cars: Sequence[Member], engine: RunEngine) -> tuple[list[Floor], list[str]]:
+    """Floors of cars, speeds and shares, and the cars and speeds that have none.
 
     Raises:
-        SweepError: one is no test car, or named twice.
+        UserError: none has a floor.
     """
-    known = {car.name: car for car in cars}
-    refuse_twice(names, "car")
-    for name in names:
-        if name not in known:
-            raise SweepError(f"car {name!r}: is no test car with this seed; allowed: {', '.join(sorted(known))}")
-    return [known[name] for name in names]
+    keys = [(car, speed) for car in cars for speed in task.speeds]
+    cases = [Case(THESIS.name, task.scenario, task.settings(THESIS, *key, task.step)) for key in keys]
+    starts = [load_scenario(task.scenario, car.settings_on(task.scenario)).car.tyre_friction for car, _ in keys]
+    floors, without = [], []
+    for (car, speed), found in zip(keys, find_thresholds(cases, FRICTION_CLIMB, engine, starts=starts), strict=True):
+        if found.survived is None:
+            without.append(f"{car.name} at {speed:g} m/s")
+        else:
+            floors += [Floor(car, speed, share, found.survived) for share in task.floors]
+    if cars and not floors:
+        raise SweepError(f"{', '.join(without)}: the published swing at full lock is clean on no floor")
+    return floors, without
+
+
+def _first(there: tuple[Member, ...], number: int, key: str) -> tuple[Member, ...]:
+    if not 0 <= number <= len(there):
+        raise SweepError(f"{key}: {number}; the ensemble has {len(there)}: allowed: 0 to {len(there)}")
+    return there[:number]

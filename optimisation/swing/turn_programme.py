@@ -1,13 +1,12 @@
-"""The search for steering and tail as a nonlinear programme, solved from one start by quadratic programmes of Drake.
+"""Steering and tail of a turn as a `MathematicalProgram`, which the user may add to before it is solved.
 
     maximise   mean course of the cars,  less SMOOTHNESS x mean square of the steps of the scaled rate
                                          and STEADINESS x mean square of the scaled step of the steering
     subject to every row of `TurnShooting` for every car, the tail's range at and between its knots (linear), bounds
 
-Courses, rows and all slopes at a point come from one batch of turns. About it they are linear, a violation costs
-`PENALTY` per scaled unit, and no variable goes further than the trust region: that is a MathematicalProgram. Its point
-is driven, and the region grows or shrinks with what was promised and what came of it; a car that flips only shrinks it.
-First levels last whole ticks of the driver in the end: they are rounded, fixed, and the rest is solved again.
+Courses, rows and all slopes at a point come from one batch of turns (`TurnShooting.at`), which cost and constraints
+share. SNOPT solves; of the points that it visits the best one that keeps everything is taken. First levels last whole
+ticks of the driver: after a few iterations they are rounded and fixed, and the rest is solved again.
 """
 
 from __future__ import annotations
@@ -17,41 +16,36 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue
+from pydrake.solvers import MathematicalProgram, SnoptSolver, SolverOptions
 
-from aerodima.optimisation.corner.turn_shooting import Found, TurnShooting
-from aerodima.optimisation.corner.turn_variables import STEERING
+from aerodima.optimisation.swing.turn_shooting import Found, TurnShooting
+from aerodima.optimisation.swing.turn_variables import STEERING
 from aerodima.workbench.config.array_types import FloatArray
 
 COURSE = 0.5
 """Scale of the course, rad."""
 SMOOTHNESS, STEADINESS = 3e-3, 1e-3
 """Weights that choose among turns of nearly the same course."""
-PENALTY = 5.0
-"""Of a scaled unit of violation."""
 FEASIBLE = 1e-3
 """Largest scaled violation of a solution."""
-FIRST_REGION, LARGEST_REGION, LEAST_REGION = 0.2, 0.5, 0.003
-"""Scaled; the least is 0.02 rad/s of the tail, 0.02 degrees of steering, 0.6 ms."""
-PROMISE = 1e-3
-"""A programme that promises less has converged: 0.03 degrees of course."""
-TAKEN, LITTLE, GOOD = 0.02, 0.2, 0.6
-"""Share of what was promised from which a point is taken, below which the region shrinks, from which it grows."""
-SHRINK, GROW = 0.5, 2.0
-SETTLING = 8
-"""Most iterations with first levels on ticks."""
+OPTIMAL = 1e-2
+"""Tolerance of the solver for scaled slopes; lifting wheels and saturated joints are kinks, where it creeps."""
+LINE_SEARCH = 0.99
+"""Of the solver: an inexact one, since each of its points costs a batch of turns (README.md)."""
+ROUGH = 10
+"""Most iterations before first levels are rounded to ticks of the driver."""
 
 
 @dataclass(frozen=True)
-class JointSolution:
+class TurnSolution:
     """What a start came to.
 
     Attributes:
         x: scaled variables.
         course: of every car on the reduced model (members,), rad.
         violation: largest scaled one, and `worst` whose it is.
-        converged: nothing better is promised, or within the least region; and nothing is violated by more than
-            `FEASIBLE`. Before first levels went to ticks.
+        converged: the solver says so, and nothing is violated by more than `FEASIBLE`.
         evaluations: batches of turns; `wall_time` s.
     """
 
@@ -64,102 +58,110 @@ class JointSolution:
     wall_time: float
 
 
-class CornerProgramme:
-    """The programme over some cars."""
+class TurnProgramme:
+    """The programme over some cars.
+
+    Attributes:
+        prog: Drake's programme; costs and constraints that are added to it are kept by `solve`.
+        x: its scaled variables (size,), in the order of `TurnVariables`.
+        shooting: of the cars.
+        evaluations: batches of turns so far.
+    """
 
     def __init__(self, shooting: TurnShooting) -> None:
-        self._shooting = shooting
+        self.shooting = shooting
+        self.evaluations = 0
+        self._last: tuple[bytes, Found] | None = None
+        self._best: tuple[float, FloatArray] | None = None
         self._sizes = np.array([row.size for row in shooting.rows])
-        rows, members = shooting.rows, shooting.variables.members
+        rows, variables = shooting.rows, shooting.variables
         self._low, self._high = (
-            np.tile([getattr(row, end) / row.size for row in rows], members) for end in ("lower", "upper")
+            np.tile([getattr(row, end) / row.size for row in rows], variables.members) for end in ("lower", "upper")
         )
+        prog: Any = MathematicalProgram()
+        self.prog, self.x = prog, prog.NewContinuousVariables(variables.size, "x")
+        prog.AddVisualizationCallback(self._keep, self.x)
+        prog.AddBoundingBoxConstraint(*variables.bounds, self.x)
+        prog.AddQuadraticCost(2.0 * self._weights(), np.zeros(variables.size), self.x, is_convex=True)
+        prog.AddCost(self._course_cost, self.x)
+        prog.AddConstraint(self._scaled_rows, self._low, self._high, self.x)
+        rates = slice(1, variables.tail)
+        travel = variables.roll_rows * variables.units[rates]
+        ends = [np.full(len(travel), side * variables.most_roll - variables.start) for side in (-1.0, 1.0)]
+        prog.AddLinearConstraint(travel, *ends, self.x[rates])
 
-    def solve(self, start: FloatArray, iterations: int = 60) -> JointSolution:
+    def solve(self, start: FloatArray, iterations: int = 30) -> TurnSolution:
         """The turn that is best near a start.
 
         Args:
             start: scaled variables (size,).
-            iterations: most quadratic programmes.
+            iterations: most major iterations of the solver once first levels are on ticks.
         """
-        begun, variables = time.perf_counter(), self._shooting.variables
+        begun, before, variables = time.perf_counter(), self.evaluations, self.shooting.variables
         low, high = variables.bounds
-        x, converged, spent = self._climb(np.clip(start, low, high), low, high, iterations)
-        x = variables.on_ticks(x)
+        x, _ = self._solve(np.clip(start, low, high), min(iterations, ROUGH))
+        x = variables.on_ticks(np.clip(x, low, high))
         fixed = variables.tail + STEERING * np.arange(variables.members) + 2
-        low, high = low.copy(), high.copy()
-        low[fixed] = high[fixed] = x[fixed]
-        x, _, more = self._climb(x, low, high, SETTLING)
-        found = self._shooting.at(x)
+        binding = self.prog.AddBoundingBoxConstraint(x[fixed], x[fixed], self.x[fixed])
+        try:
+            x, converged = self._solve(x, iterations)
+        finally:
+            self.prog.RemoveConstraint(binding)
+        found = self.at(x)
         violation, worst = self._violation(found)
-        return JointSolution(
-            x, found.course, violation, worst, converged, spent + more + 1, time.perf_counter() - begun
-        )
+        spent = self.evaluations - before
+        good = converged and violation <= FEASIBLE
+        return TurnSolution(x, found.course, violation, worst, good, spent, time.perf_counter() - begun)
 
-    def cost(self, x: FloatArray, found: Found) -> tuple[float, FloatArray]:
-        """Value and slopes (size,) at scaled variables, and what was found there."""
-        weights = self._weights()
-        slopes = 2.0 * weights @ x - np.mean(found.course_slopes, axis=0) / COURSE
-        return float(x @ weights @ x - np.mean(found.course) / COURSE), slopes
+    def at(self, x: FloatArray) -> Found:
+        """Courses and rows with their slopes at scaled variables (size,); the last point is remembered."""
+        key = np.ascontiguousarray(x, dtype=np.float64).tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self.shooting.at(np.asarray(x, dtype=np.float64)))
+            self.evaluations += 1
+        return self._last[1]
 
-    def constraint(self, found: Found) -> tuple[FloatArray, FloatArray]:
+    def scaled_rows(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scaled rows of all cars (members x rows,) and their slopes (members x rows, size)."""
+        found = self.at(x)
         slopes = found.row_slopes / self._sizes[:, None]
         return (found.rows / self._sizes).ravel(), slopes.reshape(-1, slopes.shape[-1])
 
-    def _climb(self, x: FloatArray, low: FloatArray, high: FloatArray, iterations: int) -> tuple[FloatArray, bool, int]:
-        """The point, whether it is converged, and how many batches of turns it took."""
-        found, region = self._shooting.at(x), FIRST_REGION
-        for number in range(iterations):
-            step, promised = self._step(x, found, np.maximum(low - x, -region), np.minimum(high - x, region))
-            if promised < PROMISE or region < LEAST_REGION:
-                return x, self._violation(found)[0] <= FEASIBLE, number + 1
-            there = self._shooting.at(x + step)
-            kept = (self._merit(x, found) - self._merit(x + step, there)) / promised
-            if kept > TAKEN:
-                x, found = x + step, there
-            if kept > GOOD:
-                region = min(GROW * region, LARGEST_REGION)
-            elif kept < LITTLE:
-                region *= SHRINK
-        return x, False, iterations + 1
+    def _solve(self, start: FloatArray, iterations: int) -> tuple[FloatArray, bool]:
+        """The best point that was visited and keeps everything, else where the solver ended; whether it converged."""
+        options, solver = SolverOptions(), SnoptSolver.id()
+        options.SetOption(solver, "Major iterations limit", iterations)
+        options.SetOption(solver, "Major optimality tolerance", OPTIMAL)
+        options.SetOption(solver, "Major feasibility tolerance", 0.1 * FEASIBLE)
+        options.SetOption(solver, "Linesearch tolerance", LINE_SEARCH)
+        self._best = None
+        result = SnoptSolver().Solve(self.prog, start, options)
+        x = result.GetSolution(self.x)
+        self._keep(x)
+        return x if self._best is None else self._best[1], bool(result.is_success())
 
-    def _step(self, x: FloatArray, found: Found, least: FloatArray, most: FloatArray) -> tuple[FloatArray, float]:
-        """The step that is best where all is linear (size,), between bounds, and by how much it lowers the merit."""
-        slopes = self.cost(x, found)[1]
-        rows, row_slopes = self.constraint(found)
-        prog: Any = MathematicalProgram()
-        step, slack = prog.NewContinuousVariables(x.size, "step"), prog.NewContinuousVariables(rows.size, "violation")
-        prog.AddBoundingBoxConstraint(least, most, step)
-        prog.AddBoundingBoxConstraint(0.0, np.inf, slack)
-        both, one = np.concatenate([step, slack]), np.eye(rows.size)
-        prog.AddLinearConstraint(np.hstack([row_slopes, -one]), np.full(rows.size, -np.inf), self._high - rows, both)
-        limited = np.isfinite(self._low)
-        below = (np.hstack([row_slopes, one])[limited], (self._low - rows)[limited])
-        prog.AddLinearConstraint(*below, np.full(np.count_nonzero(limited), np.inf), both)
-        self._keep_in_range(prog, x, step)
-        prog.AddQuadraticCost(2.0 * self._weights(), slopes, step, is_convex=True)
-        prog.AddLinearCost(np.full(rows.size, PENALTY), slack)
-        result = ClarabelSolver().Solve(prog)
-        if not result.is_success():
-            return np.zeros_like(x), 0.0
-        moved = np.clip(result.GetSolution(step), least, most)
-        beyond = self._beyond(rows + row_slopes @ moved)
-        promised = PENALTY * (np.sum(self._beyond(rows)) - np.sum(beyond))
-        return moved, float(promised - slopes @ moved - moved @ self._weights() @ moved)
+    def _keep(self, x: FloatArray) -> None:
+        """Remembers a point if it keeps all constraints and costs less than those before; called by the solver."""
+        if not self.prog.CheckSatisfied(self.prog.GetAllConstraints(), x, FEASIBLE):
+            return
+        cost = float(np.sum([self.prog.EvalBinding(binding, x) for binding in self.prog.GetAllCosts()]))
+        if self._best is None or cost < self._best[0]:
+            self._best = (cost, x.copy())
 
-    def _keep_in_range(self, prog: Any, x: FloatArray, step: Any) -> None:
-        """The tail's roll at and between its knots."""
-        variables = self._shooting.variables
-        rates = slice(1, variables.tail)
-        travel = variables.roll_rows * variables.units[rates]
-        here = variables.start + travel @ x[rates]
-        ends = [np.full(len(travel), side * variables.most_roll) - here for side in (-1.0, 1.0)]
-        prog.AddLinearConstraint(travel, *ends, step[rates])
+    def _course_cost(self, x: np.ndarray) -> Any:
+        value, gradient = _split(x)
+        found = self.at(value)
+        cost = np.array([-np.mean(found.course) / COURSE])
+        joined = _joined(cost, -np.mean(found.course_slopes, axis=0)[None] / COURSE, gradient)
+        return joined[0]
+
+    def _scaled_rows(self, x: np.ndarray) -> np.ndarray:
+        value, gradient = _split(x)
+        return _joined(*self.scaled_rows(value), gradient)
 
     def _weights(self) -> FloatArray:
         """Matrix of the quadratic part of the cost (size, size)."""
-        variables = self._shooting.variables
+        variables = self.shooting.variables
         steps = np.diff(np.eye(variables.rates + 2)[:, 1:-1], axis=0)
         weights = np.zeros((variables.size, variables.size))
         weights[1 : variables.tail, 1 : variables.tail] = SMOOTHNESS * steps.T @ steps / len(steps)
@@ -168,24 +170,32 @@ class CornerProgramme:
             weights[angle : angle + 2, angle : angle + 2] = uneven
         return weights
 
-    def _merit(self, x: FloatArray, found: Found) -> float:
-        return self.cost(x, found)[0] + PENALTY * float(np.sum(self._beyond(self.constraint(found)[0])))
-
-    def _beyond(self, rows: FloatArray) -> FloatArray:
-        """By how much scaled rows violate their limits."""
-        return np.maximum(np.maximum(self._low - rows, rows - self._high), 0.0)
-
     def _violation(self, found: Found) -> tuple[float, str]:
         """Largest scaled violation of the rows, and its row."""
-        beyond, rows = self._beyond(self.constraint(found)[0]), self._shooting.rows
+        scaled, rows = (found.rows / self._sizes).ravel(), self.shooting.rows
+        beyond = np.maximum(np.maximum(self._low - scaled, scaled - self._high), 0.0)
         worst = int(np.argmax(beyond))
         row = rows[worst % len(rows)]
         return float(beyond[worst]), f"{row.name} by {beyond[worst] * row.size:.3g} {row.unit}"
 
 
-def best_of(solutions: list[JointSolution]) -> JointSolution:
+def best_of(solutions: list[TurnSolution]) -> TurnSolution:
     """That of the largest mean course among those that keep everything; without one, the least violation."""
     kept = [one for one in solutions if one.violation <= FEASIBLE]
     if kept:
         return max(kept, key=lambda one: float(np.mean(one.course)))
     return min(solutions, key=lambda one: one.violation)
+
+
+def _split(x: np.ndarray) -> tuple[FloatArray, FloatArray | None]:
+    """Values (size,) and, of AutoDiff scalars, their slopes (size, n) of what the solver evaluates."""
+    if x.dtype != object:
+        return x, None
+    return ExtractValue(x).ravel(), ExtractGradient(x)
+
+
+def _joined(values: FloatArray, slopes: FloatArray, gradient: FloatArray | None) -> np.ndarray:
+    """Values (n,) as AutoDiff scalars by the chain rule; plain where the solver asks for no slopes."""
+    if gradient is None or not gradient.size:
+        return values
+    return np.array([AutoDiffXd(value, own) for value, own in zip(values, slopes @ gradient, strict=True)])

@@ -15,14 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.corner.turn_variables import TurnVariables
-from aerodima.optimisation.screening.played_roll import PlayedRoll
-from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.turn_record import course, heights
-from aerodima.optimisation.screening.turns import Turns, drive_turns
+from aerodima.optimisation.screening.turn_plans import PlayedRoll, TurnPlans
+from aerodima.optimisation.screening.turns import Turns, course, drive_turns, heights
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.studies.corner_plan import MOST_ROLL, MOST_SIDESLIP, PULSE
 from aerodima.optimisation.swing.swing_construction import FOLLOW, HOLD, RELEASE_STEERING
+from aerodima.optimisation.swing.task import MOST_ROLL, MOST_SIDESLIP, PULSE
+from aerodima.optimisation.swing.turn_variables import TurnVariables
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.metrics.settling import EXIT_YAW_RATE

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.optimisation.studies.corner_plan import PULSE
+from aerodima.optimisation.swing.task import PULSE
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.controllers.manoeuvre import TICK_TOLERANCE
 

@@ -19,7 +19,7 @@ import pandas as pd
 from aerodima.optimisation.sweep.rollover_threshold import is_clean
 from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RunEngine, RunTask, SerialRunEngine, measured_row
-from aerodima.optimisation.swing.full_car import FINE_STEP
+from aerodima.optimisation.swing.task import FINE_STEP
 from aerodima.workbench.batch.row_store import Row
 from aerodima.workbench.config.ensemble import Ensemble
 from aerodima.workbench.config.scenario import Scenario, load_scenario

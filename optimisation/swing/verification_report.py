@@ -1,4 +1,4 @@
-"""What `aerodima verify` leaves in its folder: runs as CSV, the verdict as YAML, a page with motion and tip path."""
+"""What `aerodima swing verify` leaves in its folder: runs (CSV), verdict (YAML), a page of motion and tip path."""
 
 from __future__ import annotations
 

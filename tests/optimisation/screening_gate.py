@@ -21,9 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import spearmanr
 
-from aerodima.optimisation.screening.grip_screening import screened_friction
 from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.turns import drive_turns
+from aerodima.optimisation.screening.turns import drive_turns, screened_friction
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search, is_clean, search_rows
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine, RunTask, open_run_engine

@@ -1,7 +1,7 @@
 """The short turn of the shipped table: who takes part, which case is shown, and the runs that show it.
 
-`models/short_turn` holds the list of candidates and what `aerodima corner` measures of them. Shown is the case in the
-middle: that whose gain of the last candidate over the first is the median of all, the lesser of two in the middle.
+`models/short_turn` holds the list of candidates and what `aerodima swing judge` measures of them. Shown is the case in
+the middle: that whose gain of the last candidate over the first is the median of all, the lesser of two in the middle.
 There all of them get the steering that is best for the last one.
 """
 
@@ -71,7 +71,7 @@ class ShortTurn:
 
     Attributes:
         entries: the candidates.
-        cases: columns of `aerodima corner`, a row per candidate and case.
+        cases: columns of `aerodima swing judge`, a row per candidate and case.
         gains: of the last candidate over the first by (car, speed, floor), rising.
         shown: index of the case that is shown.
     """

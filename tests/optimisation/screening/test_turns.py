@@ -5,17 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.screening.grip_screening import screened_friction
 from aerodima.optimisation.screening.turn_plans import TurnPlans
-from aerodima.optimisation.screening.turns import BatchLaw, drive_turns
+from aerodima.optimisation.screening.turns import BatchLaw, drive_turns, screened_friction
 from aerodima.optimisation.screening.vehicle_motion import STATES
 from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.rollover_threshold import FRICTION, Search
-from aerodima.optimisation.swing.full_car import drive, outcome
-from aerodima.optimisation.swing.swing_construction import constant_rate_swing
+from aerodima.optimisation.swing.swing_construction import steered_swing
 from aerodima.workbench import Observation, UserError, load_scenario, metrics_of, simulate
 from aerodima.workbench.config.swing_file import SwingFile, swing_from_dict
 from aerodima.workbench.controllers.swing_law import SwingLaw, SwingSettings
+from aerodima.workbench.controllers.swing_player import SwingPlayer
 from aerodima.workbench.metrics.turn_course import turn_course
 
 
@@ -87,10 +86,14 @@ def test_what_it_does_not_know_is_refused() -> None:
 
 
 def played(**changes: Any) -> SwingFile:
-    """A swing at 8 rad/s that the steering releases, with other sections."""
-    swing = constant_rate_swing(
-        "played", load_scenario("turn_designed"), length=0.8, knots=9, provenance={"source": ""}
-    )
+    """A swing over the top that the steering releases, with other sections."""
+    turn = load_scenario("turn_designed")
+    time = np.linspace(0.0, 0.8, 9)
+    phase = np.clip(time / 0.6, 0.0, 1.0)
+    travel = 2.0 * turn.controller.hold_angle
+    roll = travel * (phase**2 * (3.0 - 2.0 * phase) - 0.5)
+    rate = 6.0 * travel * phase * (1.0 - phase) / 0.6
+    swing = steered_swing("played", turn, time, roll, rate, provenance={"source": ""})
     data = swing.model_dump(mode="json", by_alias=True, exclude_none=True)
     data["trigger"] = {"kind": "steering", "threshold_rad": 0.01, "delay_s": 0.05}
     for section, values in changes.items():
@@ -126,12 +129,13 @@ def test_two_levels_and_a_played_swing_take_the_car_where_the_full_car_goes() ->
     swings = [None, played()]
     reduced = drive_turns(Vehicles.of(scenarios), TurnPlans.of(scenarios, swings), duration=1.2)
     for place, (scenario, swing) in enumerate(zip(scenarios, swings, strict=True)):
-        run = drive(scenario, swing)
-        full, roll = turn_course(run), outcome(run)
+        law = None if swing is None else SwingPlayer.from_scenario(swing, scenario)
+        run = simulate(scenario.varied(controller={"swing_file": "none"}), record="outcome", law=law)
+        full, peak_roll = turn_course(run), metrics_of(run).peak_roll_rad
         assert reduced.course[place] == pytest.approx(full.course_change_rad, rel=0.04)  # runs differ by 2 %
         assert reduced.exit_time[place] == pytest.approx(full.exit_time_s, abs=0.02)
-        assert reduced.peak_roll[place] == pytest.approx(roll.peak_roll, abs=0.02)
-    assert reduced.trigger[1] == pytest.approx(roll.released - 2.0)
+        assert reduced.peak_roll[place] == pytest.approx(peak_roll, abs=0.02)
+    assert reduced.trigger[1] == pytest.approx(0.05, abs=0.011)
 
 
 def test_the_wheels_follow_two_levels_at_the_rate_of_the_servo() -> None:

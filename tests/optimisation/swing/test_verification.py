@@ -1,4 +1,4 @@
-"""`aerodima verify`: what it measures, what it refuses, what it leaves behind."""
+"""`aerodima swing verify`: what it measures, what it refuses, what it leaves behind."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def thesis() -> SwingFile:
 
 
 def call(*words: object) -> Result:
-    return CliRunner().invoke(build_app(), ["verify", *map(str, words)], catch_exceptions=False)
+    return CliRunner().invoke(build_app(), ["swing", "verify", *map(str, words)], catch_exceptions=False)
 
 
 class Told:

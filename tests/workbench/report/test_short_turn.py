@@ -10,9 +10,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.candidates import HELD, NO_TAIL, THESIS, Candidate
-from aerodima.optimisation.studies.corner_plan import ONE_LEVEL, CornerPlan, Floor
-from aerodima.optimisation.studies.corner_study import CornerRuns
+from aerodima.optimisation.swing.candidate import HELD, NO_TAIL, THESIS, Candidate
+from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task
 from aerodima.workbench.config.ensemble import load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import ScenarioError
@@ -37,7 +36,7 @@ def test_every_candidate_is_measured_in_every_case_on_test_cars(table: ShortTurn
     assert set(table.cases["car"]) == {car.name for car in test}
 
 
-def test_candidates_are_those_of_the_corner_study(table: ShortTurn) -> None:
+def test_candidates_are_those_of_the_judge(table: ShortTurn) -> None:
     settings = {one.name: tuple(one.settings) for one in table.entries.candidates}
     assert settings["no_tail"] == NO_TAIL.settings
     assert settings["held"] == HELD.settings
@@ -55,13 +54,13 @@ def test_the_case_that_is_shown_is_in_the_middle(table: ShortTurn) -> None:
 @pytest.mark.parametrize("name", ["no_tail", "published_swing", "best_swing"])
 def test_a_run_has_the_scenario_that_the_study_proved(table: ShortTurn, name: str) -> None:
     entries, row = table.entries, table.row(name)
-    plan = CornerPlan(entries.scenario)
-    place = next(k for k in range(257) if math.isclose(math.degrees(plan.search.angle(k)), row["steering_deg"]))
+    task = Task(scenario=entries.scenario)
+    place = next(k for k in range(257) if math.isclose(math.degrees(task.search.angle(k)), row["steering_deg"]))
     car = next(member for member in load_ensemble(entries.ensemble).members if member.name == table.shown[0])
     floor = Floor(car, float(table.shown[1]), float(table.shown[2]), float(row["critical_friction"]))
     who = short_turn_candidate(table, name)
-    task = CornerRuns(plan, None).task((who, floor, place, ONE_LEVEL), plan.fine_step, (0.5, 1.5))
-    assert table.scenario(name).resolved() == load_scenario(entries.scenario, task.settings).resolved()
+    run = task.run(SteeredTurn(who, floor, place), task.fine_step)
+    assert table.scenario(name).resolved() == load_scenario(entries.scenario, run.settings).resolved()
 
 
 def short_turn_candidate(table: ShortTurn, name: str) -> Candidate:

@@ -13,12 +13,21 @@ import yaml
 from aerodima.optimisation.screening.turn_plans import TurnPlans
 from aerodima.optimisation.screening.turns import drive_turns
 from aerodima.optimisation.screening.vehicles import Vehicles
-from aerodima.optimisation.studies.corner_plan import CornerPlan, Floor
-from aerodima.optimisation.studies.corner_study import CornerRuns
-from aerodima.optimisation.studies.law_search import APART, LawSearch, is_gaining, search_laws
-from aerodima.optimisation.studies.law_training import TRAINED, Screening, course_table, score, screened_courses
-from aerodima.optimisation.studies.steering_search import SteeringSearch
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, SerialRunEngine
+from aerodima.optimisation.swing.law_search import (
+    APART,
+    FAMILIES,
+    LawSearch,
+    Screening,
+    course_table,
+    is_gaining,
+    score,
+    screened_courses,
+    screening_of,
+    search_laws,
+)
+from aerodima.optimisation.swing.steering_search import SteeringSearch
+from aerodima.optimisation.swing.task import Floor, Task
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import read_yaml
@@ -28,6 +37,8 @@ from aerodima.workbench.controllers.swing_law import SwingSettings
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.resources import model_path
 
+TRAINED = FAMILIES["trained"]
+PUBLISHED = TRAINED.published_law("turn_fast")
 ONE_AMPLITUDE = SteeringSearch(math.radians(2.0), math.radians(8.0), runs=1, spread=1)
 
 
@@ -40,7 +51,7 @@ def found(seed: int = 1) -> tuple[list[dict[str, float]], list[dict[str, float]]
         return np.array([1.0 - np.linalg.norm(TRAINED.shares(law) - 0.3) for law in laws])
 
     search = LawSearch(laws=5, generations=40, finalists=3, seed=seed)
-    return search_laws(TRAINED, search, worth, [].append).finalists, tried
+    return search_laws(TRAINED, search, [PUBLISHED], worth, [].append).finalists, tried
 
 
 def test_the_search_comes_to_the_best_law_and_to_others_beside_it() -> None:
@@ -48,7 +59,7 @@ def test_the_search_comes_to_the_best_law_and_to_others_beside_it() -> None:
     assert TRAINED.shares(finalists[0]) == pytest.approx(0.3, abs=0.12)
     distances = [np.max(np.abs(TRAINED.shares(a) - TRAINED.shares(b))) for a, b in pairwise(finalists)]
     assert min(distances) >= APART - 1e-3  # four digits
-    assert tried[0] == pytest.approx(TRAINED.published_law, rel=1e-3)
+    assert tried[0] == pytest.approx(PUBLISHED, rel=1e-3)
     assert found()[0] == finalists
     assert found(seed=2)[0] != finalists
     for law in tried[::100]:
@@ -79,8 +90,7 @@ def test_a_scenario_file_with_another_content_is_screened_anew(tmp_path: Path) -
         engine = RememberingEngine(SerialRunEngine(), store)
         for mass in (6.5, 8.0, 6.5):
             path.write_text(yaml.safe_dump({**designed, "car": {"mass": mass}}))
-            runs = CornerRuns(CornerPlan(str(path)), engine)
-            cases = runs.reduced_cases([Floor(Member("own", 1.0, {}), 4.5, 1.3, 0.6)])
+            cases = screening_of(Task(scenario=str(path)), [Floor(Member("own", 1.0, {}), 4.5, 1.3, 0.6)], 7)
             found.append(course_table(replace(cases, steering=ONE_AMPLITUDE), [{}], engine)[0, 0])
     assert found[0] == found[2] != found[1]
     assert len(store.rows) == 2
@@ -88,9 +98,9 @@ def test_a_scenario_file_with_another_content_is_screened_anew(tmp_path: Path) -
 
 def test_a_law_is_screened_as_its_scenario_would_be() -> None:
     """With 4 degrees, as if driven from standstill. A swing that begins on the straight counts for nothing."""
-    law = TRAINED.published_law | {"swing_speed": 9.0, "delay": 0.1}
+    law = PUBLISHED | {"swing_speed": 9.0, "delay": 0.1}
     case = ("car.tyre_friction=0.9", "manoeuvre.turn_hold=0.5")
-    task = Screening("turn_designed", (case,), ("",), ONE_AMPLITUDE, 1.0, 0.5, (law,), TRAINED.fixed)
+    task = Screening("turn_designed", (case,), ("",), ONE_AMPLITUDE, 1.0, 0.5, laws=(law,), fixed=TRAINED.fixed)
     (course,) = screened_courses(task)
     steered = f"manoeuvre.steer_angle={math.radians(4.0)!r}"
     scenario = load_scenario("turn_designed", (*case, *TRAINED.settings(law), steered))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.candidates import HELD, NO_TAIL, THESIS
-from aerodima.optimisation.studies.corner_page import make_corner
-from aerodima.optimisation.studies.corner_plan import CornerPlan, candidates_of
-from aerodima.optimisation.studies.corner_result import Corner
-from aerodima.optimisation.studies.disturbances import (
+from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
+from aerodima.optimisation.sweep.study_engine import RunTask
+from aerodima.optimisation.swing.candidate import HELD, NO_TAIL, THESIS
+from aerodima.optimisation.swing.disturbed_turns import (
     AIR_SHARE,
     DELAY,
     FRICTION_SHARE,
@@ -28,15 +26,15 @@ from aerodima.optimisation.studies.disturbances import (
     TORQUE_SHARE,
     Disturbance,
     draw_disturbances,
+    paired_difference,
 )
-from aerodima.optimisation.studies.disturbed_turns import paired_difference
-from aerodima.optimisation.sweep.rollover_threshold import FRICTION, SPEED
-from aerodima.optimisation.sweep.study_engine import RunTask
+from aerodima.optimisation.swing.judge import Judgement, judge
+from aerodima.optimisation.swing.judge_page import PAGE, write_judgement
+from aerodima.optimisation.swing.task import Task
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.errors import UserError
-from tests.optimisation.studies.test_corner import CARS, LIMIT, PLAN, MadeUp
+from tests.optimisation.swing.test_judge import LIMIT, BothCars, MadeUp
 
-DISTURBED = replace(PLAN, disturbed=6)
+DISTURBED = BothCars(disturbed=6)
 
 
 def test_draws_are_a_seeds_and_a_cars_and_more_of_them_begin_with_the_same() -> None:
@@ -101,9 +99,8 @@ class Slippery(MadeUp):
         return super().row(given) | ({"outcome": "flipped", "clean": False} if lost else {})
 
 
-def measured(folder: Path, engine: MadeUp, plan: CornerPlan = DISTURBED) -> Corner:
-    chosen = candidates_of(["held", "published"])
-    return make_corner(folder, plan, chosen, [], CARS, (), engine)[0]
+def judged(folder: Path, engine: MadeUp, task: Task = DISTURBED) -> Judgement:
+    return judge(task, [NO_TAIL, HELD, THESIS], folder, engine)
 
 
 def disturbed_tasks(engine: MadeUp) -> list[RunTask]:
@@ -111,14 +108,14 @@ def disturbed_tasks(engine: MadeUp) -> list[RunTask]:
 
 
 @pytest.fixture(scope="module")
-def slippery(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MadeUp, Corner]:
+def slippery(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, MadeUp, Judgement]:
     """Folder, engine and result."""
     folder, engine = tmp_path_factory.mktemp("slippery"), Slippery()
-    return folder, engine, measured(folder, engine)
+    return folder, engine, judged(folder, engine)
 
 
 def test_all_candidates_of_a_car_meet_the_same_draws_with_their_own_steering(
-    slippery: tuple[Path, MadeUp, Corner],
+    slippery: tuple[Path, MadeUp, Judgement],
 ) -> None:
     _, engine, corner = slippery
     runs = corner.disturbed
@@ -132,13 +129,13 @@ def test_all_candidates_of_a_car_meet_the_same_draws_with_their_own_steering(
         name = {"none": NO_TAIL, "held": HELD, "swing": THESIS}[settings["tail.mode"]].name
         car = "light" if settings["car.mass"] == "5.0" else "heavy"
         own = math.degrees(float(settings["manoeuvre.steer_angle"]))
-        assert min(abs(own - steering[name, car, floor]) for floor in PLAN.floors) < 1e-6
+        assert min(abs(own - steering[name, car, floor]) for floor in DISTURBED.floors) < 1e-6
         assert settings["simulation.step"] == "0.002"
         assert float(settings[SPEED]) == pytest.approx(4.5, rel=SPEED_SHARE)
 
 
 def test_survival_and_course_are_compared_in_pairs_with_the_published_swing(
-    slippery: tuple[Path, MadeUp, Corner],
+    slippery: tuple[Path, MadeUp, Judgement],
 ) -> None:
     folder, _, corner = slippery
     survival = corner.survival.set_index("candidate")
@@ -151,8 +148,8 @@ def test_survival_and_course_are_compared_in_pairs_with_the_published_swing(
     assert bare["course_difference"] < 0.0, "less steering, and a run that is not clean has turned nothing"
     ratio = bare["mean_course_rad"] / published["mean_course_rad"]
     assert ratio == pytest.approx(LIMIT["none"] / LIMIT["swing"], rel=0.03)
-    assert "Disturbed runs" in (folder / "corner.html").read_text(encoding="utf-8")
-    assert "6 draws for each of 2 cars" in (folder / "corner.md").read_text(encoding="utf-8")
+    write_judgement(folder, DISTURBED, corner, replays=False)
+    assert "Disturbed runs" in (folder / PAGE).read_text(encoding="utf-8")
     assert list(pd.read_csv(folder / "survival.csv")["candidate"]) == list(survival.index)
     assert len(pd.read_csv(folder / "disturbed.csv")) == 72
 
@@ -165,7 +162,7 @@ def test_a_run_that_came_to_nothing_says_nothing(tmp_path: Path) -> None:
             failed = given["tail.mode"] == "held" and given.get("seed") == "2"
             return {"outcome": None, "error": "the solver gave up"} if failed else super().row(given)
 
-    held = measured(tmp_path, Failing()).survival.set_index("candidate").loc[HELD.name]
+    held = judged(tmp_path, Failing()).survival.set_index("candidate").loc[HELD.name]
     assert (held["failed"], held["runs"], held["survived"], held["survived_difference"]) == (4, 20, 1.0, 0.0)
 
 
@@ -176,16 +173,16 @@ def test_a_candidate_without_a_turn_is_not_disturbed(tmp_path: Path) -> None:
         def row(self, given: dict[str, str]) -> dict[str, Any]:
             return super().row(given) | ({"exit_sideslip_rad": -0.11} if given["tail.mode"] == "held" else {})
 
-    held = measured(tmp_path, Sliding()).survival.set_index("candidate").loc[HELD.name]
+    held = judged(tmp_path, Sliding()).survival.set_index("candidate").loc[HELD.name]
     assert held["runs"] == 0
     assert math.isnan(held["survived_difference"])
 
 
-def test_more_draws_keep_those_that_are_there(tmp_path: Path, slippery: tuple[Path, MadeUp, Corner]) -> None:
+def test_more_draws_keep_those_that_are_there(tmp_path: Path, slippery: tuple[Path, MadeUp, Judgement]) -> None:
     folder, _, corner = slippery
     shutil.copytree(folder, tmp_path / "more")
     more = Slippery()
-    runs = measured(tmp_path / "more", more, replace(PLAN, disturbed=8)).disturbed
+    runs = judged(tmp_path / "more", more, BothCars(disturbed=8)).disturbed
     assert len(more.tasks) == len(disturbed_tasks(more)) == 3 * 2 * 2 * 2
     pd.testing.assert_frame_equal(runs[runs["draw"] <= 6].reset_index(drop=True), corner.disturbed)
 
@@ -211,16 +208,3 @@ def test_the_interval_covers_the_truth_with_a_dozen_cars() -> None:
         _, low, high = paired_difference(cars)
         covered += low <= 0.1 <= high
     assert 0.88 <= covered / 200 <= 0.98
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        (lambda: CornerPlan(disturbed=-1), "-1 disturbed runs of a car: allowed: 1 to 1000"),
-        (lambda: CornerPlan(disturbed=1001), "1001 disturbed runs of a car: allowed: 1 to 1000"),
-        (lambda: CornerPlan(disturbed=3, reduced=True), "reduced cars: allowed: courses after pulses of one level as"),
-    ],
-)
-def test_wrong_input_names_what_is_allowed(wrong: Any, words: str) -> None:
-    with pytest.raises(UserError, match=words):
-        wrong()

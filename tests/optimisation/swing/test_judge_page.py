@@ -1,26 +1,33 @@
-"""The case of a corner study that its page shows."""
+"""The case that the page of a judgement shows."""
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from aerodima.optimisation.studies.candidates import HELD, NO_TAIL
-from aerodima.optimisation.studies.corner_case import case_sections, middle_case, plot_paths
-from aerodima.optimisation.studies.corner_plan import CornerPlan
+from aerodima.optimisation.swing.candidate import HELD, NO_TAIL
+from aerodima.optimisation.swing.judge import Judgement, middle_case
+from aerodima.optimisation.swing.judge_page import _case_sections, plot_paths
+from aerodima.optimisation.swing.task import Task
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import load_scenario
-from aerodima.workbench.report.report_page import Plot, Templated
+from aerodima.workbench.report.report_page import Plot, Table, Templated
 from aerodima.workbench.simulate.simulation import simulate
+
+
+class OneCar(Task):
+    test_cars: ClassVar[tuple[Member, ...]] = (Member("a", 1.0, {}),)
 
 
 def table_of(courses: dict[str, list[float]]) -> pd.DataFrame:
     """A case per floor; courses in degrees."""
     rows = [
         {"candidate": name, "car": "a", "speed_m_per_s": 4.5, "floor": 1.0 + place, "pulse_s": 0.5, "friction": 0.9}
+        | {"critical_friction": 0.9}
         | {"course_change_rad": math.radians(course), "steering_deg": 4.0}
         for name, own in courses.items()
         for place, course in enumerate(own)
@@ -28,12 +35,12 @@ def table_of(courses: dict[str, list[float]]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_the_case_in_the_middle_is_shown_with_the_furthest_first() -> None:
+def test_the_case_in_the_middle_is_shown() -> None:
     cases = table_of({NO_TAIL.name: [30, 30, 30, 30], "a": [33, 60, 36, 31], "b": [31, 31, 39, 45]})
     shown = middle_case(cases)
     assert shown is not None
     assert set(shown["floor"]) == {3.0}, "gains of 10, 100, 30 and 50 %: the lesser of the two in the middle is 30"
-    assert list(shown["candidate"]) == [NO_TAIL.name, "b", "a"]
+    assert set(shown["candidate"]) == {NO_TAIL.name, "b", "a"}
 
 
 def test_a_candidate_without_a_turn_is_not_shown_and_a_study_without_gains_shows_nothing() -> None:
@@ -47,10 +54,12 @@ def test_a_candidate_without_a_turn_is_not_shown_and_a_study_without_gains_shows
 
 def test_the_page_has_paths_and_replays_of_the_case() -> None:
     cases = table_of({NO_TAIL.name: [25], HELD.name: [28]})
-    plan = CornerPlan("turn_designed", fine_step=0.004)
-    (section,) = case_sections(plan, (NO_TAIL, HELD), (Member("a", 1.0, {}),), cases)
-    words, paths, replays = section.parts
-    assert "a at 4.5 m/s on a floor of friction 0.90" in str(words)
+    task = OneCar(scenario="turn_designed", fine_step=0.004)
+    nothing = pd.DataFrame()
+    found = Judgement(cases, nothing, (NO_TAIL, HELD), (), nothing, nothing)
+    (section,) = _case_sections(task, found)
+    which, paths, replays = section.parts
+    assert which == Table(["car", "speed_m_per_s", "floor", "pulse_s", "friction"], [["a", "4.5", "1", "0.5", "0.9"]])
     assert isinstance(paths, Plot)
     assert isinstance(replays, Templated)
 

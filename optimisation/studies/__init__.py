@@ -1,1 +1,0 @@
-"""Laws of the tail, trained and judged by how far they turn a car."""

@@ -1,0 +1,160 @@
+"""Steering and tail as one programme: its slopes, that it climbs to a turn within all limits, and its swing file."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+from typer.testing import CliRunner
+
+from aerodima.optimisation import turn_programme
+from aerodima.optimisation.screening.turn_plans import TurnPlans
+from aerodima.optimisation.screening.turns import drive_turns
+from aerodima.optimisation.sweep.study_engine import SerialRunEngine
+from aerodima.optimisation.swing.motion_search import OWN_CAR, MotionSearch, search_motion, steering_of, swing_of
+from aerodima.optimisation.swing.task import Floor, Task
+from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme
+from aerodima.optimisation.swing.turn_variables import TurnVariables
+from aerodima.workbench import load_scenario
+from aerodima.workbench.cli.program import build_app
+from aerodima.workbench.config.swing_file import read_swing, swing_at, write_swing
+from aerodima.workbench.controllers.swing_player import SwingPlayer
+from aerodima.workbench.errors import SwingError
+from aerodima.workbench.metrics.turn_course import turn_course
+from aerodima.workbench.simulate.simulation import simulate
+
+FEW = MotionSearch(starts=1, knots=6, length=0.6, iterations=5)
+TASK = Task(scenario="turn_designed", training=0, floors=[1.3])
+
+
+def variables(**changes: Any) -> TurnVariables:
+    data = {"members": 2, "rates": 4, "interval": 0.12, "start": -1.5, "most_roll": 1.5, "most_rate": 20.0}
+    return TurnVariables(**{**data, "steering": (0.04, 0.5), **changes})
+
+
+@pytest.fixture(scope="module")
+def programme() -> TurnProgramme:
+    turns = [load_scenario("turn_designed", (f"car.tyre_friction={friction}",)) for friction in (1.1, 0.9)]
+    return turn_programme(turns, FEW)
+
+
+@pytest.fixture(scope="module")
+def start(programme: TurnProgramme) -> np.ndarray:
+    return programme.shooting.random_start(np.random.default_rng([1, 0]))
+
+
+def test_the_knots_are_the_integral_of_the_rates() -> None:
+    chosen = variables()
+    x = chosen.random_start(np.random.default_rng(3))
+    time, roll, rate = chosen.motion(x[chosen.own(1)])
+    fine = np.linspace(time[1], time[-1], 2001)
+    travelled = np.trapezoid(np.interp(fine, time, rate), fine)
+    assert roll[-1] - roll[0] == pytest.approx(travelled, abs=1e-5)
+    assert roll[0] == roll[1] == -1.5
+    rows = chosen.roll_rows @ (x * chosen.units)[1 : chosen.tail]
+    assert roll[2:] - roll[0] == pytest.approx(rows[: chosen.rates + 1])
+
+
+def test_a_car_shares_the_tail_and_has_its_own_steering() -> None:
+    chosen = variables()
+    x = np.arange(float(chosen.size))
+    first, second = (x[chosen.own(member)] for member in (0, 1))
+    assert np.array_equal(first[: chosen.tail], second[: chosen.tail])
+    assert not set(first[chosen.tail :]) & set(second[chosen.tail :])
+    rounded = chosen.on_ticks(np.full(chosen.size, 0.7123))
+    assert chosen.steered(rounded[chosen.own(1)]).first_hold == pytest.approx(0.14)
+
+
+def test_slopes_are_those_of_differences(programme: TurnProgramme, start: np.ndarray) -> None:
+    """Of all costs and rows as the solver sees them; another car's steering changes nothing."""
+    prog, h = programme.prog, 1e-6
+    turn = np.random.default_rng(2).normal(size=start.size)
+    bindings = [*prog.GetAllCosts(), *prog.generic_constraints()]
+    assert len(bindings) == 3
+    for binding in bindings:
+        ahead, here, behind = (
+            np.atleast_1d(prog.EvalBinding(binding, x)) for x in (start + h * turn, start, start - h * turn)
+        )
+        slopes = ExtractGradient(np.atleast_1d(binding.evaluator().Eval(InitializeAutoDiff(start)))) @ turn
+        assert slopes == pytest.approx((ahead - behind) / (2 * h), rel=1e-5, abs=1e-6)
+        assert np.all(np.isfinite(here))
+    tail, found = programme.shooting.variables.tail, programme.at(start)
+    assert not found.course_slopes[0, tail + 3 :].any()
+    assert found.course_slopes[0, tail : tail + 3].any()
+
+
+def test_a_few_iterations_turn_the_car_further_within_its_limits(tmp_path: Path) -> None:
+    """What the programme says is what the reduced car does with the file that is written."""
+    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
+    alone = turn_programme([turn], FEW)
+    start = alone.shooting.random_start(np.random.default_rng([1, 0]))
+    start[alone.shooting.variables.tail :][:2] *= 0.8  # less steering: within the limits
+    assert alone.prog.CheckSatisfied(alone.prog.GetAllConstraints(), start, FEASIBLE)
+    solution = alone.solve(start, 4)
+    assert solution.violation <= FEASIBLE
+    assert solution.course[0] > alone.at(start).course[0] + math.radians(3.0)
+    floor = Floor(OWN_CAR, 4.5, 1.3, 1.1 / 1.3)
+    path = write_swing(swing_of("found", TASK, [(floor, turn)], alone, [solution], FEW), tmp_path / "found.yaml")
+    swing, steering = read_swing(path), steering_of(alone.shooting, solution.x, 0)
+    assert f"manoeuvre.first_hold={steering['first_hold']!r}" in swing.provenance.settings
+    driven = turn.varied(manoeuvre={**steering, "turn_hold": TASK.pulse})
+    plans = TurnPlans.of([driven], [swing])
+    again = drive_turns(alone.shooting.cars, plans, duration=1.3, length=alone.shooting.length)
+    assert again.course[0] == pytest.approx(solution.course[0], abs=1e-4)
+    assert abs(swing_at(swing, 5.0).roll_velocity) == 0.0
+
+
+def test_a_constraint_of_the_user_is_kept() -> None:
+    """A tail that may swing at 4 rad/s only; without it the programme swings faster."""
+    turn = load_scenario("turn_designed", ("car.tyre_friction=1.1",))
+    rates = slice(1, 1 + FEW.knots - 2)
+    free, slow = turn_programme([turn], FEW), turn_programme([turn], FEW)
+    start = free.shooting.random_start(np.random.default_rng([1, 0]))
+    unit = slow.shooting.variables.units[1]
+    slow.prog.AddBoundingBoxConstraint(-4.0 / unit, 4.0 / unit, slow.x[rates])
+    fastest = [np.max(np.abs(unit * one.solve(start, 4).x[rates])) for one in (free, slow)]
+    assert fastest[0] > 5.0
+    assert fastest[1] <= 4.0 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("words", "change"),
+    [
+        ("knots: 3", {"knots": 3}),
+        ("length: 3", {"length": 3.0}),
+        ("starts: 0", {"starts": 0}),
+    ],
+)
+def test_options_out_of_range_are_refused(words: str, change: dict[str, Any]) -> None:
+    with pytest.raises(SwingError, match=words):
+        MotionSearch(**change)
+
+
+def test_cars_without_tail_are_refused() -> None:
+    with pytest.raises(SwingError, match=r"tail\.mode: none"):
+        turn_programme([load_scenario("turn_none")], FEW)
+
+
+def test_the_command_refuses_before_it_drives(tmp_path: Path) -> None:
+    for flags, words in (
+        (["--set", "floors=[9]"], "floor 9: allowed"),
+        (["--set", "training=9999"], "training: 9999"),
+        (["--for", "fastest"], "--for fastest: allowed: motion, constant"),
+        (["--for", "motion", "--knots", "3"], "knots: 3"),
+    ):
+        result = CliRunner().invoke(build_app(), ["swing", "search", "short_turn", "--out", str(tmp_path), *flags])
+        assert words in result.output + str(result.exception), flags
+        assert not list(tmp_path.glob("*.yaml"))
+
+
+@pytest.mark.slow
+def test_a_swing_is_found_from_the_floor_on() -> None:
+    """Whole way: floor from the full car, programme, and the full car drives what was found as far."""
+    swing = search_motion("whole", TASK, MotionSearch(1, knots=6, length=0.6, iterations=6), SerialRunEngine())
+    found, settings = swing.provenance.found, swing.provenance.settings
+    assert found["car_4.5_1.3_friction"] == pytest.approx(1.3 * 0.85, rel=0.05)  # swing/README.md
+    turn = load_scenario("turn_designed", (*settings, "tail.mode=swing"))
+    run = simulate(turn, record="outcome", law=SwingPlayer.from_scenario(swing, turn), stop_when_certain=True)
+    assert turn_course(run).course_change_rad == pytest.approx(found["car_4.5_1.3_course_rad"], rel=0.1)
