@@ -204,7 +204,7 @@ def load_task(name_or_path: str, settings: Sequence[str] = ()) -> Task:
     for setting in settings:
         key, separator, text = setting.partition("=")
         if not separator or key.strip() not in known or key.startswith("schema"):
-            raise SweepError(f"--set {setting}: {nearest(key.strip(), known[1:])}, as KEY=VALUE")
+            raise SweepError(f"--set {setting}: allowed is KEY=VALUE; {nearest(key.strip(), known[1:])}")
         try:
             data[key.strip()] = yaml.safe_load(text)
         except yaml.YAMLError:

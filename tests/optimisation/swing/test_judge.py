@@ -367,7 +367,7 @@ def test_no_car_is_in_two_parts_of_the_split() -> None:
         (lambda: load_task("short_turns"), "task 'short_turns': models/tasks has none of this name"),
         (lambda: load_task("short_turn", ["pulse=5"]), "pulse: 5"),
         (lambda: load_task("short_turn", ["disturbed=-1"]), "disturbed: -1"),
-        (lambda: load_task("short_turn", ["car=3"]), "--set car=3: .*cars"),
+        (lambda: load_task("short_turn", ["car=3"]), "--set car=3: allowed is KEY=VALUE; .*cars"),
     ],
 )
 def test_wrong_input_names_what_is_allowed(wrong: Any, words: str) -> None:
