@@ -94,7 +94,7 @@ def test_step_of_a_walk_leads_to_a_function_that_is_there(file: str, link: str, 
 
 def test_height_of_the_centre_of_mass_takes_the_walk() -> None:
     from aerodima.workbench import load_scenario
-    from aerodima.workbench.config.scenario_file import _values_of
+    from aerodima.workbench.config.scenario import _values_of
     from aerodima.workbench.simulate.simulation import simulate
 
     _values_of.cache_clear()  # parameter files that another test has read are not read again

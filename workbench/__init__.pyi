@@ -51,9 +51,9 @@ from .metrics.turn_metrics import RunMetrics as RunMetrics
 from .metrics.turn_metrics import metrics_of as metrics_of
 from .plants.clearance import RangeOfMotion as RangeOfMotion
 from .plants.clearance import make_range_of_motion as make_range_of_motion
+from .plants.tail import read_tail as read_tail
 from .plants.tail import tail_geometry as tail_geometry
-from .plants.tail_file import read_tail as read_tail
-from .plants.tail_file import write_tail as write_tail
+from .plants.tail import write_tail as write_tail
 from .plants.tail_geometry import TailArm as TailArm
 from .plants.tail_geometry import TailGeometry as TailGeometry
 from .plants.tail_plate import Plate as Plate
@@ -64,12 +64,12 @@ from .replay.strip import write_strip as write_strip
 from .replay.tail_drawing import draw_tail as draw_tail
 from .replay.video import Filmed as Filmed
 from .replay.video import write_video as write_video
+from .report.demo_chapters import plot_courses as plot_courses
 from .report.notebook_cells import live_frame as live_frame
 from .report.notebook_cells import sliders as sliders
 from .report.replay_page import write_replay_html as write_replay_html
 from .report.short_turn import ShortTurn as ShortTurn
 from .report.short_turn import load_short_turn as load_short_turn
-from .report.short_turn_chapter import plot_courses as plot_courses
 from .sensors.roll_estimator import RollEstimator as RollEstimator
 from .simulate.car_run import assemble as assemble
 from .simulate.simulation import simulate as simulate

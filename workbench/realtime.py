@@ -1,4 +1,4 @@
-"""What this computer lets a program have of real time: priority over ordinary programs, and memory that stays in place.
+"""Real time on this computer: priority over ordinary programs, memory that stays in place, and no pauses of Python.
 
 Nothing here asks for rights: limits are set by the user (docs/deployment.md), and what is not permitted is said.
 """
@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import os
 import resource
+import sys
 import threading
 
 _IPC_LOCK = 14
@@ -80,3 +82,24 @@ def _lock_memory() -> str:
     if library.mlockall(_LOCK) != 0:
         return f"memory not locked ({os.strerror(ctypes.get_errno())})"
     return "memory locked"
+
+
+DRIVE_PRIORITY, EMULATOR_PRIORITY = 40, 30
+"""SCHED_RR priorities: the emulated car below what a real computer runs, none above the kernel's own threads for
+interrupts."""
+SWITCH_INTERVAL = 0.0005
+"""s; how long a thread that computes may keep the others waiting. Python's own 5 ms are half a cycle of the loop."""
+_SWITCH_INTERVAL_OF_PYTHON = 0.005
+
+
+def prefer_latency() -> None:
+    """Before the loop begins: threads give way sooner, and what exists by now is never looked through for garbage."""
+    gc.collect()
+    gc.freeze()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+
+
+def restore_latency() -> None:
+    """Python's own habits again; harmless when they were never changed."""
+    gc.unfreeze()
+    sys.setswitchinterval(_SWITCH_INTERVAL_OF_PYTHON)

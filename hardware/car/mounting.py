@@ -16,7 +16,7 @@ from aerodima.hardware.devices.bno055 import Bno055Sample
 from aerodima.hardware.devices.teensy_link import pulse
 from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES
 from aerodima.workbench.config.checked_files import QuantityModel, quantity
-from aerodima.workbench.config.scenario_file import load_section
+from aerodima.workbench.config.scenario import load_section
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from aerodima.workbench.config.checked_files import QuantityModel, quantity
-from aerodima.workbench.config.scenario_file import load_section
+from aerodima.workbench.config.scenario import load_section
 from aerodima.workbench.resources import model_path
 
 

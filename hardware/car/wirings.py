@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from aerodima.hardware.car.bus_watch import BusWatch
+from aerodima.hardware.car.bus_watch import ANSWER_ID, BusWatch
 from aerodima.hardware.car.car_devices import Devices, closing_on_error, lock_car, open_common
 from aerodima.hardware.car.car_ports import CarPorts, MountedMotor
 from aerodima.hardware.car.mounting import Mounting, load_mounting
@@ -19,7 +19,6 @@ from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.devices.motor_group import check_distinct_ids
 from aerodima.hardware.devices.motor_settings import MotorSettings, load_motor_safety, motor_settings
 from aerodima.hardware.protocol.ak70 import make_exit
-from aerodima.hardware.protocol.heartbeat import ANSWER_ID
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.workbench.config.scenario import Scenario
 

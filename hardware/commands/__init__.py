@@ -9,10 +9,10 @@ import typer
 from aerodima.workbench.cli.options import CAR
 
 COMMANDS = {
-    "console": "console_command",
+    "console": "car_commands",
     "drive": "drive_command",
-    "emulate": "emulate_command",
-    "firmware": "firmware_command",
+    "emulate": "car_commands",
+    "firmware": "car_commands",
 }
 """Command and the module of this package that has it as a function, in the order of the help page."""
 

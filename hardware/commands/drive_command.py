@@ -151,7 +151,7 @@ def _watchdog_test(scenario: Scenario, ports: CarPorts, wiring: WiringName, arm:
 
 def _eyes(ports: CarPorts, wiring: WiringName) -> tuple[Callable[[str], bool], str]:
     """Who answers what is seen of the tail: the operator, or nobody where there is nothing to be seen."""
-    from aerodima.hardware.drive.watchdog_record import is_emulated
+    from aerodima.hardware.drive.watchdog_test import is_emulated
 
     return ((lambda _: True), "emulator") if is_emulated(wiring, ports) else (typer.confirm, "operator")
 

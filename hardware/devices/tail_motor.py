@@ -20,16 +20,16 @@ import math
 from dataclasses import replace
 
 from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
-from aerodima.hardware.devices.motor_limits import (
+from aerodima.hardware.devices.motor_settings import (
     Following,
     MotorLoad,
+    MotorSettings,
     ReplyCount,
     check_command,
     limit_command,
     scale_gains,
     to_motor,
 )
-from aerodima.hardware.devices.motor_settings import MotorSettings
 from aerodima.hardware.protocol.ak70 import (
     MitCommand,
     MitReply,

@@ -18,7 +18,6 @@ from pathlib import Path
 from types import FrameType
 
 from aerodima.hardware.car.car_ports import CarPorts
-from aerodima.hardware.car.latency import DRIVE_PRIORITY, prefer_latency, restore_latency
 from aerodima.hardware.car.safety_settings import DriveSafety, load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.devices.bno055 import Bno055Sample
@@ -43,7 +42,14 @@ from aerodima.workbench.controllers.manoeuvre import make_schedule, run_time
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.logs.schema import DRIVEN_BY, TAIL_LAW
-from aerodima.workbench.realtime import is_realtime, prefer_realtime, restore_ordinary
+from aerodima.workbench.realtime import (
+    DRIVE_PRIORITY,
+    is_realtime,
+    prefer_latency,
+    prefer_realtime,
+    restore_latency,
+    restore_ordinary,
+)
 
 _HOUR = 3600.0
 """s; the longest drive by radio."""

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from aerodima.hardware.car.car_ports import JOINTS, CarPorts, Joint, read_ports
-from aerodima.hardware.car.latency import DRIVE_PRIORITY
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wiring import CarCommand, WiringName, wiring_name
@@ -25,7 +24,7 @@ from aerodima.hardware.devices.device_states import FramePort
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.drive.plain_loop import PERIOD, wait_until
-from aerodima.hardware.drive.watchdog_record import require_watchdog_test
+from aerodima.hardware.drive.watchdog_test import require_watchdog_test
 from aerodima.hardware.protocol.ak70 import MitReply, decode_reply, make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.transport.can_bus import CanBus
@@ -35,7 +34,7 @@ from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.config.signal_table import STATUS, TAIL_STATE
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import prefer_realtime, restore_ordinary
+from aerodima.workbench.realtime import DRIVE_PRIORITY, prefer_realtime, restore_ordinary
 
 _HEARD = 0.5
 """s in which Teensy and watchdog are heard."""

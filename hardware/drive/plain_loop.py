@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerodima.hardware.car.latency import SWITCH_INTERVAL
 from aerodima.hardware.car.wiring import CarCommand, CarReading
 from aerodima.hardware.devices.motor_settings import load_motor_safety
 from aerodima.hardware.drive.car_guard import CarGuard
@@ -23,7 +22,8 @@ from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import make_schedule
 from aerodima.workbench.controllers.tail_law import TailLaw, observe
 from aerodima.workbench.logs.signals import RowUnwrapper
-from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.realtime import SWITCH_INTERVAL
+from aerodima.workbench.sensors.roll_estimator import RollEstimate, RollFilterSettings, estimate_roll
 
 PERIOD = 0.01
 """s; of every loop that talks to the car."""

@@ -11,32 +11,172 @@ gains of the scenario's controller, and goes on until it is killed.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, Literal
 
-from aerodima.hardware.car.bus_watch import BusWatch
-from aerodima.hardware.car.car_ports import CarPorts, ports_from_dict
+from pydantic import Field
+
+from aerodima.hardware.car.bus_watch import ANSWER_ID, BusWatch
+from aerodima.hardware.car.car_ports import CarPorts, is_emulated_port, ports_from_dict
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
-from aerodima.hardware.car.wiring import WiringName
+from aerodima.hardware.car.wiring import WiringName, wiring_name
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink
-from aerodima.hardware.drive.watchdog_record import WatchdogTest, new_record, write_record
-from aerodima.hardware.protocol.heartbeat import ANSWER_ID
+from aerodima.hardware.firmware.firmware_sketch import firmware_hash
 from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
+from aerodima.workbench.atomic_write import write_atomically
+from aerodima.workbench.config.checked_files import StrictModel, checked
 from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
 from aerodima.workbench.errors import HardwareError, UserError
+from aerodima.workbench.logs.schema import software_versions
+from aerodima.workbench.resources import model_path
+
+SCHEMA = "aerodima/watchdog_test/2"
+
+
+class WatchdogTest(StrictModel):
+    """What a watchdog test has shown.
+
+    Attributes:
+        time_to_exit: s from the cut to the Teensy's report that it has switched the motors off.
+        cut: what was cut. seen_off_by: who saw that the motors were off.
+        emulated: made on an emulator; worth nothing for real motors.
+        firmware: `teensy_hash`.
+        ports: as `CarPorts`.
+    """
+
+    schema_: Literal["aerodima/watchdog_test/2"] = Field(default="aerodima/watchdog_test/2", alias="schema")
+    wiring: WiringName
+    cut: str
+    time_to_exit: float = Field(ge=0.0)
+    seen_off_by: str = Field(min_length=1)
+    emulated: bool
+    firmware: str
+    created: str
+    versions: dict[str, str]
+    ports: dict[str, Any]
+
+
+def new_record(wiring: WiringName, ports: CarPorts, cut: str, time_to_exit: float, seen_off_by: str) -> WatchdogTest:
+    """The record of a test made now.
+
+    Raises:
+        HardwareError: the exit frames came later than `longest_watchdog_test` of the drive's limits.
+    """
+    longest = load_drive_safety().longest_watchdog_test
+    if time_to_exit > longest:
+        raise HardwareError(
+            f"watchdog test of {wiring}: exit frames {time_to_exit:.3f} s after the cut; allowed is {longest:g} s"
+        )
+    return WatchdogTest.model_validate(
+        {
+            "wiring": wiring,
+            "cut": cut,
+            "time_to_exit": time_to_exit,
+            "seen_off_by": seen_off_by,
+            "emulated": is_emulated(wiring, ports),
+            "firmware": teensy_hash(),
+            "created": datetime.now(UTC).isoformat(),
+            "versions": software_versions(),
+            "ports": ports.model_dump(mode="json", by_alias=True),
+        }
+    )
+
+
+def record_path(wiring: WiringName, folder: Path | None = None) -> Path:
+    """Where the record of a wiring is; `folder` None: in the user's state folder (`XDG_STATE_HOME`)."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return (folder or state / "aerodima" / "watchdog_tests") / f"{wiring}.json"
+
+
+def write_record(record: WatchdogTest, folder: Path | None = None) -> Path:
+    """Writes a record in the place of an older one; `HardwareError` if it cannot be written."""
+    text = json.dumps(record.model_dump(mode="json", by_alias=True), indent=1) + "\n"
+    return write_atomically(record_path(record.wiring, folder), text, True, HardwareError)
+
+
+def read_record(path: Path) -> WatchdogTest:
+    """Reads a record. Raises `HardwareError` that names the file and what is wrong."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise HardwareError(f"{path}: cannot be read as JSON: {error}") from None
+    return checked(WatchdogTest, data, str(path), HardwareError, schema=SCHEMA)
+
+
+def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | None = None) -> WatchdogTest:
+    """The record that allows arming the motors of these ports.
+
+    Raises:
+        HardwareError: there is none for the wiring, it was made on the emulator and the motors are real, or what it
+            has shown has changed since: adapter or Teensy, motor ids, firmware profile, firmware, timing.
+    """
+    path = record_path(wiring, folder)
+    again = f"make one with `aerodima drive SCENARIO --wiring {wiring} --watchdog-test`"
+    if not path.exists():
+        raise HardwareError(f"no watchdog test of {wiring} is recorded ({path}); {again}")
+    record = read_record(path)
+    emulated = is_emulated(wiring, ports)
+    changed = [] if emulated else _changed_ports(wiring, record, ports)
+    unchecked = ports.string_form is not StringForm.CHECKED
+    reasons = (
+        (unchecked, "cannot speak for string_form published: its replies hide a silent motor; allowed: checked"),
+        (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
+        (record.emulated and not emulated, "was made on the emulator; the motors are real"),
+        (record.firmware != teensy_hash(), "was made with another firmware of the Teensy, or other timing"),
+        (bool(changed), f"was made with other ports: {', '.join(changed)}"),
+        (record.time_to_exit > load_drive_safety().longest_watchdog_test, f"took {record.time_to_exit:g} s: too long"),
+    )
+    for wrong, text in reasons:
+        if wrong:
+            raise HardwareError(f"{path}: the watchdog test {text}; {again}")
+    return record
+
+
+def is_emulated(wiring: WiringName, ports: CarPorts) -> bool:
+    """Whether the motors hang on a port of an emulator or on a bus within this process, where no real motor can be.
+
+    A socketcand of this computer counts as real: it may stand before a real adapter.
+    """
+    if wiring_name(wiring) == "teensy_bridge":
+        return is_emulated_port(ports.teensy.path)
+    can = ports.adapter(wiring)
+    return can.interface == "virtual" or (can.interface == "slcan" and is_emulated_port(can.channel))
+
+
+def teensy_hash() -> str:
+    """SHA-256 over `firmware_hash` and the timing that is exported with the firmware; 64 hexadecimal digits."""
+    timing = model_path("parameters/hardware/teensy_firmware.yaml")
+    return hashlib.sha256(firmware_hash().encode() + b"\0" + timing.read_bytes()).hexdigest()
+
+
+def _changed_ports(wiring: WiringName, record: WatchdogTest, ports: CarPorts) -> list[str]:
+    """What the test was made with and is not so now: the way to the motors, and who they are."""
+    ways = {"teensy_bridge": ["teensy"], "watched_can": ["can", "teensy"]}[wiring]
+    now = ports.model_dump(mode="json", by_alias=True)
+
+    def motor(data: dict[str, Any], joint: str) -> Any:
+        return (data.get(joint) or {}).get("motor_id")
+
+    changed = [key for key in (*ways, "firmware_profile", "string_form") if record.ports.get(key) != now[key]]
+    return changed + [f"{j}.motor_id" for j in ("tail_pitch", "tail_roll") if motor(record.ports, j) != motor(now, j)]
+
 
 QUESTION = "The link was cut. Are both motors off: does the tail move freely by hand?"
 _START_TIME, _ACT_TIME = 30.0, 2.0

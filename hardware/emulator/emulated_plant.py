@@ -17,12 +17,11 @@ from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, STATION_OUTPUTS
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
-from aerodima.workbench.replay.chase_camera import ChaseCamera
-from aerodima.workbench.sensors.roll_estimator import RollEstimator
-from aerodima.workbench.sensors.roll_filter import RollFilterSettings
+from aerodima.workbench.replay.viewer import ChaseCamera
+from aerodima.workbench.sensors.roll_estimator import RollEstimator, RollFilterSettings
 from aerodima.workbench.simulate.car_run import truth_signals
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
-from aerodima.workbench.systems.event_order import Stage
+from aerodima.workbench.systems.system_ports import Stage
 
 _PICTURE = 1.0 / 30.0
 """Between two moves of the view's camera, s."""

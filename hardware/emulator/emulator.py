@@ -31,7 +31,6 @@ from aerodima.hardware.car.car_ports import (
     bare_ports,
     ports_from_dict,
 )
-from aerodima.hardware.car.latency import EMULATOR_PRIORITY, prefer_latency
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety, load_teensy_timing
 from aerodima.hardware.car.wiring import WiringName
@@ -61,7 +60,7 @@ from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.hardware.transport.can_adapter import TrafficLog
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
-from aerodima.workbench.realtime import prefer_realtime
+from aerodima.workbench.realtime import EMULATOR_PRIORITY, prefer_latency, prefer_realtime
 
 _TURN = 0.001
 """The firmware's loop and the script are looked at that often at least, s."""

@@ -29,7 +29,7 @@ from pydantic import Field, model_validator
 from aerodima.hardware.car.car_ports import JOINTS, SERIAL_DEVICES, SerialDevice
 from aerodima.hardware.protocol.radio import OperatorCommand, RadioMode
 from aerodima.workbench.config.checked_files import QuantityModel, StrictModel, checked, quantity, read_yaml
-from aerodima.workbench.config.scenario_file import load_section
+from aerodima.workbench.config.scenario import load_section
 from aerodima.workbench.errors import HardwareError
 from aerodima.workbench.resources import model_path
 

@@ -207,7 +207,7 @@ class TeensyCore:
 
 
 class CommandReader:
-    """The core's own stream of command strings, for comparison with `aerodima.hardware.protocol.teensy_stream`.
+    """The core's own stream of command strings, for comparison with `aerodima.hardware.devices.teensy_link`.
 
     Attributes:
         rejected: strings dropped since the start.

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from pydantic import AliasChoices, Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, find_file, nearest, read_yaml
-from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries
-from aerodima.workbench.config.scenario_file import ParameterEntry
+from aerodima.workbench.config.scenario import SECTIONS, ParameterEntry, load_parameter_entries
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.metrics.published_values import TurnMetrics
 

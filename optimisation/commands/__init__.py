@@ -7,7 +7,7 @@ from importlib import import_module
 import typer
 
 COMMAND_MODULES = (
-    "fit_command", "swing_commands", "study_commands", "thesis_commands",
+    "fit_command", "swing_commands", "study_commands",
 )  # fmt: skip
 """Modules of this package in the order of the help page; each has `register(app)`."""
 

@@ -25,7 +25,7 @@ from aerodima.optimisation.identify.swing_log import SwingData, swing_data
 from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import RunLog, read_run_log
-from aerodima.workbench.plants.rig_air import rig_law
+from aerodima.workbench.plants.rig_motion import rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS, LEAST_INERTIA_LEFT
 from aerodima.workbench.resources import published_table
 

@@ -24,9 +24,8 @@ from aerodima.workbench.aero.laws import SectionLaw
 from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.plants.rig_air import rig_law
 from aerodima.workbench.plants.rig_model import tail_layout
-from aerodima.workbench.plants.rig_motion import RigMotion
+from aerodima.workbench.plants.rig_motion import RigMotion, rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
 
 _POINTS = 200

@@ -27,7 +27,7 @@ from aerodima.workbench.logs.conditioning import OFFSETS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
 from aerodima.workbench.resources import published_table
-from aerodima.workbench.sensors.rig_encoder import count_angle
+from aerodima.workbench.sensors.rig_sensors import count_angle
 
 COLUMNS = {c: f"force_{c[1]}_n" if c[0] == "f" else f"torque_{c[1]}_n_m" for c in REACTIONS}
 ANGLE, RATE, CURRENT = "angle_rad", "angular_velocity_rad_per_s", "current_a"

@@ -27,7 +27,7 @@ from aerodima.workbench.logs.conditioning import earlier_shift
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import check_signals, stated_rest
 from aerodima.workbench.sensors.encoder import MotorReply
-from aerodima.workbench.sensors.rig_encoder import count_angle
+from aerodima.workbench.sensors.rig_sensors import count_angle
 
 LARGEST_STEP = 0.004
 """Step of the rollouts, s."""

@@ -26,11 +26,10 @@ from aerodima.optimisation.sweep.rollover_threshold import FRICTION_SEARCH, Sear
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.controllers.swing_law import SwingState
-from aerodima.workbench.metrics.settling import CALM, CALM_FOR, EXIT_YAW_RATE
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_course import velocity_over_ground
 from aerodima.workbench.metrics.turn_metrics import END_TILT
-from aerodima.workbench.metrics.turn_signals import LOADED_FORCE
+from aerodima.workbench.metrics.turn_signals import CALM, CALM_FOR, EXIT_YAW_RATE, LOADED_FORCE
 from aerodima.workbench.plants.tail import SAIL_TIP_MARGIN
 
 _COS_CALM = np.cos(CALM["tilt_truth_rad"])

@@ -21,8 +21,7 @@ from aerodima.optimisation.sweep.run_study import make_frame
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS, Candidate
 from aerodima.optimisation.swing.disturbed_turns import drive_disturbed, summarise_disturbed
-from aerodima.optimisation.swing.steering_search import best_place, search_steering
-from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task, find_floors
+from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task, best_place, find_floors, search_steering
 from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on
 from aerodima.workbench.batch.worker_record import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray

@@ -24,8 +24,7 @@ from aerodima.optimisation.screening.vehicles import Vehicles
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, scenario_content
 from aerodima.optimisation.swing.candidate import SWINGING, THESIS, Candidate
 from aerodima.optimisation.swing.judge import Courses
-from aerodima.optimisation.swing.steering_search import SteeringSearch, search_steering
-from aerodima.optimisation.swing.task import Floor, Task
+from aerodima.optimisation.swing.task import Floor, SteeringSearch, Task, search_steering
 from aerodima.workbench.batch.row_store import ProgressBar, content_key
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario, load_scenario

@@ -15,9 +15,8 @@ import numpy as np
 
 from aerodima.optimisation.sweep.study_engine import RunEngine
 from aerodima.optimisation.swing.candidate import HELD
-from aerodima.optimisation.swing.steering_search import SteeringSearch
 from aerodima.optimisation.swing.swing_construction import steered_swing
-from aerodima.optimisation.swing.task import AFTER, Floor, Task, find_floors
+from aerodima.optimisation.swing.task import AFTER, Floor, SteeringSearch, Task, find_floors
 from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme, TurnSolution, best_of
 from aerodima.optimisation.swing.turn_shooting import TurnShooting
 from aerodima.workbench.batch.worker_record import ProgressLine, silent

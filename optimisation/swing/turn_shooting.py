@@ -23,7 +23,7 @@ from aerodima.optimisation.swing.task import MOST_ROLL, MOST_SIDESLIP, PULSE
 from aerodima.optimisation.swing.turn_variables import TurnVariables
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.metrics.settling import EXIT_YAW_RATE
+from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE
 
 HORIZON, WINDOW = 1.3, 0.1
 """s: how long turns are driven, and in which parts of it peaks are limited one by one."""

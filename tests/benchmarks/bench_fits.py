@@ -24,8 +24,8 @@ from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.plants.rig import Rig
+from aerodima.workbench.simulate.rig_run import simulate_static_log
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.stations.rig_logs import simulate_static_log
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5

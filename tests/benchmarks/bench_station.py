@@ -20,7 +20,7 @@ from aerodima.workbench.logs.schema import run_metadata, signals_equal
 from aerodima.workbench.plants.car import add_car_plant
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.systems.event_order import Stage
+from aerodima.workbench.systems.system_ports import Stage
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5

@@ -15,7 +15,6 @@ import time
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import read_ports
-from aerodima.hardware.car.latency import prefer_latency
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import CarCommand
 from aerodima.hardware.car.wirings import teensy_bridge
@@ -24,6 +23,7 @@ from aerodima.hardware.drive.plain_loop import PERIOD, ManualPilot, wait_until
 from aerodima.hardware.protocol.radio import RadioMode
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import HardwareError
+from aerodima.workbench.realtime import prefer_latency
 
 _REST = 0.3
 """s that a stopped car stays stopped, in which the operator hears of it."""

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from aerodima.workbench.config.checked_files import StrictModel, checked, read_yaml
-from aerodima.workbench.config.scenario_file import ParameterEntry, load_parameter_file
+from aerodima.workbench.config.scenario import ParameterEntry, load_parameter_file
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.resources import model_path, published_rows
 

@@ -17,7 +17,7 @@ from aerodima.hardware.protocol.ak70 import (
 )
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.config.car_parameters import TailMotorParameters
-from aerodima.workbench.config.scenario_file import load_parameter_file
+from aerodima.workbench.config.scenario import load_parameter_file
 from aerodima.workbench.resources import model_path
 
 PERIOD = 0.01

@@ -6,6 +6,7 @@ import threading
 import time
 import tty
 
+from aerodima.hardware.devices.teensy_link import command_stream
 from aerodima.hardware.protocol.ak70 import decode_reply, make_command, make_enter, make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import (
@@ -16,7 +17,6 @@ from aerodima.hardware.protocol.teensy import (
     TeensyStatus,
     make_reply,
 )
-from aerodima.hardware.protocol.teensy_stream import command_stream
 from tests.hardware.fake_motors import PROFILE, FakeMotor
 
 

@@ -4,7 +4,7 @@ import configparser
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import bare_ports, ports_from_dict
-from aerodima.hardware.car.latency import DRIVE_PRIORITY
+from aerodima.workbench.realtime import DRIVE_PRIORITY
 
 DEPLOY = Path(__file__).resolve().parents[2] / "hardware" / "deploy"
 

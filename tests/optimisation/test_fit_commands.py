@@ -19,7 +19,7 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import write_run_log
-from aerodima.workbench.stations.rig_logs import simulate_static_log
+from aerodima.workbench.simulate.rig_run import simulate_static_log
 
 
 def run(*arguments: str | Path):

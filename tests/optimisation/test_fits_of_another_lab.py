@@ -26,7 +26,7 @@ from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.stations.rig_logs import simulate_static_log
+from aerodima.workbench.simulate.rig_run import simulate_static_log
 from tests.optimisation.identify import other_lab as lab
 
 CONSTANT_AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")

@@ -13,6 +13,7 @@ from jinja2 import UndefinedError
 from aerodima.workbench.figures.figure_style import new_figure
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.run_summary import summarise
+from aerodima.workbench.report.demo_chapters import RunFiles, provenance, thesis_turn_chapter
 from aerodima.workbench.report.report_page import (
     Bullets,
     Finding,
@@ -27,7 +28,6 @@ from aerodima.workbench.report.report_page import (
     percent,
     write_files,
 )
-from aerodima.workbench.report.thesis_turn_chapter import RunFiles, provenance, thesis_turn_chapter
 
 
 class _Reader(HTMLParser):

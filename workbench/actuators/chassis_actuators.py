@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from aerodima.workbench.config.car_parameters import CarParameters, DriveParameters, ServoParameters
-from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time
-from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, declare_ticks, nominal_time, vector_of
 
 
 def steady_speed(throttle: float, drive: DriveParameters) -> float:
@@ -102,7 +101,7 @@ class SteeringServo(LeafSystem):
     30 degrees take 0.14 s (thesis 7.1.1). The servo reads its command once per frame and moves towards it at its rate;
     in between, the angle is that of the moving linkage at every instant. A command that the driver gives at the instant
     of a frame is seen in that frame, and the plant's step of that instant sees the frame
-    (`aerodima.workbench.systems.event_order`). The command is clipped to the servo's limit; NaN holds the last angle.
+    (`aerodima.workbench.systems.system_ports`). The command is clipped to the servo's limit; NaN holds the last angle.
 
     Input ports:
         steering_angle (1): commanded bicycle steering angle, rad, positive to the left.

@@ -6,8 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem, OutputPort
 
 from aerodima.workbench.aero.tail_force import BEYOND_QUASI_STEADY, EXTRAPOLATED, SECTION_COLUMNS
-from aerodima.workbench.systems.event_order import Stage, period_of
-from aerodima.workbench.systems.system_ports import vector_of
+from aerodima.workbench.systems.system_ports import Stage, period_of, vector_of
 
 _REYNOLDS = SECTION_COLUMNS.index("reynolds_number")
 _SPEED, _FORCE = (SECTION_COLUMNS.index(name) for name in ("relative_speed_m_per_s", "force_n"))

@@ -12,8 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from aerodima.workbench.aero.sections import Jet
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.systems.event_order import Stage, period_of
-from aerodima.workbench.systems.system_ports import LeafSystem_, system_template
+from aerodima.workbench.systems.system_ports import LeafSystem_, Stage, period_of, system_template
 
 Vector3 = tuple[float, float, float]
 _CALM: Vector3 = (0.0, 0.0, 0.0)

@@ -11,8 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from aerodima.workbench.aero.coefficient_files import embedded_sets, load_coefficients
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
-from aerodima.workbench.config.scenario import Scenario, scenario_from_dict
-from aerodima.workbench.config.scenario_file import load_parameter_file
+from aerodima.workbench.config.scenario import Scenario, load_parameter_file, scenario_from_dict
 from aerodima.workbench.config.swing_file import read_swing
 from aerodima.workbench.errors import ModelError, UserError
 from aerodima.workbench.plants.car import MODELS_PACKAGE

@@ -72,8 +72,7 @@ def tail(
     Example: aerodima models tail --save tail.yaml --out tail.png
     """
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.plants.tail import tail_geometry
-    from aerodima.workbench.plants.tail_file import read_tail, write_tail
+    from aerodima.workbench.plants.tail import read_tail, tail_geometry, write_tail
 
     for path in (out, html, save):
         if path is not None:

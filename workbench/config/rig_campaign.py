@@ -23,7 +23,7 @@ from aerodima.workbench.config.checked_files import (
     unit_of,
 )
 from aerodima.workbench.config.rig_scenario import RIG_SECTIONS, RigScenario, load_rig_scenario
-from aerodima.workbench.config.scenario_file import Sourced
+from aerodima.workbench.config.scenario import Sourced
 from aerodima.workbench.errors import LogError, ScenarioError
 
 CAMPAIGN_SCHEMA = "aerodima/rig-campaign/1"

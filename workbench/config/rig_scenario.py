@@ -19,8 +19,7 @@ from aerodima.workbench.config.car_parameters import (
     TailParameters,
 )
 from aerodima.workbench.config.checked_files import QuantityModel, quantity
-from aerodima.workbench.config.scenario import Scenario
-from aerodima.workbench.config.scenario_file import ScenarioFile
+from aerodima.workbench.config.scenario import Scenario, ScenarioFile
 
 WRENCH_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Order of forces and torques."""

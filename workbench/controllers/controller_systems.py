@@ -24,8 +24,14 @@ from aerodima.workbench.config.signal_table import (
 from aerodima.workbench.controllers.law_of_scenario import law_of_scenario
 from aerodima.workbench.controllers.manoeuvre import DriverInput, Schedule
 from aerodima.workbench.controllers.tail_law import AGE_LIMIT, Observation, TailLaw, observe
-from aerodima.workbench.systems.event_order import Stage, declare_ticks, nominal_time, stage_before
-from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
+from aerodima.workbench.systems.system_ports import (
+    DiscreteVector,
+    Stage,
+    declare_ticks,
+    nominal_time,
+    stage_before,
+    vector_of,
+)
 
 
 class TailController(LeafSystem):
@@ -47,7 +53,7 @@ class TailController(LeafSystem):
     Args:
         law: a `TailLaw`; `law_of_scenario(scenario)` is the one that a scenario names.
         age_limit: s; beyond this a signal counts as silent.
-        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.event_order`).
+        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.system_ports`).
         idle: never ticks, and gives no command: for a car without tail, on which ticks cost and nothing hears them.
 
     Raises:
@@ -140,7 +146,7 @@ class TurnDriver(LeafSystem):
     Args:
         schedule: from `make_schedule(scenario)`.
         rate: Hz.
-        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.event_order`).
+        stage: of its ticks, where it drives a simulated car (`aerodima.workbench.systems.system_ports`).
 
     Raises:
         UserError: rate out of range.

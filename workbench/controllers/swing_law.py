@@ -27,7 +27,7 @@ from pydantic import Field, model_validator
 
 from aerodima.workbench.config.car_parameters import ControllerParameters
 from aerodima.workbench.config.checked_files import checked
-from aerodima.workbench.config.scenario_file import load_parameter_file
+from aerodima.workbench.config.scenario import load_parameter_file
 from aerodima.workbench.config.signal_table import IMU
 from aerodima.workbench.controllers.tail_law import EPSILON, NO_COMMAND, Observation, sign
 from aerodima.workbench.resources import model_path

@@ -22,8 +22,7 @@ from aerodima.workbench.config.signal_table import TIME, Column, names_of
 from aerodima.workbench.logs.journal import JournalWriter
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.logs.signals import RowUnwrapper
-from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
-from aerodima.workbench.systems.system_ports import vector_of
+from aerodima.workbench.systems.system_ports import Stage, nominal_time, period_of, vector_of
 
 
 class LogInMemory:
@@ -85,8 +84,9 @@ class RunRecorder(LeafSystem):
         journal: open journal, or other sink, whose columns are `time_s` and then those of the ports, in order.
         sources: size of each recorded port.
         rate: rows per second, Hz.
-        stage: `Stage.RECORD` beside a simulated car (`aerodima.workbench.systems.event_order`), whose row then has what
-            sensors and controllers did at its instant; without, a row has what stood on the ports before its instant.
+        stage: `Stage.RECORD` beside a simulated car (`aerodima.workbench.systems.system_ports`), whose row then
+            has what sensors and controllers did at its instant; without, a row has what stood on the ports before
+            its instant.
         with_samples: beside a plant that moves continuously, write in the discrete update of the instant. Drake
             publishes before it updates, so a publish event sees the samples of the period before; the update sees those
             of its own instant, since sensors sample in unrestricted updates, which come first. The row of the time at

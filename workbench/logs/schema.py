@@ -32,7 +32,7 @@ SCHEMA = "aerodima/run-log/1"
 METADATA_KEY = b"aerodima"
 _TAIL_TRUTH = frozenset(names_of(CAR_TRUTH["tail_truth"]))
 PLANT_RUN = "plant_run"
-"""Kind of a log that `observe` wrote: of any plant, with the columns of `aerodima.workbench.stations.plant_truth`."""
+"""Kind of a log that `observe` wrote: of any plant, with the columns of `aerodima.workbench.stations.ground_truth`."""
 TAIL_LAW = "tail_law"
 """Key in `extra` of a run whose tail followed a law that the scenario does not name: the name of its class."""
 DRIVEN_BY = "driven_by"

@@ -16,9 +16,8 @@ import numpy as np
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.metrics.settling import EXIT_YAW_RATE
 from aerodima.workbench.metrics.turn_metrics import outcome_from
-from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
+from aerodima.workbench.metrics.turn_signals import EXIT_YAW_RATE, TurnSignals, turn_signals
 
 COURSES = (45, 60, 90)
 """degrees; the time to each is measured."""

@@ -25,9 +25,8 @@ from aerodima.workbench.metrics.published_values import (
     Platform,
     TurnMetrics,
 )
-from aerodima.workbench.metrics.settling import settled_row
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT, tail_effort
-from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, TurnSignals, turn_signals
+from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, TurnSignals, settled_row, turn_signals
 
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""

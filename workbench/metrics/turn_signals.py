@@ -7,15 +7,18 @@ x of B).
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from aerodima.workbench.config.array_types import FloatArray
-from aerodima.workbench.config.signal_table import GROUND_CONTACTS, WHEELS
+from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.controllers.manoeuvre import angle_to_straighten
+from aerodima.workbench.controllers.swing_law import SwingState
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
@@ -207,3 +210,51 @@ def _columns(run_log: RunLog, names: list[str]) -> FloatArray | None:
     signals = {name: run_log.signal(name) for name in names}
     check_signals(run_log.time, signals)
     return np.column_stack(list(signals.values()))
+
+
+EXIT_YAW_RATE = 0.1
+"""rad/s; a car that yaws less, its wheels straight, has left the turn. A large tail to one side alone gives 0.065."""
+CALM_FOR = 0.1
+"""So long must everything have been calm, s: a third of a period of roll on the suspension."""
+
+CALM = {
+    "gyro_x_truth_rad_per_s": 0.15,
+    "gyro_y_truth_rad_per_s": 0.15,
+    "gyro_z_truth_rad_per_s": EXIT_YAW_RATE,
+    "velocity_y_truth_m_per_s": 0.2,
+    "tilt_truth_rad": math.radians(3.0),
+    "tail_pitch_rate_rad_per_s": 0.3,
+    "tail_roll_rate_rad_per_s": 0.3,
+}
+"""Largest magnitudes of a calm row. All wheels bear load in it too, and the law neither swings nor is about to."""
+
+CALM_SPIN = math.hypot(*(limit for name, limit in CALM.items() if name.startswith("gyro")))
+"""A car that turns faster than this, rad/s, about whatever axis, is not calm."""
+
+_LOADS = tuple(f"wheel_force_{wheel}_z_truth_n" for wheel in WHEELS)
+_STATE = "controller_state"
+_BUSY = (SwingState.DELAY, SwingState.SWING)
+_ROUNDING = 1e-9
+"""s."""
+
+
+def settled_row(table: pd.DataFrame | Mapping[str, FloatArray], turn_end: float) -> int | None:
+    """First row of a run's table at which the car has been calm for `CALM_FOR`; None if it never was.
+
+    None too where the table lacks a column, as that of a real car does.
+
+    Args:
+        table: columns as in a run log.
+        turn_end: when the wheels are straight again, s.
+    """
+    if not {*CALM, *_LOADS, _STATE} <= set(table):
+        return None
+    time = np.asarray(table[TIME])
+    calm = (time >= turn_end) & ~np.isin(table[_STATE], _BUSY)
+    for name, limit in CALM.items():
+        calm &= np.abs(np.asarray(table[name])) <= limit
+    for name in _LOADS:
+        calm &= np.asarray(table[name]) > LOADED_FORCE
+    restless = np.maximum.accumulate(np.where(calm, turn_end, time))
+    settled = time - restless >= CALM_FOR - _ROUNDING
+    return int(np.argmax(settled)) if settled.any() else None

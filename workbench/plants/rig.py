@@ -29,8 +29,8 @@ from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.car import parse_model
 from aerodima.workbench.plants.joint_friction import FrictionLaw, smooth_friction
-from aerodima.workbench.plants.rig_air import rig_jet, rig_law
 from aerodima.workbench.plants.rig_model import bar_layout, cheetah_rig_sdf, robot_rig_sdf, tail_layout
+from aerodima.workbench.plants.rig_motion import rig_jet, rig_law
 from aerodima.workbench.plants.tail import ADDED_MASS_PARTS
 from aerodima.workbench.systems.system_ports import declare_spatial_forces, vector_of
 

@@ -21,10 +21,9 @@ from aerodima.workbench.controllers.manoeuvre import DriverInput, ThrottleLine, 
 from aerodima.workbench.controllers.tail_law import Observation, TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, open_log, recorded_columns
 from aerodima.workbench.logs.schema import DRIVEN_BY, run_metadata
-from aerodima.workbench.replay.chase_camera import ChaseCamera
-from aerodima.workbench.replay.viewer import WORLD
+from aerodima.workbench.replay.viewer import WORLD, ChaseCamera
 from aerodima.workbench.simulate.car_run import assemble, plant_facts
-from aerodima.workbench.systems.event_order import Stage
+from aerodima.workbench.systems.system_ports import Stage
 
 SLICE = 0.02
 """s of the run between two looks at the controls."""

@@ -25,7 +25,7 @@ from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 from aerodima.workbench.plants.tail import tail_geometry
-from aerodima.workbench.replay.logged_run import AIR_SCALE, AirOnTail
+from aerodima.workbench.replay.logged_plant import AIR_SCALE, AirOnTail
 
 SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
 

@@ -23,7 +23,7 @@ from aerodima.workbench.replay.force_arrows import AIR_COLOUR, SHOWN_LENGTH, Dra
 from aerodima.workbench.replay.logged_plant import SCENE
 from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, shapes_of
 from aerodima.workbench.replay.viewer import WORLD, area_around, draw_ground
-from aerodima.workbench.stations.plant_truth import (
+from aerodima.workbench.stations.ground_truth import (
     BASE_COLUMNS,
     COM_COLUMNS,
     PlantTruth,

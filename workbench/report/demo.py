@@ -187,7 +187,7 @@ def _claimed(out: Path, runs: Sequence[DemoRun], force: bool) -> RowStore:
 
 
 def _write_page(out: Path, runs: Sequence[DemoRun], summaries: Sequence[RunSummary]) -> None:
-    from aerodima.workbench.report.thesis_turn_chapter import RunFiles, provenance, thesis_turn_chapter
+    from aerodima.workbench.report.demo_chapters import RunFiles, provenance, thesis_turn_chapter
 
     modes = list(MODE_STYLES)
     first = {run.log.stem: read_run_log(run.log) for run in runs if run.opening}
@@ -218,7 +218,7 @@ def _page(first: Mapping[str, RunLog], last: tuple[Section, ...]) -> Page:
     """The page; `first` are the runs of the short turn, which come before the last chapters when there are any."""
     if not first:
         return Page("The car turns, with and without its tail", "", last)
-    from aerodima.workbench.report.short_turn_chapter import lead_of, short_turn_chapter
+    from aerodima.workbench.report.demo_chapters import lead_of, short_turn_chapter
 
     table = load_short_turn()
     return Page("One turn, four cars", lead_of(table, first), (*short_turn_chapter(table, first), *last))

@@ -7,8 +7,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, State
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.systems.event_order import Stage, period_of
-from aerodima.workbench.systems.system_ports import DiscreteVector
+from aerodima.workbench.systems.system_ports import DiscreteVector, Stage, period_of
 
 TOLERANCE = 1e-9
 """Relative; a rate of exactly 1/step, or a delay of whole periods, may miss by rounding."""
@@ -37,7 +36,7 @@ class SampledSensor(LeafSystem):
     does at the initial time: the output then holds the first sample, and its age is the delay.
 
     Before a discrete plant, sampling and appearing come first of all that happens at an instant, and the plant's step
-    last (`aerodima.workbench.systems.event_order`): the sensor sees the plant as it is at that instant, not one step
+    last (`aerodima.workbench.systems.system_ports`): the sensor sees the plant as it is at that instant, not one step
     later, and a controller that acts at that instant already sees a sample without delay. Elsewhere sampling is an
     unrestricted update, which Drake runs before the discrete updates of the same instant. An instant between two steps
     of a discrete plant shows the plant as it will be after the step that has begun.

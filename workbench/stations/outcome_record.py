@@ -20,12 +20,11 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.signal_table import GROUND_CONTACTS, TIME, WHEELS
 from aerodima.workbench.controllers.manoeuvre import run_time
-from aerodima.workbench.metrics.settling import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
+from aerodima.workbench.metrics.turn_signals import CALM_FOR, CALM_SPIN, settled_row
 from aerodima.workbench.stations.car_station import simulated_car
 from aerodima.workbench.stations.ground_loads import GroundLoads
-from aerodima.workbench.systems.event_order import Stage, nominal_time, period_of
-from aerodima.workbench.systems.system_ports import stacked, vector_of
+from aerodima.workbench.systems.system_ports import Stage, nominal_time, period_of, stacked, vector_of
 
 IntArray = NDArray[np.int_]
 Signals = Sequence[tuple[Any, Sequence[str]]]

@@ -10,17 +10,14 @@ from collections.abc import Callable
 from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
-from aerodima.workbench.actuators.ak70 import MitMotor
-from aerodima.workbench.actuators.maxon import MaxonMotor, current_noise
+from aerodima.workbench.actuators.motors import MaxonMotor, MitMotor, current_noise
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.config.signal_table import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.plants.rig import add_rig_plant
 from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply
-from aerodima.workbench.sensors.force_torque import ForceTorqueSensor
-from aerodima.workbench.sensors.motor_current import MotorCurrentSensor
-from aerodima.workbench.sensors.rig_encoder import RigEncoder
-from aerodima.workbench.stations.rig_logs import sensor_offsets
+from aerodima.workbench.sensors.rig_sensors import ForceTorqueSensor, MotorCurrentSensor, RigEncoder
+from aerodima.workbench.simulate.rig_run import sensor_offsets
 from aerodima.workbench.systems.system_ports import add_status, export_interface, export_outputs, select, stacked
 
 RigInterfaceFactory = Callable[[RigScenario], System]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from enum import IntEnum
 from typing import Any, cast
 
 import numpy as np
@@ -14,7 +16,16 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
 from pydrake.symbolic import Expression, Variable
-from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, InputPort, LeafSystem, OutputPort, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    DiscreteValues,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer, SymbolicVectorSystem
 from pydrake.systems.scalar_conversion import TemplateSystem
 
@@ -195,3 +206,66 @@ def refuse_other_ports(
 
 def _sizes(ports: dict[str, int]) -> str:
     return ", ".join(f"{name} ({size})" for name, size in sorted(ports.items())) or "none"
+
+
+LEAD = 1e-9
+"""Share of the time by which one stage comes before the next."""
+
+
+class Stage(IntEnum):
+    """Who acts at one instant before the plant steps; the larger, the earlier.
+
+    The controller does not come after the driver: it sees what the driver did one tick before, as on the car, where
+    both read first and write afterwards. At one rate both act in the controller's stage: Drake computes all discrete
+    updates of an instant from the state before it.
+    """
+
+    WIND = 6
+    SENSOR = 5
+    CONTROLLER = 4
+    DRIVER = 3
+    SERVO = 2
+    RECORD = 1
+
+
+def period_of(rate: float, stage: Stage) -> float:
+    """Period (s) to declare in Drake for a part of `stage` that acts `rate` times per second before the plant steps."""
+    return (1.0 - stage * LEAD) / rate
+
+
+def nominal_time(time: float, rate: float) -> float:
+    """The instant k / rate that an event at `time` s stands for, s."""
+    return round(time * rate) / rate
+
+
+def step_instant(time: float, step: float) -> float | None:
+    """The instant (s) of the plant's step at `time`, with the bits that Drake computes; None between two steps.
+
+    What publishes at the same bits shows what a row of `Stage.RECORD` would: the plant before its step.
+    """
+    instant = round(time / step) * step
+    return instant if math.isclose(instant, time, rel_tol=LEAD) else None
+
+
+def declare_ticks(
+    system: LeafSystem, rate: float, stage: Stage | None, update: Callable[[Context, DiscreteValues], Any]
+) -> None:
+    """Declares a discrete update at 0, 1/rate, 2/rate ... s.
+
+    Args:
+        system: under construction.
+        rate: Hz.
+        stage: before the step of a discrete plant; None where no plant steps.
+        update: called with the context and the discrete values to be set.
+    """
+    if stage is None:
+        system.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, update)
+        return
+    period = period_of(rate, stage)
+    system.DeclareInitializationDiscreteUpdateEvent(update)
+    system.DeclarePeriodicDiscreteUpdateEvent(period, period, update)
+
+
+def stage_before(station: System, stage: Stage) -> Stage | None:
+    """The stage of a part beside this station; None beside one that has no plant to come before, that of the car."""
+    return stage if isinstance(station, Diagram) and station.HasSubsystemNamed("plant") else None

@@ -5,10 +5,9 @@ import time
 
 import pytest
 
-from aerodima.hardware.car.bus_watch import BusWatch
+from aerodima.hardware.car.bus_watch import BEAT_ID, BeatState, BusWatch, decode_beat, make_answer
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.heartbeat import BEAT_ID, BeatState, decode_beat, make_answer
 from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.workbench.errors import HardwareError
 

@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from aerodima.hardware.devices.motor_limits import check_command, limit_command, pd_torque, to_motor
-from aerodima.hardware.devices.motor_settings import load_motor_safety
+from aerodima.hardware.devices.motor_settings import (
+    check_command,
+    limit_command,
+    load_motor_safety,
+    pd_torque,
+    to_motor,
+)
 from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M, MANUAL_SAMPLE_CODE, MitCommand, make_command
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.workbench.errors import HardwareError, ScenarioError

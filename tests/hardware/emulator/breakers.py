@@ -20,8 +20,7 @@ from aerodima.hardware.car.car_ports import PORTS_FILE, CarPorts, read_ports
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
 from aerodima.hardware.car.wirings import teensy_bridge, watched_can
-from aerodima.hardware.drive.car_guard import CarGuard
-from aerodima.hardware.drive.drive_limits import DriveLimits
+from aerodima.hardware.drive.car_guard import CarGuard, DriveLimits
 from aerodima.hardware.drive.run_journal import RunJournal, open_run_journal
 from aerodima.hardware.drive.watchdog_test import run_watchdog_test
 from aerodima.workbench.config.scenario import Scenario

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from aerodima.hardware.devices.teensy_link import command_stream
 from aerodima.hardware.firmware import firmware_core as core
 from aerodima.hardware.protocol import ak70, teensy
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, MANUAL_SAMPLE_CODE, PROFILES, MitCommand
@@ -19,7 +20,6 @@ from aerodima.hardware.protocol.teensy import (
     TeensyCommand,
     TeensyReply,
 )
-from aerodima.hardware.protocol.teensy_stream import command_stream
 
 FORMS = st.sampled_from(StringForm)
 EXAMPLES = settings(max_examples=400, deadline=None)

@@ -9,11 +9,11 @@ from dataclasses import astuple
 import pytest
 from hypothesis import strategies as st
 
+from aerodima.hardware.devices.teensy_link import command_stream, reply_stream
 from aerodima.hardware.protocol import ak70, radio, sail_encoder, teensy
 from aerodima.hardware.protocol.ak70 import PROFILES
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import StringForm
-from aerodima.hardware.protocol.teensy_stream import command_stream, reply_stream
 from tests.hardware.fuzzing import fuzz
 
 FAST = 200

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from aerodima.hardware.devices.teensy_link import command_stream, reply_stream
 from aerodima.hardware.protocol.ak70 import NEUTRAL, MitCommand
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.hardware.protocol.teensy import (
@@ -21,7 +22,6 @@ from aerodima.hardware.protocol.teensy import (
     make_command,
     make_reply,
 )
-from aerodima.hardware.protocol.teensy_stream import command_stream, reply_stream
 
 COMMAND = TeensyCommand(
     (

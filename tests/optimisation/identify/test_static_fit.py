@@ -17,7 +17,7 @@ from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.stations.rig_logs import simulate_static_log
+from aerodima.workbench.simulate.rig_run import simulate_static_log
 from tests.optimisation.identify import static_truth as truth
 
 

@@ -17,8 +17,7 @@ from aerodima.optimisation.swing.candidate import HELD, LOW_PLACE, NO_TAIL, THES
 from aerodima.optimisation.swing.judge import judge, remembering
 from aerodima.optimisation.swing.judge_page import PAGE, write_judgement
 from aerodima.optimisation.swing.law_search import FAMILIES, LawSearch, Screening, search_law
-from aerodima.optimisation.swing.steering_search import SteeringSearch, best_place, search_steering
-from aerodima.optimisation.swing.task import Task, load_task
+from aerodima.optimisation.swing.task import SteeringSearch, Task, best_place, load_task, search_steering
 from aerodima.workbench.config.ensemble import Member, load_ensemble
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import UserError

@@ -26,8 +26,7 @@ from aerodima.optimisation.swing.law_search import (
     screening_of,
     search_laws,
 )
-from aerodima.optimisation.swing.steering_search import SteeringSearch
-from aerodima.optimisation.swing.task import Floor, Task
+from aerodima.optimisation.swing.task import Floor, SteeringSearch, Task
 from aerodima.workbench.batch.row_store import RowStore
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import read_yaml

@@ -7,8 +7,7 @@ import pytest
 
 from aerodima.workbench.config import scenario_file
 from aerodima.workbench.config.checked_files import read_yaml, unit_of
-from aerodima.workbench.config.scenario import SECTIONS, load_parameter_entries, scenario_from_dict
-from aerodima.workbench.config.scenario_file import ParameterEntry
+from aerodima.workbench.config.scenario import SECTIONS, ParameterEntry, load_parameter_entries, scenario_from_dict
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.resources import models_dir
 

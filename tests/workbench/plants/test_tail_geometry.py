@@ -16,8 +16,7 @@ from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.figures.tail_figures import plot_tail
 from aerodima.workbench.plants.sdf_model import Inertial
-from aerodima.workbench.plants.tail import tail_geometry, tail_sdf
-from aerodima.workbench.plants.tail_file import read_tail, write_tail
+from aerodima.workbench.plants.tail import read_tail, tail_geometry, tail_sdf, write_tail
 from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry
 from aerodima.workbench.plants.tail_plate import MassMoments, Plate
 

@@ -14,9 +14,9 @@ from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.published_values import flip_bracket, metric_column
-from aerodima.workbench.metrics.settling import settled_row
 from aerodima.workbench.metrics.tail_impulses import tail_impulses
 from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.metrics.turn_signals import settled_row
 from aerodima.workbench.report.demo import DemoPlan, demo_runs, do_run, make_demo
 from aerodima.workbench.resources import model_path
 

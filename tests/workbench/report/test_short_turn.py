@@ -17,8 +17,8 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import ScenarioError
 from aerodima.workbench.metrics.turn_course import turn_course
 from aerodima.workbench.report import short_turn
+from aerodima.workbench.report.demo_chapters import lead_of, plot_courses, short_turn_chapter
 from aerodima.workbench.report.short_turn import ShortTurn, load_short_turn, turn_of
-from aerodima.workbench.report.short_turn_chapter import lead_of, plot_courses, short_turn_chapter
 from aerodima.workbench.simulate.simulation import simulate
 
 

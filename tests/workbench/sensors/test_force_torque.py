@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.force_torque import ForceTorqueSensor, sensor_errors, sensor_readings
+from aerodima.workbench.sensors.rig_sensors import ForceTorqueSensor, sensor_errors, sensor_readings
 
 SETTINGS = load_rig_scenario("static").force_sensor
 OFFSETS = (-0.064, -0.019, 15.695, -0.011, -0.538, 0.013)

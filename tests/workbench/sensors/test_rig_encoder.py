@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.rig_encoder import RigEncoder, count_angle, quantise
+from aerodima.workbench.sensors.rig_sensors import RigEncoder, count_angle, quantise
 
 SCENARIO = load_rig_scenario("static")
 

@@ -11,7 +11,7 @@ from aerodima.workbench.controllers.manoeuvre import run_time
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.stations.car_drives import DRIVES
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
-from aerodima.workbench.systems.event_order import Stage, period_of
+from aerodima.workbench.systems.system_ports import Stage, period_of
 
 WIND = ["wind.mean_x=-1.0", "wind.mean_y=2.0", "wind.gust_amplitude=1.0", "wind.turbulence=0.5"]
 RUNS = {

@@ -13,8 +13,7 @@ from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.errors import ModelError, ScenarioError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.car import add_car_plant
-from aerodima.workbench.plants.tail import arm_inertia, tail_geometry, tail_sdf
-from aerodima.workbench.plants.tail_file import read_tail, write_tail
+from aerodima.workbench.plants.tail import arm_inertia, read_tail, tail_geometry, tail_sdf, write_tail
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_air import sail_layout, sail_strips
 

@@ -17,7 +17,7 @@ from aerodima.workbench.sensors.encoder import MotorEncoder
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import assemble
 from aerodima.workbench.simulate.simulation import simulate
-from aerodima.workbench.systems.event_order import LEAD, Stage, nominal_time, period_of, step_instant
+from aerodima.workbench.systems.system_ports import LEAD, Stage, nominal_time, period_of, step_instant
 
 STEPS = [0.004, 0.002, 0.001, 0.0005, 0.0003]
 """s; the last one divides no frame, and no power of ten."""
