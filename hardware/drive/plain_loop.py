@@ -23,7 +23,7 @@ from aerodima.workbench.controllers.manoeuvre import make_schedule
 from aerodima.workbench.controllers.tail_law import TailLaw, observe
 from aerodima.workbench.logs.signals import RowUnwrapper
 from aerodima.workbench.realtime import SWITCH_INTERVAL
-from aerodima.workbench.sensors.roll_estimator import RollEstimate, RollFilterSettings, estimate_roll
+from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 
 PERIOD = 0.01
 """s; of every loop that talks to the car."""

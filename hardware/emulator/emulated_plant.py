@@ -18,7 +18,8 @@ from aerodima.workbench.config.signal_table import CAR_PORTS, STATION_INPUTS, ST
 from aerodima.workbench.logs.recorder import RunRecorder, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import run_metadata
 from aerodima.workbench.replay.viewer import ChaseCamera
-from aerodima.workbench.sensors.roll_estimator import RollEstimator, RollFilterSettings
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.car_run import truth_signals
 from aerodima.workbench.stations.car_station import make_car_station, simulated_car
 from aerodima.workbench.systems.system_ports import Stage

@@ -14,8 +14,8 @@ from aerodima.workbench.cli.options import Anew, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-    from aerodima.optimisation.fit.fit_batch import BatchResult
-    from aerodima.optimisation.fit.fit_pipeline import FitResult
+    from aerodima.optimisation.identify.fit_batch import BatchResult
+    from aerodima.optimisation.identify.fit_pipeline import FitResult
 
     Extra = tuple[dict[str, pd.DataFrame], list[str]]
     """Tables by name, and a line for each that is left out."""
@@ -49,8 +49,8 @@ def fit_batch(
         tables: makes further tables of the report from the results, and says what it left out; may write files into
             the folder.
     """
-    from aerodima.optimisation.fit.fit_batch import fit_logs
-    from aerodima.optimisation.fit.fit_report import write_report
+    from aerodima.optimisation.identify.fit_batch import fit_logs
+    from aerodima.optimisation.identify.fit_report import write_report
     from aerodima.workbench.batch.row_store import terminal
 
     logs, out = batch.logs, batch.out
@@ -124,7 +124,7 @@ _MOST_SHOWN = 20
 
 def show(results: list[FitResult]) -> None:
     """The first results in words."""
-    from aerodima.optimisation.fit.fit_report import format_estimate
+    from aerodima.optimisation.identify.fit_report import format_estimate
 
     for result in results[:_MOST_SHOWN]:
         values = ", ".join(f"{e.name} {format_estimate(e, unit=True)}" for e in result.free)

@@ -177,7 +177,7 @@ def springs(batch: SpringOptions, loss: LossOption = "squares") -> None:
 
 
 def _loss(name: str) -> Any:
-    from aerodima.optimisation.fit.least_squares import LOSSES
+    from aerodima.optimisation.identify.least_squares import LOSSES
 
     return report.choice("--loss", name, LOSSES)
 
@@ -189,8 +189,7 @@ def _options(
 
     What is wrong with rig, settings and constants is refused here, once and not for every log.
     """
-    from aerodima.optimisation.identify.log_rig import FitOptions, named_rig
-    from aerodima.optimisation.identify.rig_uncertainty import constant_names, require_constants
+    from aerodima.optimisation.identify.log_rig import FitOptions, constant_names, named_rig, require_constants
 
     names = tuple(dict.fromkeys(name.strip() for name in batch.free.split(",") if name.strip()))
     require_constants(names, list(dict.fromkeys(name for kind in kinds for name in constant_names(kind))))
@@ -209,7 +208,7 @@ def published(
 
     Example: aerodima fit published --out fits
     """
-    from aerodima.optimisation.fit.fit_report import write_report
+    from aerodima.optimisation.identify.fit_report import write_report
     from aerodima.optimisation.identify.published_check import check_published
     from aerodima.workbench.atomic_write import make_folder
     from aerodima.workbench.errors import FitError

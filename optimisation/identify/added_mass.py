@@ -14,10 +14,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_parameters import Parameter
-from aerodima.optimisation.fit.fit_pipeline import FitResult
-from aerodima.optimisation.fit.least_squares import Problem
 from aerodima.optimisation.identify.added_mass_comparison import compare
+from aerodima.optimisation.identify.fit_parameters import Parameter
+from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.optimisation.identify.least_squares import Problem
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, friction_torque
 from aerodima.optimisation.identify.swing_fit import SwingModel

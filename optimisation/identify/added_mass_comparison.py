@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.coefficient_averages import aggregate
-from aerodima.optimisation.identify.static_balance import REACTIONS
+from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.optimisation.identify.hold_mean import REACTIONS
 from aerodima.optimisation.identify.static_log import COLUMNS, largest_reading
 from aerodima.optimisation.identify.swing_fit import SwingModel
 from aerodima.workbench.aero.laws import SectionLaw

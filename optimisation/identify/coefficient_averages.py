@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from aerodima.optimisation.fit.fit_pipeline import FitResult
-from aerodima.optimisation.fit.least_squares import LIMIT, spread
+from aerodima.optimisation.identify.fit_pipeline import FitResult
+from aerodima.optimisation.identify.least_squares import LIMIT, spread
 from aerodima.optimisation.identify.published_tables import Flag
 from aerodima.workbench.aero.coefficient_files import coefficients_from_dict
 from aerodima.workbench.aero.laws import ROBOT_LIMIT

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Loss, Problem
-from aerodima.optimisation.fit.least_squares_solvers import solve_formula
-from aerodima.optimisation.fit.residual_noise import independent_noise
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
+from aerodima.optimisation.identify.least_squares import Loss, Problem
+from aerodima.optimisation.identify.least_squares_solvers import solve_formula
+from aerodima.optimisation.identify.residual_noise import independent_noise
 from aerodima.workbench.errors import FitError
 
 DISPLACEMENT, FORCE = "displacement_m", "force_n"

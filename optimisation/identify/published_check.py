@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Problem, huber
-from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
-from aerodima.optimisation.fit.residual_noise import Noise
 from aerodima.optimisation.identify.coefficient_averages import aggregate, recompute_averages
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
+from aerodima.optimisation.identify.hold_mean import StaticBalance
+from aerodima.optimisation.identify.least_squares import Problem, huber
+from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
 from aerodima.optimisation.identify.line_fits import fit_line
+from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.published_tables import (
     Flag,
     flag_added_mass,
@@ -30,8 +31,7 @@ from aerodima.optimisation.identify.published_tables import (
     robot_tail_rows,
     static_rows,
 )
-from aerodima.optimisation.identify.rig_uncertainty import with_values
-from aerodima.optimisation.identify.static_balance import StaticBalance
+from aerodima.optimisation.identify.residual_noise import Noise
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
 
 

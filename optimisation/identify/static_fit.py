@@ -15,15 +15,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Problem, Solution
-from aerodima.optimisation.fit.least_squares_solvers import solve_formula
-from aerodima.optimisation.fit.priors import fit_with_priors
-from aerodima.optimisation.fit.residual_noise import Noise
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences
-from aerodima.optimisation.identify.rig_uncertainty import BIASES, shifted
-from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
+from aerodima.optimisation.identify.hold_mean import REACTIONS, StaticBalance
+from aerodima.optimisation.identify.least_squares import Problem, Solution
+from aerodima.optimisation.identify.least_squares_solvers import solve_formula
+from aerodima.optimisation.identify.log_rig import BIASES, FREE, FitOptions, differences, shifted
+from aerodima.optimisation.identify.priors import fit_with_priors
+from aerodima.optimisation.identify.residual_noise import Noise
 from aerodima.optimisation.identify.static_log import StaticData, accuracies, speed_accuracy, static_data
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log

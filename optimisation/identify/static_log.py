@@ -15,12 +15,27 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_parameters import Parameter
-from aerodima.optimisation.fit.residual_noise import correlation_time
-from aerodima.optimisation.identify.hold_mean import HoldMean, HoldOffset, hold_mean, residual_warnings, stated_offset
-from aerodima.optimisation.identify.log_rig import FREE, LARGEST_SPEED, FitOptions, named, rig_of, wind_speed
-from aerodima.optimisation.identify.rig_uncertainty import BIASES, constant_parameters
-from aerodima.optimisation.identify.static_balance import REACTIONS, StaticBalance
+from aerodima.optimisation.identify.fit_parameters import Parameter
+from aerodima.optimisation.identify.hold_mean import (
+    REACTIONS,
+    HoldMean,
+    HoldOffset,
+    StaticBalance,
+    hold_mean,
+    residual_warnings,
+    stated_offset,
+)
+from aerodima.optimisation.identify.log_rig import (
+    BIASES,
+    FREE,
+    LARGEST_SPEED,
+    FitOptions,
+    constant_parameters,
+    named,
+    rig_of,
+    wind_speed,
+)
+from aerodima.optimisation.identify.residual_noise import correlation_time
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.conditioning import OFFSETS

@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_parameters import Parameter
-from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.identify.fit_parameters import Parameter
+from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, air_torque, friction_torque
 from aerodima.optimisation.identify.swing_fit import SwingModel, Values

@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution
-from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
-from aerodima.optimisation.fit.priors import fit_with_priors
-from aerodima.optimisation.fit.residual_noise import Noise, serial_noise
-from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
+from aerodima.optimisation.identify.least_squares import Loss, Problem, Solution
+from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
+from aerodima.optimisation.identify.log_rig import FREE, FitOptions, differences, shifted
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, roll_out, torque_response
-from aerodima.optimisation.identify.rig_uncertainty import shifted
+from aerodima.optimisation.identify.priors import fit_with_priors
+from aerodima.optimisation.identify.residual_noise import Noise, serial_noise
 from aerodima.optimisation.identify.static_log import speed_accuracy
 from aerodima.optimisation.identify.swing_log import SwingData, motor_torque
 

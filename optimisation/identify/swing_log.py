@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_parameters import Parameter
+from aerodima.optimisation.identify.fit_parameters import Parameter
 from aerodima.optimisation.identify.log_rig import (
     FREE,
     CurrentSampling,
     FitOptions,
+    constant_parameters,
     current_sampling,
     mean_currents,
     named,
     rig_of,
 )
-from aerodima.optimisation.identify.rig_uncertainty import constant_parameters
 from aerodima.optimisation.identify.static_log import ANGLE, CURRENT, CURRENT_MARGIN
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError

@@ -10,8 +10,8 @@ import numpy as np
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
+from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.actuators.chassis_actuators import shaft_gain
-from aerodima.workbench.actuators.motors import torque_speed_limits
 from aerodima.workbench.aero.laws import CrossedPlatesLaw, NormalForceLaw
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario

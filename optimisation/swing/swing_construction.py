@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aerodima.workbench.actuators.motors import torque_speed_limits
+from aerodima.workbench.actuators.ak70 import torque_speed_limits
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.config.swing_file import SCHEMA, SwingFile, swing_from_dict

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.fit.fit_batch import fit_logs
-from aerodima.optimisation.fit.least_squares import Problem, Solver
-from aerodima.optimisation.fit.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.added_mass import added_mass_problem
+from aerodima.optimisation.identify.fit_batch import fit_logs
+from aerodima.optimisation.identify.least_squares import Problem, Solver
+from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.static_fit import fit_static, fit_static_log, static_parameters, static_problem
 from aerodima.optimisation.identify.static_log import StaticData, static_data
 from aerodima.optimisation.identify.swing_coefficients import friction_model, friction_parameters, friction_seed
@@ -24,8 +24,8 @@ from aerodima.optimisation.identify.swing_log import swing_data
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import simulate_static_log
 from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.stations.rig_station import simulate_static_log
 from tests.benchmarks.rows import BenchRow
 
 REPEATS = 5

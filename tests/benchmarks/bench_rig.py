@@ -13,7 +13,7 @@ from aerodima.optimisation.identify.pendulum import Pendulum, air_torque, fricti
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.plants.rig import Rig, add_rig_plant
 from aerodima.workbench.plants.rig_motion import RigMotion
-from aerodima.workbench.simulate.rig_run import simulate_static_log
+from aerodima.workbench.stations.rig_station import simulate_static_log
 from tests.benchmarks.rows import BenchRow
 
 _REPEATS = 5

@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("starlette", reason="the extra `console` is not installed")
 
 from aerodima.hardware.protocol.radio import CarReport, EmergencyStop, OperatorCommand, RadioMode
-from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
-from aerodima.optimisation.fit.fit_report import write_report
+from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult
+from aerodima.optimisation.identify.fit_report import write_report
 from aerodima.workbench.figures.figure_style import new_figure
 from aerodima.workbench.report.report_page import (
     Bullets,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult
-from aerodima.optimisation.fit.fit_report import write_report
+from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult
+from aerodima.optimisation.identify.fit_report import write_report
 from aerodima.workbench.report.report_page import _templates
 from tests.browser.contrast import too_faint
 

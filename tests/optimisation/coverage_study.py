@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_batch import fit_logs
-from aerodima.optimisation.fit.fit_pipeline import FitResult
 from aerodima.optimisation.identify.added_mass import fit_added_mass
+from aerodima.optimisation.identify.fit_batch import fit_logs
+from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data

@@ -13,13 +13,13 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from aerodima.optimisation.fit.fit_batch import fit_logs
+from aerodima.optimisation.identify.fit_batch import fit_logs
 from aerodima.optimisation.identify.line_fits import fit_spring_file
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import write_run_log
-from aerodima.workbench.simulate.rig_run import simulate_static_log
+from aerodima.workbench.stations.rig_station import simulate_static_log
 
 
 def run(*arguments: str | Path):

@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from aerodima.optimisation.fit.fit_figures import figures_of
-from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names
-from aerodima.optimisation.fit.fit_report import format_estimate, write_report
 from aerodima.optimisation.identify.coefficient_averages import write_sets
+from aerodima.optimisation.identify.fit_figures import figures_of
+from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult, parameter_names
+from aerodima.optimisation.identify.fit_report import format_estimate, write_report
 from aerodima.workbench.aero.coefficient_files import load_coefficients
 from aerodima.workbench.errors import ModelError
 

@@ -13,9 +13,9 @@ import yaml
 from scipy.signal import butter, sosfiltfilt
 from typer.testing import CliRunner
 
-from aerodima.optimisation.fit.residual_noise import chance_of, check_residual
 from aerodima.optimisation.identify.added_mass import added_mass_model, added_mass_parameter
 from aerodima.optimisation.identify.log_rig import FitOptions
+from aerodima.optimisation.identify.residual_noise import chance_of, check_residual
 from aerodima.optimisation.identify.static_fit import fit_static
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.optimisation.identify.swing_coefficients import fit_friction
@@ -26,7 +26,7 @@ from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.mapping import mapping_from
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.simulate.rig_run import simulate_static_log
+from aerodima.workbench.stations.rig_station import simulate_static_log
 from tests.optimisation.identify import other_lab as lab
 
 CONSTANT_AIR = ("aero.source=constant", "aero.drag=0.9", "aero.lift=0.25")

@@ -14,7 +14,7 @@ from aerodima.workbench.errors import LogError, ScenarioError, UserError
 from aerodima.workbench.logs.schema import read_run_log, signals_equal, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.resources import model_path
-from aerodima.workbench.simulate.rig_run import RIG_COLUMN_NAMES, simulate_static_log
+from aerodima.workbench.stations.rig_station import RIG_COLUMN_NAMES, simulate_static_log
 
 STATIC = load_rig_scenario("static")
 ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8

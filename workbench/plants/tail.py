@@ -211,8 +211,6 @@ def tail_geometry(tail: TailParameters) -> TailGeometry:
         ModelError: the tail file is missing or wrong.
     """
     if tail.has_own_geometry:
-        from aerodima.workbench.plants.tail import read_tail
-
         try:
             return read_tail(tail.geometry)
         except ModelError as error:

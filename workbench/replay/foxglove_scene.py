@@ -15,8 +15,8 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.mcap_files import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows, shortest_turn
-from aerodima.workbench.replay.logged_car import replayable
-from aerodima.workbench.replay.logged_plant import LoggedRun, add_logged_run
+from aerodima.workbench.replay.logged_car import LoggedRun, replayable
+from aerodima.workbench.replay.logged_plant import add_logged_run
 from aerodima.workbench.replay.picture import Surface, visible_surfaces
 from aerodima.workbench.replay.recording import frame_rows
 from aerodima.workbench.replay.scene_shapes import body_label

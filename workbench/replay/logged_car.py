@@ -6,8 +6,10 @@ no wheel and no corner of its box is below the ground. No slip, and the errors a
 measurement of where. Forces are not known and not drawn.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -25,7 +27,67 @@ from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
 from aerodima.workbench.plants.car import CarPlant, add_car_plant
 from aerodima.workbench.plants.tail import tail_geometry
-from aerodima.workbench.replay.logged_plant import AIR_SCALE, AirOnTail
+
+AIR_SCALE = 0.10
+"""Length of the arrow of the air on a tail, m per N, unless the run says another: the car's gives a few newtons."""
+
+
+@dataclass(frozen=True)
+class AirOnTail:
+    """The force of the air on one tail over a run, W axes, shape (n, 3) each.
+
+    Attributes:
+        name: of the tail.
+        force: N.
+        moment: about Wo, N m.
+        root, tip: ends of its sections in W, m.
+    """
+
+    name: str
+    force: FloatArray
+    moment: FloatArray
+    root: FloatArray
+    tip: FloatArray
+
+
+class LoggedRun(Protocol):
+    """A run whose plant can be put where it was; see `aerodima.workbench.replay.logged_plant.add_logged_run`."""
+
+    @property
+    def run_log(self) -> RunLog:
+        """The run, with what a replay reads."""
+
+    @property
+    def plant(self) -> MultibodyPlant:
+        """Moved, not simulated."""
+
+    @property
+    def scene_graph(self) -> SceneGraph:
+        """Shapes of the plant."""
+
+    @property
+    def path(self) -> FloatArray:
+        """Where it went, W, m, shape (n, 3); the floor is drawn about it."""
+
+    @property
+    def tips(self) -> dict[str, FloatArray]:
+        """Name -> path of the tip of a tail in W, m, shape (n, 3)."""
+
+    @property
+    def air(self) -> list[AirOnTail]:
+        """The air on each tail; none where the log holds no forces."""
+
+    @property
+    def air_scale(self) -> float:
+        """Length of an arrow of the air, m per N."""
+
+    @property
+    def camera_place(self) -> tuple[float, float, float]:
+        """Distance and height of the camera, and height of the point that it looks at, m."""
+
+    def move(self, plant_context: Context, row: int) -> None:
+        """Puts the plant where it was in one row of the log."""
+
 
 SAIL_POSITION = f"{PLANT_POSITION_PREFIX}tail_tail_sail_turn_q"
 

@@ -28,10 +28,9 @@ from pydrake.systems.sensors import CameraInfo
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.camera import Camera
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.logged_plant import add_logged_run
-from aerodima.workbench.replay.picture import draw_shadow, floor_picture, posed_triangles, visible_surfaces
+from aerodima.workbench.replay.picture import Camera, draw_shadow, floor_picture, posed_triangles, visible_surfaces
 from aerodima.workbench.replay.recording import traces
 
 Pixels = NDArray[np.uint8]

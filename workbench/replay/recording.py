@@ -15,9 +15,10 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.camera import camera_azimuth, camera_path, camera_pose
 from aerodima.workbench.replay.force_arrows import DrawnArrow, ForceArrow, force_arrows
-from aerodima.workbench.replay.logged_plant import LoggedRun, add_logged_run
+from aerodima.workbench.replay.logged_car import LoggedRun
+from aerodima.workbench.replay.logged_plant import add_logged_run
+from aerodima.workbench.replay.picture import camera_azimuth, camera_path, camera_pose
 from aerodima.workbench.replay.viewer import WORLD, area_around, draw_ground
 
 FRAMES_PER_SECOND = 50.0

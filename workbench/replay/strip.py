@@ -21,11 +21,11 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
-from aerodima.workbench.replay.camera import Camera, camera_azimuth
 from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
 from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows
-from aerodima.workbench.replay.logged_plant import LoggedRun, add_logged_run
-from aerodima.workbench.replay.picture import draw_picture, posed_triangles, visible_surfaces
+from aerodima.workbench.replay.logged_car import LoggedRun
+from aerodima.workbench.replay.logged_plant import add_logged_run
+from aerodima.workbench.replay.picture import Camera, camera_azimuth, draw_picture, posed_triangles, visible_surfaces
 from aerodima.workbench.replay.recording import traces
 
 _BEFORE, _AFTER = 0.25, 0.75

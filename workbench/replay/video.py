@@ -21,9 +21,9 @@ from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_time
-from aerodima.workbench.replay.camera import Camera, camera_azimuth, camera_path, camera_pose
 from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
 from aerodima.workbench.replay.offscreen import OffscreenRun, check_renderer
+from aerodima.workbench.replay.picture import Camera, camera_azimuth, camera_path, camera_pose
 from aerodima.workbench.replay.recording import check_rate, nearest_rows
 
 Progress = Callable[[float, float], None]

@@ -1,4 +1,4 @@
-"""The chapters of the demo: a case of the short turn in step, how far each candidate turns, and the thesis' own turn."""
+"""The chapters of the demo: a short turn in step, how far each candidate turns, and the thesis' own turn."""
 
 import json
 import math

@@ -18,8 +18,7 @@ from aerodima.workbench.metrics.plant_metrics import of_plants, plant_metrics
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.captions import caption_of, readings
 from aerodima.workbench.replay.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE
-from aerodima.workbench.replay.logged_car import replayable
-from aerodima.workbench.replay.logged_plant import LoggedRun
+from aerodima.workbench.replay.logged_car import LoggedRun, replayable
 from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
 from aerodima.workbench.replay.viewer import open_meshcat
 from aerodima.workbench.report.report_page import (

@@ -15,8 +15,8 @@ from aerodima.workbench.batch.worker_record import ProgressLine, silent
 from aerodima.workbench.config.rig_campaign import RigTask
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.journal import journal_path
-from aerodima.workbench.simulate.rig_run import known_truth
 from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.stations.rig_station import known_truth
 
 MARK, TABLE = "campaign.json", "campaign.csv"
 """What the folder holds beside the logs: the scenarios, so that a second call can tell whether it is the same

@@ -19,7 +19,8 @@ from aerodima.workbench.controllers.manoeuvre import Schedule, angle_to_straight
 from aerodima.workbench.controllers.tail_law import TailLaw
 from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
-from aerodima.workbench.sensors.roll_estimator import RollEstimator, RollFilterSettings
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.sensors.roll_filter import RollFilterSettings
 from aerodima.workbench.simulate.live_view import LiveView
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord

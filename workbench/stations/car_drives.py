@@ -2,7 +2,7 @@
 
 One system calls all laws, since every system and every port that Python reads costs as much as a law. The laws have
 one home each: `shaft_torque`, `steering_motion` and `knuckle_motion` (actuators/chassis_actuators.py), `TailJoints`
-(actuators/motors.py), `SectionLaw.line_force` (aero/laws.py).
+(actuators/ak70.py), `SectionLaw.line_force` (aero/laws.py).
 """
 
 from itertools import accumulate
@@ -14,8 +14,8 @@ from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, InputPort, LeafSystem, OutputPort, State
 from pydrake.systems.primitives import Multiplexer, ZeroOrderHold
 
+from aerodima.workbench.actuators.ak70 import TailJoints
 from aerodima.workbench.actuators.chassis_actuators import knuckle_motion, shaft_gain, shaft_torque, steering_motion
-from aerodima.workbench.actuators.motors import TailJoints
 from aerodima.workbench.aero.laws import cross, wind_direction
 from aerodima.workbench.aero.sail import SailMotion, generalised_force, sail_motion
 from aerodima.workbench.config.scenario import Scenario

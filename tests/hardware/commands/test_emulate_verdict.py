@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from aerodima.hardware.commands.console_command import _delay_in_words
+from aerodima.hardware.commands.car_commands import _delay_in_words
 
 
 @pytest.mark.parametrize(("delay", "verdict"), [(0.0042, "in time"), (5.9518, "too slow for that long")])

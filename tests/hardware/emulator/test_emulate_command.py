@@ -9,7 +9,7 @@ import can
 import pytest
 
 from aerodima.hardware.car.car_ports import read_ports
-from aerodima.hardware.commands.console_command import emulate
+from aerodima.hardware.commands.car_commands import emulate
 from aerodima.hardware.emulator.fault_script import read_events
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import read_run_log

@@ -10,7 +10,7 @@ import numpy as np
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import simulate_static_log
+from aerodima.workbench.stations.rig_station import simulate_static_log
 
 ANGLES_DEG = (0, 15, 30, 45, 60, 75)
 SPEEDS = (10.0, 20.0, 30.0)

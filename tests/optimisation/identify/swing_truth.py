@@ -17,7 +17,7 @@ from aerodima.workbench.aero.laws import NormalForceLaw
 from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenario
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata
 from aerodima.workbench.sensors.rig_sensors import count_angle
-from aerodima.workbench.simulate.rig_run import rig_log_metadata
+from aerodima.workbench.stations.rig_station import rig_log_metadata
 
 RATE = 1000.0
 

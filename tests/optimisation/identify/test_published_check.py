@@ -3,6 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aerodima.optimisation.identify.hold_mean import StaticBalance
+from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.published_check import (
     balances,
     constants_parameters,
@@ -10,8 +12,6 @@ from aerodima.optimisation.identify.published_check import (
     predicted_currents,
 )
 from aerodima.optimisation.identify.published_tables import static_rows
-from aerodima.optimisation.identify.rig_uncertainty import with_values
-from aerodima.optimisation.identify.static_balance import StaticBalance
 
 
 def test_constants_of_the_models_predict_tail_1_as_the_design_says() -> None:

@@ -11,13 +11,13 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from scipy.optimize import least_squares
 
-from aerodima.optimisation.identify.static_balance import StaticBalance
+from aerodima.optimisation.identify.hold_mean import StaticBalance
 from aerodima.optimisation.identify.static_fit import fit_static, static_parameters, static_problem
 from aerodima.optimisation.identify.static_log import static_data
 from aerodima.workbench.errors import FitError, LogError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import simulate_static_log
+from aerodima.workbench.stations.rig_station import simulate_static_log
 from tests.optimisation.identify import static_truth as truth
 
 

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.fit.least_squares import Attempt, Problem, solve
 from aerodima.optimisation.identify.added_mass import (
     SEEDS,
     added_mass_model,
@@ -18,6 +16,8 @@ from aerodima.optimisation.identify.added_mass import (
     seed_value,
 )
 from aerodima.optimisation.identify.added_mass_comparison import by_wind_speed, compare, section_coefficients
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.least_squares import Attempt, Problem, solve
 from aerodima.optimisation.identify.log_rig import FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum
 from aerodima.optimisation.identify.static_log import COLUMNS

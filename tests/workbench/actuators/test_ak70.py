@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.motors import StepAhead, TailJoints, mit_torque, torque_speed_limits
+from aerodima.workbench.actuators.ak70 import StepAhead, TailJoints, mit_torque, torque_speed_limits
 from aerodima.workbench.config.car_parameters import TailMotorParameters
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.tail import ArmInertia

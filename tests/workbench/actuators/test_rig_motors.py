@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.workbench.actuators.motors import MaxonMotor, MitMotor
+from aerodima.workbench.actuators.ak70 import MitMotor
+from aerodima.workbench.actuators.maxon import MaxonMotor
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 
 SCENARIO = load_rig_scenario("robot")

@@ -8,7 +8,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from aerodima.workbench.actuators.motors import TailJoints
+from aerodima.workbench.actuators.ak70 import TailJoints
 from aerodima.workbench.aero.added_mass import add_added_mass
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.plants.car import parse_model

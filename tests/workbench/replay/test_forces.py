@@ -9,8 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import WHEEL_SCALE, force_arrows, point_on_axis
-from aerodima.workbench.replay.logged_car import add_logged_car, tail_axis
-from aerodima.workbench.replay.logged_plant import AIR_SCALE
+from aerodima.workbench.replay.logged_car import AIR_SCALE, add_logged_car, tail_axis
 
 ROOT, TIP = np.array([[1.0, 2.0, 0.3]]), np.array([[1.2, 1.6, 1.1]])
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aerodima.workbench.replay.camera import Camera
-from aerodima.workbench.replay.picture import draw_picture
+from aerodima.workbench.replay.picture import Camera, draw_picture
 
 RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 

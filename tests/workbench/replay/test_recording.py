@@ -11,9 +11,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.camera import camera_azimuth
 from aerodima.workbench.replay.force_arrows import ForceArrow, shortest_turn
 from aerodima.workbench.replay.logged_car import add_logged_car
+from aerodima.workbench.replay.picture import camera_azimuth
 from aerodima.workbench.replay.recording import (
     FRAMES_PER_SECOND,
     MOST_FRAMES,

@@ -5,7 +5,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from aerodima.workbench.errors import UserError
-from aerodima.workbench.sensors.roll_estimator import RollEstimate, RollEstimator, RollFilterSettings, estimate_roll
+from aerodima.workbench.sensors.roll_estimator import RollEstimator
+from aerodima.workbench.sensors.roll_filter import RollEstimate, RollFilterSettings, estimate_roll
 
 RATE = 100.0
 G = 9.81

@@ -13,8 +13,8 @@ from aerodima.workbench.config.rig_scenario import RigScenario, load_rig_scenari
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog, signals_equal
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.simulate.rig_run import RIG_COLUMN_NAMES
 from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.stations.rig_station import RIG_COLUMN_NAMES
 
 COUNT = 2 * math.pi / (512 * 4 * 26)
 ACCURACIES = np.array([8.0067, 7.9933, 14.46, 0.4283, 0.445, 0.38])  # Table 4.8

@@ -1,4 +1,4 @@
-// The computer's heartbeat on the bus and the Teensy's answer; the same bytes as hardware/protocol/heartbeat.py.
+// The computer's heartbeat on the bus and the Teensy's answer; the same bytes as hardware/car/bus_watch.py.
 //
 // Neither can be taken for a frame of a motor: motor ids end at 3F and their commands have 8 bytes.
 #pragma once

@@ -1,5 +1,5 @@
 // The last stage before a motor's frame: range, speed, gains, total torque and an I2t model of the winding; the same
-// numbers as hardware/devices/motor_limits.py, in the motor's own angle.
+// numbers as hardware/devices/motor_settings.py, in the motor's own angle.
 #pragma once
 #include "ak70.h"
 

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import TypeAdapter
 
-from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.workbench.batch import WORKER_RECORD, run_batch
 from aerodima.workbench.batch.row_store import ProgressBar, RowStore, read_lines, saying_how_to_go_on
 from aerodima.workbench.batch.worker_record import ProgressLine, silent

@@ -11,9 +11,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AliasChoices, Field
 
-from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution, Solver, solve, solve_huber
-from aerodima.optimisation.fit.residual_noise import Noise
-from aerodima.optimisation.fit.uncertainty import Uncertainty, uncertainty
+from aerodima.optimisation.identify.least_squares import Loss, Problem, Solution, Solver, solve, solve_huber
+from aerodima.optimisation.identify.residual_noise import Noise
+from aerodima.optimisation.identify.uncertainty import Uncertainty, uncertainty
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def fit(
         channels: per channel where it stands in the residual and the weight that its residual was divided by.
         warnings: of the data, kept before those of the fit.
         loss: `huber` goes on from the least-squares solution with Huber's loss
-        (`aerodima.optimisation.fit.least_squares`).
+        (`aerodima.optimisation.identify.least_squares`).
 
     Raises:
         FitError: no start could be solved.

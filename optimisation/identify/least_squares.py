@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from aerodima.optimisation.fit.fit_parameters import Parameters
+from aerodima.optimisation.identify.fit_parameters import Parameters
 from aerodima.workbench.errors import FitError
 
 Residual = Callable[[np.ndarray], np.ndarray]

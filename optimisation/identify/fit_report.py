@@ -13,8 +13,8 @@ import pandas as pd
 import yaml
 from matplotlib.figure import Figure
 
-from aerodima.optimisation.fit.fit_figures import figures_of
-from aerodima.optimisation.fit.fit_pipeline import Estimate, FitResult, parameter_names, short_name
+from aerodima.optimisation.identify.fit_figures import figures_of
+from aerodima.optimisation.identify.fit_pipeline import Estimate, FitResult, parameter_names, short_name
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.report.report_page import (

@@ -27,7 +27,7 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from aerodima.optimisation.fit.least_squares import Attempt, Problem, finite_differences, finite_residual
+from aerodima.optimisation.identify.least_squares import Attempt, Problem, finite_differences, finite_residual
 from aerodima.workbench.errors import FitError
 
 _DAMPING_LEAST, _DAMPING_FIRST, _DAMPING_MOST = 1e-8, 1.0, 1e20

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
 from aerodima.workbench.errors import FitError
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from aerodima.optimisation.fit import fit_batch
-from aerodima.optimisation.fit.fit_batch import WORKER_KILLED, coverage, fit_logs
-from aerodima.optimisation.fit.fit_pipeline import FitResult
+from aerodima.optimisation.identify.fit_batch import WORKER_KILLED, coverage, fit_logs
+from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.line_fits import fit_spring_file
 from aerodima.optimisation.identify.static_fit import fit_static_log
 from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign

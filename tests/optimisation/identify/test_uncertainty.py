@@ -9,13 +9,13 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 from scipy.stats import norm, t
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.fit.fit_pipeline import FitResult, fit
-from aerodima.optimisation.fit.fit_report import format_estimate
-from aerodima.optimisation.fit.least_squares import Problem, Solution, solve
-from aerodima.optimisation.fit.least_squares_solvers import solve_algebraic, solve_rollout
-from aerodima.optimisation.fit.residual_noise import Noise, correlation_time, independent_noise, serial_noise
-from aerodima.optimisation.fit.uncertainty import reach_inside, uncertainty
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
+from aerodima.optimisation.identify.fit_report import format_estimate
+from aerodima.optimisation.identify.least_squares import Problem, Solution, solve
+from aerodima.optimisation.identify.least_squares_solvers import solve_algebraic, solve_rollout
+from aerodima.optimisation.identify.residual_noise import Noise, correlation_time, independent_noise, serial_noise
+from aerodima.optimisation.identify.uncertainty import reach_inside, uncertainty
 
 
 def line(y: np.ndarray, t: np.ndarray, *more: Parameter) -> Problem:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.fft import dct, idct
 from scipy.special import fdtrc
 
-from aerodima.optimisation.fit.least_squares import spread
+from aerodima.optimisation.identify.least_squares import spread
 
 FAR_OFF = 6.0
 """Robust standard deviations beyond which a sample is no noise: two in a thousand million of normal ones."""

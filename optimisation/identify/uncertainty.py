@@ -20,8 +20,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr, stdtr, stdtrit
 
-from aerodima.optimisation.fit.least_squares import Solution
-from aerodima.optimisation.fit.residual_noise import Noise
+from aerodima.optimisation.identify.least_squares import Solution
+from aerodima.optimisation.identify.residual_noise import Noise
 from aerodima.workbench.errors import FitError
 
 CONFIDENCE = 0.95

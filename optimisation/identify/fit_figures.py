@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aerodima.optimisation.fit.fit_pipeline import FitResult, parameter_names, short_name
+from aerodima.optimisation.identify.fit_pipeline import FitResult, parameter_names, short_name
 from aerodima.workbench.figures.figure_style import BLUE, GREY, SKY, VERMILION, new_figure, styled
 from aerodima.workbench.figures.run_figures import RUN_STYLES
 

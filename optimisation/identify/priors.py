@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from aerodima.optimisation.fit.fit_parameters import Parameter, Parameters
-from aerodima.optimisation.fit.fit_pipeline import FitResult, NoiseModel, result_of
-from aerodima.optimisation.fit.least_squares import Loss, Problem, Solution, huber, solve
-from aerodima.optimisation.fit.least_squares_solvers import solve_rollout
-from aerodima.optimisation.fit.residual_noise import Noise
-from aerodima.optimisation.fit.uncertainty import uncertainty
+from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
+from aerodima.optimisation.identify.fit_pipeline import FitResult, NoiseModel, result_of
+from aerodima.optimisation.identify.least_squares import Loss, Problem, Solution, huber, solve
+from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
+from aerodima.optimisation.identify.residual_noise import Noise
+from aerodima.optimisation.identify.uncertainty import uncertainty
 
 _NEGLIGIBLE = 0.03
 """A constant whose standard deviation moves the whitened residual by less is left as it is."""

@@ -1,1 +1,0 @@
-"""Fits: parameters, data, residual, least squares, intervals, batches and their report."""

@@ -1,0 +1,48 @@
+"""Maxon DCX35L with its gearbox, driven by current (design section 6)."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from aerodima.workbench.config.rig_scenario import MaxonParameters
+from aerodima.workbench.sensors.sampled import CounterNoise
+from aerodima.workbench.systems.system_ports import vector_of
+
+
+class MaxonMotor(LeafSystem):
+    """Current to torque on the bar: torque = -k_t N current, since a positive current pushes the tail upstream.
+
+    The current loop is taken as ideal inside the limit of the amplifier. The reflected rotor inertia is part of the
+    plant (cheetah_rig.sdf). A NaN in the command gives no current.
+
+    Input ports:
+        current_command (1): A.
+    Output ports:
+        torque (1): N m along the joint axis; positive swings downstream.
+        current (1): A, after the limit.
+    """
+
+    def __init__(self, settings: MaxonParameters):
+        super().__init__()
+        self._settings = settings
+        self._command = self.DeclareVectorInputPort("current_command", 1)
+        ticket = {self._command.ticket()}
+        self.DeclareVectorOutputPort("torque", 1, self._calc_torque, ticket)
+        self.DeclareVectorOutputPort("current", 1, self._calc_current, ticket)
+
+    def current(self, command: float) -> float:
+        """Current that flows at a command, A."""
+        limit = self._settings.current_limit
+        return min(max(command, -limit), limit) if command == command else 0.0
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        command = vector_of(self._command, context)
+        output.SetFromVector(np.array([-self._settings.torque_constant * self.current(float(command[0]))]))
+
+    def _calc_current(self, context: Context, output: BasicVector) -> None:
+        command = vector_of(self._command, context)
+        output.SetFromVector(np.array([self.current(float(command[0]))]))
+
+
+def current_noise(settings: MaxonParameters, seed: int) -> CounterNoise:
+    """The noise of the logged current of a seed, in units of `current_noise`."""
+    return CounterNoise(seed, "maxon_current", 1)
