@@ -86,16 +86,6 @@ def averages(results: list[FitResult], out: Path) -> Extra:
     return {"averages": averages_table(results)}, []
 
 
-def compared(results: list[FitResult], out: Path) -> Extra:
-    """QSS against QSS-AM per log, and per tail, axis and wind speed; the latter is shown too."""
-    from aerodima.optimisation.identify.added_mass_comparison import by_wind_speed, comparison_table
-
-    cells = by_wind_speed(results)
-    for row in cells.itertuples():
-        typer.echo(f"tail {row.tail} {row.axis}, {row.wind_speed_m_per_s:g} m/s: {row.verdict}")
-    return {"by_wind_speed": cells, "qss_against_qss_am": comparison_table(results)}, []
-
-
 def static_tables(results: list[FitResult], out: Path) -> Extra:
     """Coefficient files of what the logs span, and all averages per tail, axis, angle and wind speed."""
     from dataclasses import replace

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from aerodima.optimisation.commands import fit_batch_report as report
-from aerodima.workbench.cli.options import COEFFICIENTS, Workers, grouped
+from aerodima.workbench.cli.options import COEFFICIENTS, grouped
 
 Out = report.Out
 LossOption = Annotated[str, typer.Option(help="squares, or huber: samples that lie far off are held back.")]
@@ -40,13 +40,6 @@ class SwingFitOptions(RigFitOptions):
     ] = None
 
 
-@dataclass(frozen=True)
-class SpringOptions(report.BatchOptions):
-    """A spring is fitted sooner than a second process starts."""
-
-    workers: Workers = 1
-
-
 def register(app: typer.Typer) -> None:
     """Adds the group `fit`."""
     group = typer.Typer(no_args_is_help=True, help="Fit coefficients to logs and tables.")
@@ -55,7 +48,6 @@ def register(app: typer.Typer) -> None:
     group.command()(friction)
     group.command("added-mass")(added_mass)
     group.command("robot-tail")(robot_tail)
-    group.command()(springs)
     group.command()(published)
     app.add_typer(group, name="fit", rich_help_panel=COEFFICIENTS)
 
@@ -125,10 +117,9 @@ def added_mass(
     ] = None,
     bounds: Annotated[str, typer.Option(help="wide, or printed (Table 4.12).")] = "wide",
 ) -> None:
-    """Added mass of swings, and the comparison of thesis section 4.9: QSS against QSS-AM.
+    """Added mass of swings (thesis section 4.9), as a multiple of pi R^2 rho of potential flow too.
 
-    Position, six reactions, coefficients and Reynolds number of the sections, verdict per wind speed, and the fitted
-    mass beside pi R^2 rho of potential flow. Without --seed it starts from zero and from table-4.12.
+    Without --seed it starts from zero and from table-4.12.
 
     Example: aerodima fit added-mass flick_*.parquet --out fits
     """
@@ -142,8 +133,8 @@ def added_mass(
     options.require_known(["added_mass"])
     work = partial(fit_added_mass_log, seeds=seeds, bounds=limits, options=options)
     settings = {"fit": "added-mass", "seeds": list(seeds), "bounds": bounds, **chosen}
-    title = "Added mass: QSS against QSS-AM"
-    report.fit_batch(title, work, batch, settings, report.compared)
+    title = "Added mass"
+    report.fit_batch(title, work, batch, settings, report.averages)
 
 
 @grouped
@@ -162,18 +153,6 @@ def robot_tail(
     work = partial(fit_robot_tail_log, shape=shaped, options=options)
     settings = {"fit": "robot-tail", "shape": shape, **chosen}
     report.fit_batch("Robot tail", work, batch, settings, report.robot_tables)
-
-
-@grouped
-def springs(batch: SpringOptions, loss: LossOption = "squares") -> None:
-    """Spring rates from CSV files with displacement_m and force_n.
-
-    Example: aerodima fit springs front_tyre.csv rear_tyre.csv --out fits
-    """
-    from aerodima.optimisation.identify.line_fits import fit_spring_file
-
-    work = partial(fit_spring_file, loss=_loss(loss))
-    report.fit_batch("Spring rates", work, batch, {"fit": "springs", "loss": loss})
 
 
 def _loss(name: str) -> Any:

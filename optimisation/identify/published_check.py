@@ -9,6 +9,7 @@ count by the Huber loss, because some published tests are broken (no wind, wrong
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -19,9 +20,8 @@ from aerodima.optimisation.identify.coefficient_averages import aggregate, recom
 from aerodima.optimisation.identify.fit_parameters import Parameter, Parameters
 from aerodima.optimisation.identify.fit_pipeline import FitResult, fit
 from aerodima.optimisation.identify.hold_mean import StaticBalance
-from aerodima.optimisation.identify.least_squares import Problem, huber
-from aerodima.optimisation.identify.least_squares_solvers import solve_rollout
-from aerodima.optimisation.identify.line_fits import fit_line
+from aerodima.optimisation.identify.least_squares import Loss, Problem, huber
+from aerodima.optimisation.identify.least_squares_solvers import solve_formula, solve_rollout
 from aerodima.optimisation.identify.log_rig import with_values
 from aerodima.optimisation.identify.published_tables import (
     Flag,
@@ -31,8 +31,9 @@ from aerodima.optimisation.identify.published_tables import (
     robot_tail_rows,
     static_rows,
 )
-from aerodima.optimisation.identify.residual_noise import Noise
+from aerodima.optimisation.identify.residual_noise import Noise, independent_noise
 from aerodima.workbench.config.rig_scenario import RigScenario, rig_scenario_from_dict
+from aerodima.workbench.errors import FitError
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,53 @@ class PublishedCheck:
             f"{line['slope'].value:.4f} v + {line['intercept'].value:.3f}.",
             f"{len(self.flags)} places of the tables are flagged.",
         ]
+
+
+def fit_line(
+    x: np.ndarray,
+    y: np.ndarray,
+    slope: tuple[str, str],
+    offset: tuple[str, str],
+    *,
+    name: str,
+    channel: str,
+    facts: Mapping[str, Any] | None = None,
+    loss: Loss = "squares",
+) -> FitResult:
+    """The line y = slope x + offset through points.
+
+    Args:
+        x, y: points (n).
+        slope, offset: name and unit of the two parameters.
+        channel: what y is, for the residual.
+        loss: `huber` holds points back that lie far off.
+
+    Raises:
+        FitError: fewer than three points, or one that is not finite.
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if len(x) < 3:
+        raise FitError(f"{name}: {len(x)} points are too few for a line with an interval; at least 3 are needed")
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
+        raise FitError(f"{name}: a point is not finite")
+    spread = float(np.std(x)) or 1.0
+    height = float(np.std(y)) or float(np.max(np.abs(y))) or 1.0
+    parameters = Parameters.of(
+        [
+            Parameter(slope[0], slope[1], 0.0, scale=height / spread),
+            Parameter(offset[0], offset[1], 0.0, scale=height),
+        ]
+    )
+    design = np.column_stack([x, np.ones_like(x)]) / height
+    problem = Problem(parameters, lambda p: design @ p - y / height, lambda p: design, name=name)
+    return fit(
+        problem,
+        solve_formula,
+        lambda solution: independent_noise(solution.residual, len(parameters.free)),
+        channels={channel: (slice(None), height)},
+        facts=facts,
+        loss=loss,
+    )
 
 
 def robot_tail_line() -> FitResult:

@@ -14,12 +14,12 @@ import yaml
 from typer.testing import CliRunner
 
 from aerodima.optimisation.identify.fit_batch import fit_logs
-from aerodima.optimisation.identify.line_fits import fit_spring_file
 from aerodima.workbench.cli.program import build_app
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import write_run_log
 from aerodima.workbench.stations.rig_station import simulate_static_log
+from tests.optimisation.identify.line_file import fit_line_file
 
 
 def run(*arguments: str | Path):
@@ -39,29 +39,12 @@ def springs(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def test_one_bad_file_does_not_stop_the_others(springs: list[Path], tmp_path: Path) -> None:
-    out = tmp_path / "fits"
-    done = run("springs", *springs, "--out", out)
-    assert done.exit_code == 2
-    assert "bad.csv: no column force_n; there are displacement_m, weight" in done.stderr
-    table = pd.read_csv(out / "fits.csv")
-    # 1 N over 30 mm in 31 points: 1 / sqrt(sum (x - mean)^2) = 20 N/m; three of that.
-    assert table.rate_n_per_m.tolist() == pytest.approx([3463.30, 3024.78], abs=60.0)
-    report = yaml.safe_load((out / "fits.yaml").read_text())
-    assert report["schema"] == "aerodima/fit-report/1"
-    assert list(report["failed"]) == [str(springs[2])]
-    page = (out / "report.html").read_text()
-    assert "data:image/png;base64," in page
-    assert not re.findall(r"(?:src|href|url|import|fetch)\W{1,4}https?:", page), "nothing is loaded from elsewhere"
-    assert {path.name for path in out.glob("*.png")} == {"estimates.png", "residuals.png", "curves.png"}
-
-
 def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs: list[Path], tmp_path: Path) -> None:
     out, calls = tmp_path / "fits", []
 
     def work(name: str):
         calls.append(name)
-        return fit_spring_file(name)
+        return fit_line_file(name)
 
     first = fit_logs(work, springs[:1], out, settings={"fit": "springs"})
     journal = out / "fits.jsonl"
@@ -77,12 +60,12 @@ def test_a_second_call_takes_up_what_is_there_and_does_the_rest(springs: list[Pa
 
 
 def test_results_of_other_settings_are_not_mixed(springs: list[Path], tmp_path: Path) -> None:
-    fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "springs"})
+    fit_logs(fit_line_file, springs[:1], tmp_path / "fits", settings={"fit": "springs"})
     with pytest.raises(FitError, match=r"other parameters, settings or versions \(settings\)"):
-        fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "others"})
-    fit_logs(fit_spring_file, springs[:1], tmp_path / "fits", settings={"fit": "others"}, force=True)
+        fit_logs(fit_line_file, springs[:1], tmp_path / "fits", settings={"fit": "others"})
+    fit_logs(fit_line_file, springs[:1], tmp_path / "fits", settings={"fit": "others"}, force=True)
     with pytest.raises(FitError, match="named twice"):
-        fit_logs(fit_spring_file, springs[:1] * 2, tmp_path / "twice", settings={})
+        fit_logs(fit_line_file, springs[:1] * 2, tmp_path / "twice", settings={})
 
 
 def test_static_logs_in_two_processes(tmp_path: Path) -> None:
@@ -95,6 +78,12 @@ def test_static_logs_in_two_processes(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert "cut off, damaged or not a Parquet file" in done.stderr
     assert "1 of 3 could not be fitted; the others are done" in done.stderr
+    report = yaml.safe_load((tmp_path / "fits" / "fits.yaml").read_text())
+    assert report["schema"] == "aerodima/fit-report/1"
+    assert list(report["failed"]) == [str(tmp_path / "cut.parquet")]
+    page = (tmp_path / "fits" / "report.html").read_text()
+    assert "data:image/png;base64," in page
+    assert not re.findall(r"(?:src|href|url|import|fetch)\W{1,4}https?:", page), "nothing is loaded from elsewhere"
     table = pd.read_csv(tmp_path / "fits" / "fits.csv")
     assert table.wind_speed_m_per_s.tolist() == [20.0, 20.0]
     assert table.warnings.str.contains("no rest phase").all()

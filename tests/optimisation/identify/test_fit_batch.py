@@ -7,21 +7,21 @@ from pathlib import Path
 
 import pytest
 
-from aerodima.optimisation.fit import fit_batch
+from aerodima.optimisation.identify import fit_batch
 from aerodima.optimisation.identify.fit_batch import WORKER_KILLED, coverage, fit_logs
 from aerodima.optimisation.identify.fit_pipeline import FitResult
-from aerodima.optimisation.identify.line_fits import fit_spring_file
 from aerodima.optimisation.identify.static_fit import fit_static_log
 from aerodima.workbench.config.rig_campaign import campaign_tasks, load_campaign
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.simulate.campaign_run import run_campaign
+from tests.optimisation.identify.line_file import fit_line_file
 
 
 def fit_or_die(path: str, *, poison: Path) -> FitResult:
     """The fit of a spring, but the log of that name kills its process while `poison` exists."""
     if Path(path).stem == "spring_1" and poison.exists():
         os.kill(os.getpid(), signal.SIGKILL)
-    return fit_spring_file(path)
+    return fit_line_file(path)
 
 
 @pytest.mark.slow
@@ -50,7 +50,7 @@ def test_a_damaged_journal_costs_only_the_damaged_lines(tmp_path: Path, damage: 
         logs[-1].write_text(
             "\n".join(["displacement_m,force_n", *(f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20))])
         )
-    first = fit_logs(fit_spring_file, logs, tmp_path / "fits", settings={"a": 1})
+    first = fit_logs(fit_line_file, logs, tmp_path / "fits", settings={"a": 1})
     journal = tmp_path / "fits" / "fits.jsonl"
     whole = journal.read_bytes()
     lines = whole.splitlines(keepends=True)
@@ -62,7 +62,7 @@ def test_a_damaged_journal_costs_only_the_damaged_lines(tmp_path: Path, damage: 
     }[damage]
     journal.write_bytes(content)
     for reused in (kept, 3):
-        again = fit_logs(fit_spring_file, logs, tmp_path / "fits", settings={"a": 1})
+        again = fit_logs(fit_line_file, logs, tmp_path / "fits", settings={"a": 1})
         assert (again.reused, again.failed) == (reused, {})
         assert [r.free[0].value for r in again.results] == [r.free[0].value for r in first.results]
 
@@ -72,10 +72,10 @@ def test_fits_of_another_version_are_made_again(tmp_path: Path, monkeypatch: pyt
     rows = [f"{x / 1000},{2 * x + (-1) ** x * 0.01}" for x in range(20)]
     log.write_text("\n".join(["displacement_m,force_n", *rows]))
     for reused in (0, 1):
-        assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused
+        assert fit_logs(fit_line_file, [log], tmp_path / "fits", settings={}).reused == reused
     monkeypatch.setattr(fit_batch, "software_versions", lambda: {"project": "0.0.0"})
     for reused in (0, 1):
-        assert fit_logs(fit_spring_file, [log], tmp_path / "fits", settings={}).reused == reused
+        assert fit_logs(fit_line_file, [log], tmp_path / "fits", settings={}).reused == reused
 
 
 @pytest.mark.slow
