@@ -43,8 +43,8 @@ from .logs.conditioning import remove_drift as remove_drift
 from .logs.schema import RunLog as RunLog
 from .logs.schema import read_run_log as read_run_log
 from .logs.signals import LowPass as LowPass
-from .metrics.plant_metrics import plant_metrics as plant_metrics
-from .metrics.plant_metrics import plant_outcome as plant_outcome
+from .metrics.run_summary import plant_metrics as plant_metrics
+from .metrics.run_summary import plant_outcome as plant_outcome
 from .metrics.turn_course import TurnCourse as TurnCourse
 from .metrics.turn_course import turn_course as turn_course
 from .metrics.turn_metrics import RunMetrics as RunMetrics

@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from aerodima.hardware.car.car_devices import Devices
-from aerodima.hardware.car.car_reading import CarReader, CarReporter
 from aerodima.hardware.car.mounting import Mounting
-from aerodima.hardware.car.wiring import CarCommand, CarReading, WiringName
+from aerodima.hardware.car.wiring import CarCommand, CarReader, CarReading, CarReporter, WiringName
 from aerodima.hardware.devices.device_states import ENERGISED, MotorFault
 from aerodima.hardware.devices.tail_motor import Motor
 from aerodima.hardware.protocol.ak70 import MitCommand

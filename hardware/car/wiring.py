@@ -8,15 +8,21 @@ Plain NumPy: it runs where Drake has no wheel.
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
 
-from aerodima.hardware.devices.radio_link import IDLE
-from aerodima.hardware.protocol.radio import OperatorCommand
-from aerodima.workbench.config.signal_table import IMU, STATUS, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
+from aerodima.hardware.car.car_devices import Devices
+from aerodima.hardware.car.mounting import Mounting
+from aerodima.hardware.devices.device_states import SourceFault
+from aerodima.hardware.devices.radio_link import IDLE, RadioLink
+from aerodima.hardware.devices.teensy_link import TeensyLink
+from aerodima.hardware.protocol.radio import REPORT_PERIOD, Asks, CarReport, OperatorCommand, make_report
+from aerodima.workbench.config.signal_table import IMU, STATUS, STATUS_SOURCES, TAIL_COMMAND, TAIL_STATE, TAIL_TORQUE
 from aerodima.workbench.errors import HardwareError
 
 WiringName = Literal["teensy_bridge", "watched_can"]
@@ -72,3 +78,150 @@ class CarReading:
     status: np.ndarray = field(default_factory=partial(np.zeros, STATUS.size))
     operator: OperatorCommand = IDLE
     fault_text: str = ""
+
+
+_RATE_WINDOW = 0.02
+"""s; of the sail's rate, as the simulated encoder has it."""
+_REST_FIRST = "put the switch in IDLE first"
+_UNKNOWN_FAULT = 255
+"""Codes of the status port are small; a larger one is still a fault."""
+
+
+class CarReader:
+    """Makes the readings; values hold their last sample.
+
+    Attributes:
+        imu_time: when the newest sample of the IMU was taken, s on `time.monotonic`; NaN before the first.
+    """
+
+    def __init__(self, mounting: Mounting) -> None:
+        self._mounting = mounting
+        self._sail = _SailRate()
+        self._tail = np.zeros((2, 3))
+        self._imu, self._speed = np.zeros(IMU.size), np.zeros(1)
+        self.imu_time = math.nan
+
+    def read(self, devices: Devices, now: float, released: bool) -> CarReading:
+        """The reading of now (s, monotonic); `released` stands for `armed` where there are no motors."""
+        motors = devices.group.motors
+        for index, motor in enumerate(motors):
+            if math.isfinite(motor.position):
+                self._tail[index] = motor.position, motor.speed, motor.torque
+        newest = devices.imu.newest
+        if newest is not None and newest[0] != self.imu_time:
+            self.imu_time, self._imu = newest[0], self._mounting.imu_reading(newest[1])
+        solution = None if devices.gps is None else devices.gps.newest
+        if solution is not None and solution[1].fix:
+            self._speed = np.array([solution[1].speed])
+        sail, sail_rate = self._sail.of(devices.teensy, self._mounting)
+        pitch, roll = self._tail
+        sources = _sources(devices, now)
+        status = {"armed": float(devices.group.ready if motors else released)}
+        for source in STATUS_SOURCES:
+            age, fault, _ = sources.get(source, (0.0, SourceFault.NOT_FITTED, ""))
+            status |= {f"{source}_age": age, f"{source}_fault": float(fault)}
+        return CarReading(
+            tail_state=np.array([pitch[0], roll[0], sail, pitch[1], roll[1], sail_rate]),
+            tail_torque=self._tail[:, 2].copy(),
+            imu=self._imu,
+            speed=self._speed,
+            status=STATUS.write(**status),
+            operator=IDLE if devices.radio is None else devices.radio.command,
+            fault_text=_worst(devices, sources),
+        )
+
+
+def _sources(devices: Devices, now: float) -> dict[str, tuple[float, int, str]]:
+    """Age (s), fault, and the fault in words, of every source that is fitted."""
+    teensy, imu, gps, radio = devices.teensy, devices.imu, devices.gps, devices.radio
+    found: dict[str, tuple[float, int, str]] = {
+        "sail": (teensy.age(now), teensy.fault, teensy.fault_text),
+        "imu": (imu.age(now), *imu.fault(now)),
+    }
+    for name, motor in zip(("tail_pitch", "tail_roll"), devices.group.motors, strict=False):
+        found[name] = motor.age(now), motor.fault, motor.fault_text
+    if gps is not None:
+        fault, text = gps.fault(now)
+        if fault is SourceFault.NONE and gps.newest is not None and not gps.newest[1].fix:
+            fault, text = SourceFault.NO_FIX, "the GPS has no fix"
+        found["speed"] = gps.age(now), fault, text
+    if radio is not None:
+        found["operator"] = radio.age(now), *radio.fault(now)
+    return found
+
+
+def _worst(devices: Devices, sources: dict[str, tuple[float, int, str]]) -> str:
+    """The fault that is told: an emergency stop before all others, then motors, Teensy, operator, IMU, GPS."""
+    operator, imu, speed = (sources.get(name, (0.0, 0, ""))[2] for name in ("operator", "imu", "speed"))
+    stop = operator if devices.radio is not None and devices.radio.stopped else ""
+    texts = (stop, devices.group.fault_text, devices.teensy.fault_text, operator, imu, speed)
+    return next((text for text in texts if text), "")
+
+
+class _SailRate:
+    """Sail angle and its rate from the Teensy's replies, each with the time at which the Teensy sent it."""
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[float, float]] = deque(maxlen=64)
+        self._seen = (0.0, 0.0)
+
+    def of(self, teensy: TeensyLink, mounting: Mounting) -> tuple[float, float]:
+        """Angle in [0, 2 pi) rad and rate rad/s; zeros before the first reply."""
+        sent = teensy.sent_time
+        if not math.isfinite(sent) or (self._past and sent <= self._past[-1][0]):
+            return self._seen
+        angle = mounting.sail_angle(teensy.sail)
+        self._past.append((sent, angle))
+        while len(self._past) > 2 and sent - self._past[1][0] >= _RATE_WINDOW - 1e-3:
+            self._past.popleft()
+        span = sent - self._past[0][0]
+        rate = math.remainder(angle - self._past[0][1], 2.0 * math.pi) / span if span > 1e-3 else 0.0
+        self._seen = angle, rate
+        return self._seen
+
+
+class CarReporter:
+    """One car's reports.
+
+    Args:
+        has_tail: the car has tail motors. car: its number, which tells it from others on the channel.
+    """
+
+    def __init__(self, has_tail: bool = True, car: int = 0) -> None:
+        self._has_tail, self._car = has_tail, car
+        self._due = 0.0
+        self._sequence = 0
+
+    def turn(
+        self, radio: RadioLink, reading: CarReading, now: float, asks: Asks = Asks.NOTHING, at_once: bool = False
+    ) -> None:
+        """Sends a report when one is due (`now` in s, monotonic), or at once."""
+        if now < self._due and not at_once:
+            return
+        self._due = now + REPORT_PERIOD
+        self._sequence += 1
+        report = self._report(reading, radio.stopped, asks)
+        radio.report(make_report(report, self._sequence))
+
+    def _report(self, reading: CarReading, stopped: bool, asks: Asks) -> CarReport:
+        status, tail = STATUS.read(reading.status), TAIL_STATE.read(reading.tail_state)
+        imu, torque = IMU.read(reading.imu), TAIL_TORQUE.read(reading.tail_torque)
+        codes = [int(getattr(status, f"{source}_fault")) for source in STATUS_SOURCES]
+        return CarReport(
+            armed=status.armed == 1.0,
+            stopped=stopped,
+            mode=reading.operator.mode,
+            faults=tuple(min(code, _UNKNOWN_FAULT) for code in codes),
+            yaw_rate=imu.gyro_z,
+            roll=imu.roll,
+            tail_pitch=tail.pitch_angle,
+            tail_roll=tail.roll_angle,
+            torque_pitch=torque.pitch,
+            torque_roll=torque.roll,
+            speed=float(reading.speed[0]),
+            operator_age=status.operator_age,
+            text=reading.fault_text or _REST_FIRST * (asks is Asks.REST),
+            asks=asks,
+            has_tail=self._has_tail,
+            car=self._car,
+        )

@@ -220,8 +220,12 @@ def firmware(
     """
     from aerodima.hardware.car.car_ports import bare_ports, ports_from_dict, read_ports
     from aerodima.hardware.car.safety_settings import load_teensy_timing
-    from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, firmware_limits
-    from aerodima.hardware.firmware.firmware_sketch import export_sketch, firmware_hash
+    from aerodima.hardware.firmware.firmware_settings import (
+        FirmwareSettings,
+        export_sketch,
+        firmware_hash,
+        firmware_limits,
+    )
     from aerodima.hardware.protocol.sail_encoder import encoder_profile
     from aerodima.hardware.protocol.teensy import StringForm
     from aerodima.workbench.config.scenario import load_scenario

@@ -35,7 +35,7 @@ from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink
-from aerodima.hardware.firmware.firmware_sketch import firmware_hash
+from aerodima.hardware.firmware.firmware_settings import firmware_hash
 from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices

@@ -34,7 +34,7 @@ from aerodima.hardware.car.car_ports import (
 from aerodima.hardware.car.mounting import load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety, load_teensy_timing
 from aerodima.hardware.car.wiring import WiringName
-from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, SlcanAdapter
+from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, PtyPort, SlcanAdapter
 from aerodima.hardware.emulator.emulated_devices import (
     CAR,
     EmulatedAir,
@@ -53,7 +53,6 @@ from aerodima.hardware.emulator.fault_script import (
     load_emulator_numbers,
     no_faults,
 )
-from aerodima.hardware.emulator.pty_port import PtyPort
 from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, firmware_limits
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, FirmwareProfile
 from aerodima.hardware.protocol.teensy import StringForm

@@ -9,8 +9,7 @@ from dataclasses import astuple, dataclass
 from functools import cache
 from typing import Any
 
-from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, MotorLimits, profile_fields
-from aerodima.hardware.firmware.firmware_sketch import build_core
+from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, MotorLimits, build_core, profile_fields
 from aerodima.hardware.protocol.ak70 import FirmwareProfile, MitCommand, MitReply
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.teensy import (

@@ -52,7 +52,7 @@ def metrics(
         refuse_existing(csv, force, LogError)
     import pandas as pd
 
-    from aerodima.workbench.metrics.plant_metrics import of_plants, plant_metrics
+    from aerodima.workbench.metrics.run_summary import of_plants, plant_metrics
     from aerodima.workbench.metrics.turn_metrics import metrics_of
 
     plants = of_plants(list(run_logs.values()))
@@ -267,7 +267,7 @@ def compare(
     if html is not None:
         refuse_existing(html, force, UserError)
     run_logs = [read_run_log(path) for path in runs]
-    from aerodima.workbench.metrics.plant_metrics import of_plants
+    from aerodima.workbench.metrics.run_summary import of_plants
     from aerodima.workbench.metrics.turn_metrics import metrics_of
     from aerodima.workbench.report.replay_page import (
         comparison_page,

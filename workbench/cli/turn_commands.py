@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from aerodima.workbench.config.scenario import Scenario
     from aerodima.workbench.controllers.tail_law import TailLaw
     from aerodima.workbench.logs.schema import RunLog
-    from aerodima.workbench.simulate.live_view import Progress
+    from aerodima.workbench.simulate.car_run import Progress
 
 
 @dataclass(frozen=True)

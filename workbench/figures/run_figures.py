@@ -25,7 +25,7 @@ from aerodima.workbench.figures.figure_style import (
 )
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.logs.signals import GPS_FILTER, IMU_FILTER, LowPass, low_pass
-from aerodima.workbench.metrics.plant_metrics import of_plants, plant_air, plant_speed, plant_tilt
+from aerodima.workbench.metrics.run_summary import of_plants, plant_air, plant_speed, plant_tilt
 from aerodima.workbench.metrics.turn_signals import turn_window
 
 _WHEEL_STYLES = {

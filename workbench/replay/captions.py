@@ -9,8 +9,14 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import MODE_STYLES
 from aerodima.workbench.logs.schema import DRIVEN_BY, PLANT_RUN, TAIL_LAW, RunLog
-from aerodima.workbench.metrics.plant_metrics import plant_air, plant_outcome, plant_speed, plant_tilt, tails_of
-from aerodima.workbench.metrics.run_summary import tail_mode_of
+from aerodima.workbench.metrics.run_summary import (
+    plant_air,
+    plant_outcome,
+    plant_speed,
+    plant_tilt,
+    tail_mode_of,
+    tails_of,
+)
 from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
 from aerodima.workbench.replay.logged_car import RECKONED
 

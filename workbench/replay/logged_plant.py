@@ -13,7 +13,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
 from aerodima.workbench.logs.signals import check_signals, check_time
-from aerodima.workbench.metrics.plant_metrics import tails_of
+from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.replay.logged_car import AIR_SCALE, AirOnTail, LoggedRun, add_logged_car
 from aerodima.workbench.replay.picture import Surface, posed_triangles, visible_surfaces
 from aerodima.workbench.replay.scene_shapes import add_shapes

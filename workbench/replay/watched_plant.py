@@ -18,7 +18,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import CAR_TRUTH, PLANT_POSITION_PREFIX, names_of
 from aerodima.workbench.errors import ModelError
 from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
-from aerodima.workbench.metrics.plant_metrics import TAILS
+from aerodima.workbench.metrics.run_summary import TAILS
 from aerodima.workbench.replay.force_arrows import AIR_COLOUR, SHOWN_LENGTH, DrawnArrow, point_on_axis
 from aerodima.workbench.replay.logged_plant import SCENE
 from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, shapes_of

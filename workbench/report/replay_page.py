@@ -14,7 +14,7 @@ from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.run_figures import RUN_STYLES, plot_overlay
 from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
-from aerodima.workbench.metrics.plant_metrics import of_plants, plant_metrics
+from aerodima.workbench.metrics.run_summary import of_plants, plant_metrics
 from aerodima.workbench.metrics.turn_metrics import metrics_of
 from aerodima.workbench.replay.captions import caption_of, readings
 from aerodima.workbench.replay.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE

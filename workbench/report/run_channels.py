@@ -25,7 +25,7 @@ from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.figure_style import TURN_SHADE
 from aerodima.workbench.figures.run_figures import RUN_STYLES
 from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.metrics.plant_metrics import tails_of
+from aerodima.workbench.metrics.run_summary import tails_of
 from aerodima.workbench.metrics.turn_signals import turn_window
 
 MOST_POINTS = 2500

@@ -1,14 +1,15 @@
 """The whole diagram of a car's run: station, driver, controller and estimator; and its simulation."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
 from aerodima.workbench.aero.section_watch import SectionWatch
 from aerodima.workbench.config.scenario import Scenario
@@ -21,10 +22,55 @@ from aerodima.workbench.logs.recorder import RunRecorder, Signals, open_log, out
 from aerodima.workbench.logs.schema import TAIL_LAW, RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.sensors.roll_filter import RollFilterSettings
-from aerodima.workbench.simulate.live_view import LiveView
 from aerodima.workbench.stations.car_station import InterfaceFactory, make_car_station, simulated_car
 from aerodima.workbench.stations.outcome_record import FlipWatch, OutcomeRecord
 from aerodima.workbench.systems.system_ports import LEAD, Stage, step_instant
+
+Progress = Callable[[float, float], None]
+"""Called with the time of the run (s) and its length (s)."""
+Check = Callable[[Context], None]
+"""Raises when the run must not go on."""
+
+TOLD_EVERY, CHECKED_EVERY = 0.1, 0.02
+"""Time between two calls, s of the run: of the progress alone, and with a check."""
+
+
+@dataclass(frozen=True)
+class LiveView:
+    """Meshcat that shows the run, its pace (0 as fast as possible, 1 in real time), and who is told how far it is."""
+
+    meshcat: Meshcat | None = None
+    real_time_rate: float = 0.0
+    progress: Progress | None = None
+
+    def run(self, simulator: Simulator, length: float, *, margin: float = 0.0, check: Check | None = None) -> None:
+        """Simulates from time 0 to `length` + `margin`, s."""
+        self.begin(simulator, length, check)
+        simulator.AdvanceTo(length + margin)
+
+    def begin(self, simulator: Simulator, length: float, check: Check | None = None) -> None:
+        """Initialises a run of `length` s."""
+        simulator.set_target_realtime_rate(self.real_time_rate)
+        if self.progress is not None or check is not None:
+            simulator.set_monitor(self._monitor(length, check))
+        simulator.Initialize()
+
+    def _monitor(self, length: float, check: Check | None) -> Callable[[Context], EventStatus]:
+        last, period = -np.inf, TOLD_EVERY if check is None else CHECKED_EVERY
+
+        def monitor(context: Context) -> EventStatus:
+            nonlocal last
+            time = context.get_time()
+            if time - last >= period:
+                last = time
+                if check is not None:
+                    check(context)
+                if self.progress is not None:
+                    self.progress(time, length)
+            return EventStatus.DidNothing()
+
+        return monitor
+
 
 _TIME_MARGIN = 1e-9
 """s."""

@@ -15,7 +15,7 @@ from aerodima.workbench.logs.recorder import RunRecorder, open_log, output_ports
 from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
 from aerodima.workbench.sensors.rig_sensors import sensor_errors
-from aerodima.workbench.simulate.live_view import Check, LiveView
+from aerodima.workbench.simulate.car_run import Check, LiveView
 from aerodima.workbench.stations.rig_station import (
     RigInterfaceFactory,
     known_truth,

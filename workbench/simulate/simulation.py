@@ -14,7 +14,7 @@ from aerodima.workbench.logs.schema import RunLog
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
-    from aerodima.workbench.simulate.live_view import Progress
+    from aerodima.workbench.simulate.car_run import Progress
 
 
 def simulate(
@@ -57,7 +57,7 @@ def simulate(
             unwritable or existing log.
         RuntimeError: Drake's solver gave up.
     """
-    from aerodima.workbench.simulate.live_view import LiveView
+    from aerodima.workbench.simulate.car_run import LiveView
 
     view = LiveView(meshcat, real_time_rate, progress)
     if isinstance(scenario, RigScenario):

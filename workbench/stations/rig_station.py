@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
 
 from aerodima.workbench.actuators.ak70 import MitMotor
-from aerodima.workbench.actuators.maxon import MaxonMotor, current_noise
 from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.config.rig_scenario import RigScenario
+from aerodima.workbench.config.rig_scenario import MaxonParameters, RigScenario
 from aerodima.workbench.config.signal_table import RIG_OUTPUTS, RIG_STATUS, ROBOT_RIG_INPUTS, names_of, rig_columns
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
@@ -34,7 +33,55 @@ from aerodima.workbench.sensors.rig_sensors import (
     sensor_readings,
 )
 from aerodima.workbench.sensors.sampled import CounterNoise
-from aerodima.workbench.systems.system_ports import add_status, export_interface, export_outputs, select, stacked
+from aerodima.workbench.systems.system_ports import (
+    add_status,
+    export_interface,
+    export_outputs,
+    select,
+    stacked,
+    vector_of,
+)
+
+
+class MaxonMotor(LeafSystem):
+    """Current to torque on the bar: torque = -k_t N current, since a positive current pushes the tail upstream.
+
+    The current loop is taken as ideal inside the limit of the amplifier. The reflected rotor inertia is part of the
+    plant (cheetah_rig.sdf). A NaN in the command gives no current.
+
+    Input ports:
+        current_command (1): A.
+    Output ports:
+        torque (1): N m along the joint axis; positive swings downstream.
+        current (1): A, after the limit.
+    """
+
+    def __init__(self, settings: MaxonParameters):
+        super().__init__()
+        self._settings = settings
+        self._command = self.DeclareVectorInputPort("current_command", 1)
+        ticket = {self._command.ticket()}
+        self.DeclareVectorOutputPort("torque", 1, self._calc_torque, ticket)
+        self.DeclareVectorOutputPort("current", 1, self._calc_current, ticket)
+
+    def current(self, command: float) -> float:
+        """Current that flows at a command, A."""
+        limit = self._settings.current_limit
+        return min(max(command, -limit), limit) if command == command else 0.0
+
+    def _calc_torque(self, context: Context, output: BasicVector) -> None:
+        command = vector_of(self._command, context)
+        output.SetFromVector(np.array([-self._settings.torque_constant * self.current(float(command[0]))]))
+
+    def _calc_current(self, context: Context, output: BasicVector) -> None:
+        command = vector_of(self._command, context)
+        output.SetFromVector(np.array([self.current(float(command[0]))]))
+
+
+def current_noise(settings: MaxonParameters, seed: int) -> CounterNoise:
+    """The noise of the logged current of a seed, in units of `current_noise`."""
+    return CounterNoise(seed, "maxon_current", 1)
+
 
 RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
 NO_OFFSETS = (0.0,) * 6

@@ -7,9 +7,15 @@ import subprocess
 import pytest
 
 from aerodima.hardware.car.safety_settings import load_teensy_timing
-from aerodima.hardware.firmware import firmware_sketch as build
-from aerodima.hardware.firmware.firmware_settings import FirmwareSettings
-from aerodima.hardware.firmware.firmware_sketch import COMPILERS, build_core, core_sources, export_sketch, firmware_hash
+from aerodima.hardware.firmware import firmware_settings as build
+from aerodima.hardware.firmware.firmware_settings import (
+    COMPILERS,
+    FirmwareSettings,
+    build_core,
+    core_sources,
+    export_sketch,
+    firmware_hash,
+)
 from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M
 from aerodima.hardware.protocol.sail_encoder import AEAT_6010
 from aerodima.workbench.errors import HardwareError

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from aerodima.workbench.actuators.ak70 import MitMotor
-from aerodima.workbench.actuators.maxon import MaxonMotor
 from aerodima.workbench.config.rig_scenario import load_rig_scenario
+from aerodima.workbench.stations.rig_station import MaxonMotor
 
 SCENARIO = load_rig_scenario("robot")
 

@@ -5,7 +5,7 @@ from importlib import import_module
 
 import pytest
 
-from aerodima.workbench.config import scenario_file
+from aerodima.workbench.config import scenario
 from aerodima.workbench.config.checked_files import read_yaml, unit_of
 from aerodima.workbench.config.scenario import SECTIONS, ParameterEntry, load_parameter_entries, scenario_from_dict
 from aerodima.workbench.errors import ScenarioError
@@ -85,7 +85,7 @@ def gps_file(tmp_path, monkeypatch):
     """A copy of the GPS parameters that a test may spoil."""
     path = tmp_path / "gps.yaml"
     path.write_text((models_dir() / "parameters" / "gps.yaml").read_text())
-    monkeypatch.setattr(scenario_file, "model_path", lambda relative: path)
+    monkeypatch.setattr(scenario, "model_path", lambda relative: path)
     return path
 
 

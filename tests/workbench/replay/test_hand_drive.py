@@ -138,7 +138,7 @@ def test_a_slow_computer_slows_the_run_down_says_so_once_and_skips_nothing(tmp_p
 def test_driving_by_hand_knows_no_device() -> None:
     code = """
 import sys
-import aerodima.workbench.cli.replay_commands, aerodima.workbench.replay.meshcat_controls
+import aerodima.workbench.cli.replay_commands, aerodima.workbench.replay.viewer
 from aerodima.workbench.replay.hand_drive import drive_by_hand
 found = {"can", "serial", "aerodima.hardware", "pynmeagps", "websockets"} & set(sys.modules)
 assert not found, found
