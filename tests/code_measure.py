@@ -1,4 +1,4 @@
-"""Size and shape of the code, as a table: `python -m tests.code_measure [FOLDER]`. It holds nobody to a figure.
+"""Size and shape of the code, as a table: `python -m tests.code_measure [FOLDER]`. `tests/size.toml` has the limits.
 
 FOLDER is a checkout, this one if none is named; so a version is compared with another one that was cloned beside it.
 Lines of code are lines that hold a token other than a comment, a docstring or a line end. Two places repeat each other
@@ -119,6 +119,19 @@ def built_station(module: str, prefix: str = "aerodima.") -> str:
     )
 
 
+def judged_turn(prefix: str = "aerodima.") -> str:
+    """Statements that load a task, its judge, and what drives one of its turns."""
+    return (
+        f"from {prefix}optimisation.swing.judge import judge\n"
+        f"from {prefix}optimisation.swing.candidate import THESIS, read_candidates\n"
+        f"from {prefix}optimisation.swing.task import load_task\n"
+        f"from {prefix}optimisation.sweep.study_engine import RunTask, evaluate\n"
+        "load_task('short_turn'), read_candidates(['held'], 'turn_fast')\n"
+        "settings = ('simulation.step=0.004', 'manoeuvre.duration=2.2', 'simulation.log_rate=250')\n"
+        "evaluate(RunTask('', 'turn_fast', (*THESIS.settings, *settings)))"
+    )
+
+
 def deep_imports(root: Path) -> set[str]:
     """Modules below a package that the notebooks import from."""
     found = set()
@@ -128,6 +141,13 @@ def deep_imports(root: Path) -> set[str]:
                 re.findall(r"^from ((?:aerodima\.)?\w+\.[\w.]+) import", "".join(cell["source"]), re.MULTILINE)
             )
     return {name for name in found if name.removeprefix("aerodima.").count(".")}
+
+
+def words_of_documentation(root: Path) -> int:
+    """Words of all pages in `docs` and of every README."""
+    pages = {*(root / "docs").rglob("*.md"), root / "README.md"}
+    pages |= {path for folder in (*PACKAGES, "models") for path in (root / folder).rglob("README.md")}
+    return sum(len(path.read_text(encoding="utf-8").split()) for path in pages)
 
 
 def lines_of_data(root: Path, suffixes: tuple[str, ...]) -> int:
@@ -162,6 +182,7 @@ def measures(root: Path) -> dict[str, object]:
         "files directly in workbench/": len(list((root / "workbench").glob("*.py"))),
         "modules loaded by the fit of a static log": loaded_by(root, f"from {prefix}{static} import fit_static_log"),
         "modules loaded by the station": loaded_by(root, built_station(f"{prefix}{'.'.join(station.parts)}", prefix)),
+        "modules loaded by judging a swing": loaded_by(root, judged_turn(prefix)),
         "deep modules that notebooks import": len(deep_imports(root)),
         f"pairs of places with {REPEATED} statements alike": len(repeated_places(trees)),
         f"files over {LONG_FILE} lines": sum(
@@ -169,6 +190,7 @@ def measures(root: Path) -> dict[str, object]:
         ),
         f"functions over {LONG_FUNCTION} lines": sum(length > LONG_FUNCTION for length in lengths),
         "lines of templates, JavaScript, CSS": lines_of_data(root, (".html", ".j2", ".js", ".css")),
+        "words of documentation": words_of_documentation(root),
         "lines of YAML": lines_of_data(root, (".yaml",)),
         "basenames that occur twice in a package": sum(
             count > 1 and not stem.startswith("__") for found in names.values() for stem, count in found.items()

@@ -31,12 +31,12 @@ from .controllers.tail_law import Observation as Observation
 from .controllers.tail_law import TailLaw as TailLaw
 from .errors import UserError as UserError
 from .figures.coefficient_figures import plot_coefficients as plot_coefficients
-from .figures.diagram_picture import DiagramPicture as DiagramPicture
-from .figures.diagram_picture import draw_diagram as draw_diagram
+from .figures.model_figures import DiagramPicture as DiagramPicture
+from .figures.model_figures import draw_diagram as draw_diagram
+from .figures.model_figures import plot_range_of_motion as plot_range_of_motion
+from .figures.model_figures import plot_tail as plot_tail
 from .figures.run_figures import plot_overlay as plot_overlay
 from .figures.run_figures import plot_turn as plot_turn
-from .figures.tail_figures import plot_range_of_motion as plot_range_of_motion
-from .figures.tail_figures import plot_tail as plot_tail
 from .logs.conditioning import fill_gaps as fill_gaps
 from .logs.conditioning import low_pass_columns as low_pass_columns
 from .logs.conditioning import remove_drift as remove_drift

@@ -21,7 +21,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
 from aerodima.optimisation.calibration.car_prior import Prior
 from aerodima.optimisation.calibration.surrogates import Edge, closeness
 from aerodima.optimisation.sweep.study_engine import RunEngine
-from aerodima.workbench.batch.worker_record import ProgressLine
+from aerodima.workbench.batch.row_store import ProgressLine
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.metrics.published_values import FlipBracket

@@ -18,7 +18,7 @@ from aerodima.optimisation.calibration.car_prior import Prior, normalised, syste
 from aerodima.optimisation.calibration.member_draw import Draw, draw_cars
 from aerodima.optimisation.calibration.tail_draw import TailSampling, run_tails
 from aerodima.optimisation.sweep.study_engine import RunEngine
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import load_scenario

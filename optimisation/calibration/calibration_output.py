@@ -17,7 +17,7 @@ from aerodima.optimisation.calibration.car_prior import systematic_sample
 from aerodima.optimisation.calibration.identifiability import directions, sensitivities, shrinkage
 from aerodima.optimisation.calibration.validation import Shipped, as_table, shipped_car, validate
 from aerodima.optimisation.sweep.study_engine import RunEngine
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.ensemble import ENSEMBLE_SCHEMA, load_ensemble, weighted_quantiles
 from aerodima.workbench.logs.schema import software_versions
 from aerodima.workbench.report.report_page import write_files

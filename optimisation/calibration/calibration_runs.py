@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from aerodima.optimisation.calibration.calibration_plan import LIFT, SPEED_IN_TURN, CalibrationPlan, fitted_names
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine, RunTask, tipped_before_turn
-from aerodima.workbench.batch.row_store import RowStore, content_key
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, RowStore, content_key, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Value
 from aerodima.workbench.config.scenario import Scenario, load_scenario

@@ -31,7 +31,7 @@ from aerodima.optimisation.calibration.calibration_runs import (
     survives,
 )
 from aerodima.optimisation.sweep.study_engine import RunEngine
-from aerodima.workbench.batch.worker_record import ProgressLine
+from aerodima.workbench.batch.row_store import ProgressLine
 from aerodima.workbench.config.ensemble import Member, weighted_quantiles
 from aerodima.workbench.config.scenario import load_parameter_entries
 from aerodima.workbench.figures.figure_style import MODE_STYLES

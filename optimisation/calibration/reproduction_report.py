@@ -25,7 +25,7 @@ from aerodima.optimisation.calibration.reproduction_evidence import (
 )
 from aerodima.optimisation.calibration.validation import as_table, compare
 from aerodima.optimisation.sweep.study_engine import RunEngine
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.ensemble import BAND, Ensemble, weighted_quantiles
 from aerodima.workbench.figures.figure_style import BLUE, GREY, ORANGE, VERMILION, new_figure, styled
 from aerodima.workbench.metrics.published_values import SIGNALS, flip_bracket, metric_column, published_values

@@ -26,7 +26,7 @@ from aerodima.workbench.cli.options import (
 if TYPE_CHECKING:
     from aerodima.optimisation.sweep.rollover_threshold import Search, Threshold
     from aerodima.optimisation.sweep.study_engine import RunEngine
-    from aerodima.workbench.batch.worker_record import ProgressLine
+    from aerodima.workbench.batch.row_store import ProgressLine
 
 
 Out = Annotated[Path, typer.Option(help="Folder for the tables; a stopped study goes on in it.")]

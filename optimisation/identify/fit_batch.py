@@ -21,8 +21,14 @@ from pydantic import TypeAdapter
 
 from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.workbench.batch import WORKER_RECORD, run_batch
-from aerodima.workbench.batch.row_store import ProgressBar, RowStore, read_lines, saying_how_to_go_on
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import (
+    ProgressBar,
+    ProgressLine,
+    RowStore,
+    read_lines,
+    saying_how_to_go_on,
+    silent,
+)
 from aerodima.workbench.errors import FitError, UserError
 from aerodima.workbench.logs.schema import decode_metadata, software_versions
 

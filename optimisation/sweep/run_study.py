@@ -21,8 +21,7 @@ import pyarrow.parquet as pq
 from aerodima.optimisation.sweep.study import PlannedRun, Study, check_factors, plan_runs
 from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngine
 from aerodima.workbench.atomic_write import write_atomically
-from aerodima.workbench.batch.row_store import Row, RowStore, saying_how_to_go_on
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, Row, RowStore, saying_how_to_go_on, silent
 from aerodima.workbench.config.scenario import default_values, load_scenario
 from aerodima.workbench.errors import SweepError
 from aerodima.workbench.logs.schema import software_versions

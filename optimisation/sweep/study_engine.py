@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
 from aerodima.workbench import batch
-from aerodima.workbench.batch.row_store import ProgressBar, RowStore, content_key
-from aerodima.workbench.batch.worker_record import ProgressLine, on_stderr, silent
+from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, RowStore, content_key, on_stderr, silent
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.controllers.law_of_scenario import NO_SWING, find_swing
 from aerodima.workbench.errors import UserError

@@ -22,8 +22,7 @@ from aerodima.optimisation.sweep.study_engine import RememberingEngine, RunEngin
 from aerodima.optimisation.swing.candidate import NO_TAIL, THESIS, Candidate
 from aerodima.optimisation.swing.disturbed_turns import drive_disturbed, summarise_disturbed
 from aerodima.optimisation.swing.task import Floor, SteeredTurn, Task, best_place, find_floors, search_steering
-from aerodima.workbench.batch.row_store import RowStore, saying_how_to_go_on
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, RowStore, saying_how_to_go_on, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import default_values

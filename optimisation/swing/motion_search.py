@@ -19,7 +19,7 @@ from aerodima.optimisation.swing.swing_construction import steered_swing
 from aerodima.optimisation.swing.task import AFTER, Floor, SteeringSearch, Task, find_floors
 from aerodima.optimisation.swing.turn_programme import FEASIBLE, TurnProgramme, TurnSolution, best_of
 from aerodima.optimisation.swing.turn_shooting import TurnShooting
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressLine, silent
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.ensemble import Member
 from aerodima.workbench.config.scenario import Scenario, load_scenario

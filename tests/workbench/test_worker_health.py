@@ -216,7 +216,7 @@ def test_workers_without_room_for_a_single_run_are_an_error(opened):
 
 @pytest.mark.parametrize("serial", [True, False])
 def test_work_that_stands_still_says_so(opened, marks, monkeypatch, tmp_path, serial):
-    monkeypatch.setattr("aerodima.workbench.batch.worker_record.STILL_LEAST", 1.0)
+    monkeypatch.setattr("aerodima.workbench.batch.row_store.STILL_LEAST", 1.0)
     said: list[str] = []
     if serial:
         engine = SerialEngine(said.append, tmp_path / WORKER_RECORD)

@@ -5,6 +5,6 @@ whatever the work is: runs of a study, logs of a campaign, fits.
 """
 
 from aerodima.workbench.batch.engine import Engine, SerialEngine, check_workers, open_engine, run_batch
-from aerodima.workbench.batch.worker_record import WORKER_RECORD
+from aerodima.workbench.batch.row_store import WORKER_RECORD
 
 __all__ = ["WORKER_RECORD", "Engine", "SerialEngine", "check_workers", "open_engine", "run_batch"]

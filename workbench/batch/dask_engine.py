@@ -14,7 +14,7 @@ from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
 from aerodima.workbench.batch.dask_cluster import Worker, do_piece, get_ready
-from aerodima.workbench.batch.worker_record import Standstill, WorkerRecord
+from aerodima.workbench.batch.row_store import Standstill, WorkerRecord
 from aerodima.workbench.errors import UserError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from aerodima.workbench.batch.worker_record import ProgressLine, Standstill, WorkerRecord, on_stderr
+from aerodima.workbench.batch.row_store import ProgressLine, Standstill, WorkerRecord, on_stderr
 from aerodima.workbench.errors import UserError
 
 Item = TypeVar("Item")

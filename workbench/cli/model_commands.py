@@ -87,7 +87,7 @@ def tail(
     if save is not None:
         typer.echo(f"tail: {write_tail(geometry, save, force=force)}")
     if out is not None:
-        from aerodima.workbench.figures.tail_figures import plot_tail
+        from aerodima.workbench.figures.model_figures import plot_tail
 
         figure = plot_tail(geometry)
         write_atomically(out, lambda path: figure.savefig(path, format=kind), force, UserError)
@@ -133,7 +133,7 @@ def range_of_motion(
     """
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.figures.figure_style import png
-    from aerodima.workbench.figures.tail_figures import plot_range_of_motion
+    from aerodima.workbench.figures.model_figures import plot_range_of_motion
     from aerodima.workbench.plants.clearance import PARTS, make_range_of_motion, write_range_of_motion
 
     picture = out.with_suffix(".png")
@@ -204,7 +204,7 @@ def diagram(
 ) -> None:
     """Draw the block diagram of a scenario; as text (.dot) where Graphviz is not installed."""
     from aerodima.workbench.config.scenario import load_scenario
-    from aerodima.workbench.figures.diagram_picture import draw_diagram
+    from aerodima.workbench.figures.model_figures import draw_diagram
     from aerodima.workbench.simulate.car_run import assemble
 
     kinds = (".svg", ".png", ".pdf", ".dot")

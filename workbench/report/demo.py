@@ -7,8 +7,7 @@ from typing import Any
 
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
-from aerodima.workbench.batch.row_store import ProgressBar, RowStore, saying_how_to_go_on
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, RowStore, saying_how_to_go_on, silent
 from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.figure_style import MODE_STYLES

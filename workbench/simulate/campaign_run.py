@@ -10,8 +10,7 @@ import pandas as pd
 
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.batch import WORKER_RECORD, check_workers, run_batch
-from aerodima.workbench.batch.row_store import ProgressBar, RowStore, saying_how_to_go_on
-from aerodima.workbench.batch.worker_record import ProgressLine, silent
+from aerodima.workbench.batch.row_store import ProgressBar, ProgressLine, RowStore, saying_how_to_go_on, silent
 from aerodima.workbench.config.rig_campaign import RigTask
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.journal import journal_path

@@ -14,7 +14,7 @@ from pydrake.math import RollPitchYaw
 from aerodima.workbench.aero.sections import SectionLayout
 from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.figures.tail_figures import plot_tail
+from aerodima.workbench.figures.model_figures import plot_tail
 from aerodima.workbench.plants.sdf_model import Inertial
 from aerodima.workbench.plants.tail import read_tail, tail_geometry, tail_sdf, write_tail
 from aerodima.workbench.plants.tail_geometry import TailArm, TailGeometry

@@ -178,8 +178,8 @@ def test_station_of_a_car_in_a_builder_of_ones_own_gives_the_log_of_a_car(tailed
     assert signals_equal(run.log, replace(tailed, table=tailed.table))
 
 
-def test_station_without_its_driver_gives_the_log_of_a_plant(tailed: RunLog) -> None:
-    car = assemble(scenario_from_dict(tailed.scenario), lean=True)
+def test_station_without_a_scenario_gives_the_log_of_a_plant(tailed: RunLog) -> None:
+    car = assemble(scenario_from_dict(tailed.scenario))
     with observe(car.builder, car.station, rate=100.0, settings={"name": "no estimator"}) as run:
         Simulator(car.builder.Build()).AdvanceTo(0.4)
     log = run.log
