@@ -1,4 +1,4 @@
-"""Figures of models: where a tail touches nothing; outline, sections and normals of a tail; the block diagram as SVG."""
+"""Figures of models: where a tail touches nothing, its outline, sections and normals; the block diagram as a picture."""
 
 from __future__ import annotations
 
