@@ -1,4 +1,4 @@
-"""Figures of models: where a tail touches nothing, its outline, sections and normals; the block diagram as a picture."""
+"""Figures of models: where a tail touches nothing, its outline, sections and normals; the block diagram."""
 
 from __future__ import annotations
 
