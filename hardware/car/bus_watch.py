@@ -6,6 +6,7 @@ Teensy that is dead, or that cannot reach the bus, would not switch the motors o
 
 from __future__ import annotations
 
+import math
 import time
 from enum import IntEnum
 
@@ -81,6 +82,7 @@ class BusWatch:
         self._port, self._timeout = port, answer_timeout
         self._state, self._counter = BeatState.OFF, 0
         self._asked: float | None = None
+        self._polled = -math.inf
         self._status: TeensyStatus | None = None
         self.answers = 0
 
@@ -107,6 +109,7 @@ class BusWatch:
     def poll(self) -> list[tuple[float, CanFrame]]:
         """The port's frames without the answers of the Teensy."""
         frames = self._port.poll()
+        self._polled = time.monotonic()
         for _, frame in frames:
             if frame.arbitration_id == ANSWER_ID:
                 self._take(frame)
@@ -122,7 +125,8 @@ class BusWatch:
     @property
     def reason(self) -> str:
         """Why it is not healthy; empty while it is."""
-        waited = 0.0 if self._asked is None else time.monotonic() - self._asked
+        # Until the bus was last looked at: a loop that stood still since then is no silence of the Teensy.
+        waited = 0.0 if self._asked is None else self._polled - self._asked
         if waited > self._timeout:
             return f"the Teensy does not answer on the CAN bus for {waited:.2f} s"
         if self._status is None:

@@ -90,8 +90,10 @@ def test_a_teensy_that_dies_is_noticed(watch, clock, armed):
 
 def test_a_loop_that_stood_still_is_no_silence_of_the_teensy(watch, clock):
     turn(watch, clock)
+    clock.now += 1.0
     watch.arm()
     clock.now += 1.0
+    assert watch.healthy
     watch.poll()
     assert watch.healthy
 
