@@ -113,4 +113,4 @@ def test_the_way_from_a_foreign_log_to_coefficients_finds_the_truth(
     # The straight line across the gap and the encoder's counts cost less than one percent.
     assert mass["value"] == pytest.approx(0.02, rel=0.01)
     assert mass["lower"] < mass["upper"]
-    assert {path.name for path in (tmp_path / "fits").iterdir()} >= {"report.html", "fits.csv", "by_wind_speed.csv"}
+    assert {path.name for path in (tmp_path / "fits").iterdir()} >= {"report.html", "fits.csv", "averages.csv"}

@@ -46,8 +46,6 @@ _HEADINGS = {
     "nuisances": "One parameter held in a fifth of its prior: 95 % upper bounds",
     "swings": "Published and simulated tail speed of every swing",
     "tail_speeds": "Published and simulated tail speeds over wind",
-    "by_wind_speed": "Per tail, axis and wind speed",
-    "qss_against_qss_am": "Per log: quasi-steady law (QSS) against the same with added mass (QSS-AM)",
 }
 """Table or figure -> heading; the others are headed by their name."""
 

@@ -84,13 +84,13 @@ def test_one_fit_has_no_figures_over_the_fits_and_two_have() -> None:
 
 def test_a_wide_table_of_one_row_stands_upright_under_a_heading_in_words(tmp_path: Path) -> None:
     wide = pd.DataFrame([{"tail": "1", "axis": "major", "swings": 3, "verdict": "closer"}])
-    write_report(tmp_path, "Added mass", [result("a", "cn")], tables={"by_wind_speed": wide, "own_table": wide})
+    write_report(tmp_path, "Added mass", [result("a", "cn")], tables={"averages": wide, "own_table": wide})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "<h2>Per tail, axis and wind speed</h2>" in page
+    assert "<h2>Averages over the logs</h2>" in page
     assert "<h2>own table</h2>" in page
     upright = [["tail", "1"], ["axis", "major"], ["swings", "3"], ["verdict", "closer"]]
     assert [row for row in cells(page) if len(row) == 2] == [*upright, *upright]
-    assert "by_wind_speed.csv" in page
+    assert "averages.csv" in page
 
 
 def test_a_report_that_cannot_be_finished_leaves_the_earlier_one_whole(
