@@ -20,9 +20,8 @@ import yaml
 from aerodima.optimisation.identify.fit_pipeline import FitResult
 from aerodima.optimisation.identify.least_squares import LIMIT, spread
 from aerodima.optimisation.identify.published_tables import Flag
-from aerodima.workbench.aero.coefficient_files import coefficients_from_dict
-from aerodima.workbench.aero.laws import ROBOT_LIMIT
-from aerodima.workbench.aero.published_coefficients import CHEETAH_LIMIT, SCHEMA
+from aerodima.workbench.aero.coefficient_files import SCHEMA, coefficients_from_dict
+from aerodima.workbench.aero.laws import CHEETAH_LIMIT, ROBOT_LIMIT
 from aerodima.workbench.atomic_write import write_atomically
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.resources import published_rows, published_table

@@ -18,8 +18,7 @@ from aerodima.optimisation.identify.log_rig import FREE, FitOptions
 from aerodima.optimisation.identify.pendulum import Pendulum, Torque, air_torque, friction_torque
 from aerodima.optimisation.identify.swing_fit import SwingModel, Values
 from aerodima.optimisation.identify.swing_log import SwingData, swing_data
-from aerodima.workbench.aero.coefficient_functions import SpeedLine, SpeedTable
-from aerodima.workbench.aero.laws import NormalForceLaw
+from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
 from aerodima.workbench.config.rig_scenario import RigScenario
 from aerodima.workbench.errors import FitError
 from aerodima.workbench.logs.schema import read_run_log

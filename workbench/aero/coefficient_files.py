@@ -8,20 +8,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import pandas as pd
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
-from aerodima.workbench.aero.coefficient_functions import (
-    LEAST_DRAG,
-    PolynomialSurface,
-    RegularTable,
-    SpeedLine,
-    SpeedTable,
-    fit_surface,
-    require_increasing,
-)
-from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, TwoSidedLaw
-from aerodima.workbench.aero.polar_law import PolarLaw
+from aerodima.workbench.aero.laws import NormalForceLaw, SectionLaw, SpeedLine, SpeedTable, TwoSidedLaw
+from aerodima.workbench.aero.polar_law import LEAST_DRAG, PolarLaw, RegularTable
 from aerodima.workbench.config.checked_files import (
     StrictModel,
     checked,
@@ -48,18 +40,9 @@ def _increasing(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-def _equally_long(rows: Any) -> Any:
-    if not (
-        rows and isinstance(rows, list) and all(isinstance(r, list) and r and len(r) == len(rows[0]) for r in rows)
-    ):
-        raise ValueError(f"{rows!r}; allowed: a list of rows of numbers, all of one length")
-    return rows
-
-
 Number = Annotated[float, Strict()]
 Drag = Annotated[Number, AfterValidator(partial(_refuse_gain, least=0.0))]
 Span = Annotated[tuple[Number, Number], AfterValidator(_increasing)]
-Rows = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_equally_long)]
 
 
 class SpeedRange(StrictModel):
@@ -101,7 +84,7 @@ class CoefficientSet(StrictModel, ABC):
     Attributes:
         name, source: for people; the source names a table, data sheet or run.
         law_kind: `normal_force`, `two_sided` or `polar`.
-        kind: `constant`, `speed_line`, `speed_table`, `table` or `surface`.
+        kind: `constant`, `speed_line`, `speed_table` or `table`.
         range: what was measured.
         quasi_steady_limit: relative speed up to which the quasi-steady model was shown to hold, m/s.
     """
@@ -135,46 +118,33 @@ class CoefficientSet(StrictModel, ABC):
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
-        """One row per node (columns of the file, SI); empty for constants, lines and surfaces."""
+        """One row per node (columns of the file, SI); empty for constants and lines."""
         return pd.DataFrame([node.model_dump() for node in getattr(self, "node_list", ())])
 
     @abstractmethod
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
-        """The section law of this set.
-
-        Args:
-            surface: for a table, use the polynomial surface of the highest degree that the measured nodes determine.
-            seeds: for a table, use the seed nodes too; else the measured edge is held.
-        """
+    def law(self) -> SectionLaw:
+        """The section law of this set."""
 
 
 class _NormalConstant(CoefficientSet):
     cn: Drag
 
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
+    def law(self) -> SectionLaw:
         return NormalForceLaw(self.cn)
 
 
-class NormalLine(CoefficientSet):
-    """C_N as a line over the relative speed."""
-
+class _NormalLine(CoefficientSet):
     cn_slope_s_per_m: Number
     cn_intercept: Number
 
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
-        """The normal-force law with that line."""
-        return NormalForceLaw(self.line)
-
-    @property
-    def line(self) -> SpeedLine:
-        """C_N over the relative speed."""
-        return SpeedLine(self.cn_slope_s_per_m, self.cn_intercept, self.speed_range)
+    def law(self) -> SectionLaw:
+        return NormalForceLaw(SpeedLine(self.cn_slope_s_per_m, self.cn_intercept, self.speed_range))
 
     @model_validator(mode="after")
-    def _adds_no_energy(self) -> "NormalLine":
+    def _adds_no_energy(self) -> "_NormalLine":
         # Not in `SpeedLine`: a fit may pass through negative lines on its way.
         for speed in self.speed_range:
-            if (value := self.line(speed)) < 0.0:
+            if (value := self.cn_intercept + self.cn_slope_s_per_m * speed) < 0.0:
                 raise ValueError(
                     f"cn_slope_s_per_m and cn_intercept give {value:g} at {speed:g} m/s; allowed: >= 0, a negative "
                     "coefficient would add energy"
@@ -185,12 +155,12 @@ class NormalLine(CoefficientSet):
 class _NormalTable(CoefficientSet):
     node_list: tuple[SpeedNode, ...] = Field(alias="nodes", min_length=1)
 
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
+    def law(self) -> SectionLaw:
         return NormalForceLaw(SpeedTable(tuple(self.nodes.speed_m_per_s), tuple(self.nodes.cn), where=self._where))
 
     @model_validator(mode="after")
     def _increases(self) -> "_NormalTable":
-        require_increasing("speed_m_per_s", [node.speed_m_per_s for node in self.node_list], "nodes")
+        self.law()
         return self
 
 
@@ -198,7 +168,7 @@ class _TwoSided(CoefficientSet):
     cn_round_side: Drag
     cn_hollow_side: Drag
 
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
+    def law(self) -> SectionLaw:
         return TwoSidedLaw(self.cn_hollow_side, self.cn_round_side)
 
 
@@ -207,22 +177,8 @@ class _PolarConstant(CoefficientSet):
     cd: Drag
     cl: Number
 
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
+    def law(self) -> SectionLaw:
         return PolarLaw(self.cd, self.cl)
-
-
-class _PolarSurface(CoefficientSet):
-    range: PolarRange
-    cd: Rows
-    cl: Rows
-    speed_scale_m_per_s: Annotated[Number, Field(gt=0)]
-    angle_scale_rad: Annotated[Number, Field(gt=0)]
-
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
-        speeds, angles = self.range.speed_m_per_s, self.range.angle_rad
-        scales = self.speed_scale_m_per_s, self.angle_scale_rad
-        drag, lift = (PolynomialSurface(rows, speeds, angles, *scales) for rows in (self.cd, self.cl))
-        return PolarLaw(drag, lift)
 
 
 class PolarTable(CoefficientSet):
@@ -247,53 +203,44 @@ class PolarTable(CoefficientSet):
             raise ValueError(f"hole in the table: no node at {v} m/s, {g} rad; add it with status seed or measured")
         return self
 
-    def law(self, *, surface: bool = False, seeds: bool = False) -> SectionLaw:
-        """A bilinear table over speed and angle, or a surface; see `CoefficientSet.law`."""
-        if surface:
-            return PolarLaw(self.fitted_surface("cd"), self.fitted_surface("cl"))
-        return PolarLaw(self.table("cd", seeds=seeds), self.table("cl", seeds=seeds))
+    def law(self) -> SectionLaw:
+        """The polar law with bilinear tables over speed and angle."""
+        return PolarLaw(self.table("cd"), self.table("cl"))
 
     def measured_nodes(self) -> pd.DataFrame:
         """The nodes that were measured, not only guessed as a start of a fit."""
         return self.nodes[self.nodes.status == "measured"]
 
-    def fitted_surface(self, coefficient: str) -> PolynomialSurface:
-        """Polynomial surface through the measured nodes of `cd` or `cl`; it holds its value beyond them."""
-        nodes = self.measured_nodes()
-        return fit_surface(nodes.speed_m_per_s.to_numpy(), nodes.angle_rad.to_numpy(), nodes[coefficient].to_numpy())
-
-    def table(self, coefficient: str, *, seeds: bool = False) -> RegularTable:
-        """Bilinear table of `cd` or `cl` over the grid of the measured nodes (or of all nodes with `seeds`).
+    def table(self, coefficient: str) -> RegularTable:
+        """Bilinear table of `cd` or `cl` over the grid of the measured nodes; the seeds of fits take no part.
 
         A node of that grid that was not measured takes the value of the nearest measured speed at its angle and is not
         covered.
         """
-        measured = self.measured_nodes()
-        kept = self.nodes if seeds else measured
-        speeds, angles = sorted(set(kept.speed_m_per_s)), sorted(set(kept.angle_rad))
-        known = {(v, g): c for v, g, c in zip(kept.speed_m_per_s, kept.angle_rad, kept[coefficient], strict=True)}
-        flags = set(zip(measured.speed_m_per_s, measured.angle_rad, strict=True))
+        nodes = self.measured_nodes()
+        known = nodes.pivot(index="speed_m_per_s", columns="angle_rad", values=coefficient)
+        speeds, angles = known.index.to_numpy(), known.columns.to_numpy()
 
         def nearest(v: float, g: float) -> float:
-            return float(known[min((u for u in speeds if (u, g) in known), key=lambda u: abs(u - v)), g])
+            measured = known[g].dropna()
+            return float(measured.iloc[np.argmin(np.abs(measured.index.to_numpy() - v))])
 
         return RegularTable(
-            tuple(speeds),
-            tuple(angles),
+            tuple(speeds.tolist()),
+            tuple(angles.tolist()),
             tuple(tuple(nearest(v, g) for g in angles) for v in speeds),
-            tuple(tuple((v, g) in flags for g in angles) for v in speeds),
+            tuple(map(tuple, known.notna().to_numpy().tolist())),
             where=f"{self._where}: {coefficient}",
         )
 
 
 _KINDS: dict[tuple[str, str], type[CoefficientSet]] = {
     ("normal_force", "constant"): _NormalConstant,
-    ("normal_force", "speed_line"): NormalLine,
+    ("normal_force", "speed_line"): _NormalLine,
     ("normal_force", "speed_table"): _NormalTable,
     ("two_sided", "constant"): _TwoSided,
     ("polar", "constant"): _PolarConstant,
     ("polar", "table"): PolarTable,
-    ("polar", "surface"): _PolarSurface,
 }
 
 
@@ -318,23 +265,14 @@ def load_coefficients(name_or_path: str | Path) -> CoefficientSet:
 
 def _csv_content(path: Path) -> dict[str, Any]:
     """What a YAML file of the same table holds."""
+    columns: dict[str, Any] = dict.fromkeys(("speed_m_per_s", "angle_rad", "cd", "cl"), float) | {"source": str}
     try:
-        nodes = pd.read_csv(path)
+        nodes = pd.read_csv(path).astype(columns)
     except FileNotFoundError:
         raise ModelError(f"{path}: no such file") from None
-    except (OSError, ValueError, pd.errors.ParserError) as error:
-        raise ModelError(f"{path}: not a CSV table: {error}") from error
-    needed = ["speed_m_per_s", "angle_rad", "cd", "cl", "source"]
-    missing = [column for column in needed if column not in nodes]
-    if missing:
-        raise ModelError(f"{path}: missing columns {', '.join(missing)} (a table has {', '.join(needed)})")
-    for column in needed[:-1]:
-        try:
-            nodes[column] = nodes[column].astype(float)
-        except (TypeError, ValueError) as error:
-            raise ModelError(f"{path}: column {column}: {error}") from None
-    if "status" not in nodes:
-        nodes["status"] = "measured"
+    except (KeyError, OSError, ValueError) as error:
+        raise ModelError(f"{path}: {error}; a table has the columns {', '.join(columns)}") from None
+    nodes = nodes.assign(status=nodes.get("status", "measured"))
     measured = nodes[nodes.status == "measured"]
     if measured.empty:
         raise ModelError(f"{path}: no node has the status 'measured'")
@@ -344,7 +282,7 @@ def _csv_content(path: Path) -> dict[str, Any]:
         "name": path.stem,
         "law": "polar",
         "kind": "table",
-        "source": "; ".join(sorted({str(s) for s in nodes.source})),
+        "source": "; ".join(sorted(set(nodes.source))),
         "quasi_steady_limit_m_per_s": ends["speed_m_per_s"][1],
         "range": ends,
         "nodes": nodes.to_dict("records"),

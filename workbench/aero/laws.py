@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 from pydrake.math import arctan2
 
 from aerodima.workbench.errors import ModelError
@@ -26,6 +29,9 @@ STILL = 1e-60
 
 ROBOT_LIMIT = 15.0
 """Highest relative speed of the robot-tail tables, m/s (Table 11.7)."""
+
+CHEETAH_LIMIT = 10.0
+"""Relative speed up to which the quasi-steady model was shown to hold for the cheetah tails, m/s (section 4.9)."""
 
 
 class LineMotion(NamedTuple):
@@ -154,6 +160,90 @@ def plate_force(
     total, moment = scale * total, scale * moment
     # The moment s a x (f n) lies along a x n = -c.
     return (total * nx, total * ny, total * nz, -moment * cx, -moment * cy, -moment * cz)
+
+
+def require_increasing(name: str, values: Sequence[float], where: str) -> None:
+    """Refuses a grid with fewer than two points, NaN, negative values or without strict increase."""
+    for i, value in enumerate(values):
+        if not math.isfinite(value) or value < 0.0:
+            raise ModelError(f"{where}: {name}[{i}] is {value}, but it must be a finite number from 0")
+    if len(values) < 2:
+        raise ModelError(f"{where}: {name} has {len(values)} points, but a table needs at least 2")
+    for i, (left, right) in enumerate(pairwise(values)):
+        if right <= left:
+            raise ModelError(f"{where}: {name} must increase strictly, but {name}[{i + 1}] = {right} follows {left}")
+
+
+def require_finite(name: str, values: np.ndarray, where: str) -> None:
+    """Refuses holes and NaN, naming the first."""
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        index = "".join(f"[{i}]" for i in bad[0])
+        raise ModelError(f"{where}: {name}{index} is missing or not finite; fill the hole or leave the whole row out")
+
+
+@dataclass(frozen=True)
+class SpeedTable:
+    """A coefficient over |v_rel|, linear between the points and constant beyond them (thesis Fig. 6.15).
+
+    Attributes:
+        speeds: strictly increasing (n), m/s.
+        values: (n).
+        where: name of the file or table, for messages.
+    """
+
+    speeds: tuple[float, ...]
+    values: tuple[float, ...]
+    where: str = "speed table"
+
+    def __post_init__(self) -> None:
+        require_increasing("speeds", self.speeds, self.where)
+        if len(self.values) != len(self.speeds):
+            raise ModelError(f"{self.where}: {len(self.values)} values for {len(self.speeds)} speeds")
+        require_finite("values", np.asarray(self.values, float), self.where)
+
+    def __call__(self, speed: Scalar) -> Scalar:
+        """The coefficient at a speed."""
+        speeds, values = self.speeds, self.values
+        if speed <= speeds[0]:
+            return values[0]
+        if speed >= speeds[-1]:
+            return values[-1]
+        i = bisect_right(speeds, float_of(speed)) - 1
+        return values[i] + (values[i + 1] - values[i]) / (speeds[i + 1] - speeds[i]) * (speed - speeds[i])
+
+    def covers(self, speed: float) -> bool:
+        """Whether the speed lies inside the table."""
+        return self.speeds[0] <= speed <= self.speeds[-1]
+
+
+@dataclass(frozen=True)
+class SpeedLine:
+    """A coefficient that is a line over |v_rel| inside a range, and constant beyond it (ERRATA E26).
+
+    Attributes:
+        slope: per m/s.
+        intercept: at 0 m/s.
+        speed_range: lowest and highest speed, m/s.
+    """
+
+    slope: float
+    intercept: float
+    speed_range: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        require_increasing("speed_range", self.speed_range, "speed line")
+        if not (math.isfinite(self.slope) and math.isfinite(self.intercept)):
+            raise ModelError("speed line: slope and intercept must be finite numbers")
+
+    def __call__(self, speed: Scalar) -> Scalar:
+        """The coefficient at a speed."""
+        low, high = self.speed_range
+        return self.intercept + self.slope * (low if speed < low else high if speed > high else speed)
+
+    def covers(self, speed: float) -> bool:
+        """Whether the speed lies inside the range."""
+        return self.speed_range[0] <= speed <= self.speed_range[1]
 
 
 @dataclass(frozen=True)

@@ -3,20 +3,100 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
+import numpy as np
 from pydrake.math import arctan2
 
-from aerodima.workbench.aero.coefficient_functions import LEAST_DRAG, RegularTable
-from aerodima.workbench.aero.laws import STILL, LineMotion, Scalar, SectionLaw, dot
+from aerodima.workbench.aero.laws import (
+    STILL,
+    LineMotion,
+    Scalar,
+    SectionLaw,
+    dot,
+    float_of,
+    require_finite,
+    require_increasing,
+)
 from aerodima.workbench.errors import ModelError
 
 Coefficient = Callable[[Scalar, Scalar], Scalar]
 _LIFT_END = math.radians(10.0)
 _ONE_DEGREE = math.radians(1.0)
+
+LEAST_DRAG = -0.05
+"""Lowest C_D of a table. A node may lie a little below zero: the fits scatter, and one published C_D is -0.012."""
+
+
+@dataclass(frozen=True)
+class RegularTable:
+    """A coefficient on a grid of speed and angle, bilinear between the nodes.
+
+    Attributes:
+        speeds: strictly increasing (n), m/s.
+        angles: strictly increasing |gamma| (m), rad.
+        values: n rows of m.
+        measured: n rows of m flags; a cell is covered when all its corners are measured. All are when empty.
+        where: name of the file or table, for messages.
+    """
+
+    speeds: tuple[float, ...]
+    angles: tuple[float, ...]
+    values: tuple[tuple[float, ...], ...]
+    measured: tuple[tuple[bool, ...], ...] = ()
+    where: str = "coefficient table"
+
+    def __post_init__(self) -> None:
+        require_increasing("speeds", self.speeds, self.where)
+        require_increasing("angles", self.angles, self.where)
+        rows = {len(row) for row in self.values}
+        if len(self.values) != len(self.speeds) or rows != {len(self.angles)}:
+            raise ModelError(
+                f"{self.where}: the table must have {len(self.speeds)} rows (speeds) "
+                f"of {len(self.angles)} values (angles)"
+            )
+        require_finite("values", np.asarray(self.values, float), self.where)
+
+    def __call__(self, speed: Scalar, angle: Scalar) -> Scalar:
+        """The coefficient at a speed and an angle of attack."""
+        return self.at(self.cell(speed, angle))
+
+    def cell(self, speed: Scalar, angle: Scalar) -> tuple[int, Scalar, int, Scalar]:
+        """Row and fraction, column and fraction of a point; tables on one grid share it."""
+        return *_cell(self.speeds, speed), *_cell(self.angles, angle)
+
+    def at(self, cell: tuple[int, Scalar, int, Scalar]) -> Scalar:
+        """The coefficient at a point given by its cell."""
+        i, x, j, y = cell
+        low, high = self.values[i], self.values[i + 1]
+        at_low = low[j] + (low[j + 1] - low[j]) * y
+        return at_low + (high[j] + (high[j + 1] - high[j]) * y - at_low) * x
+
+    def covers(self, speed: float, angle: float) -> bool:
+        """Whether the point lies in a cell with measured corners; on a grid line only the nodes of that line count."""
+        if not (self.speeds[0] <= speed <= self.speeds[-1] and self.angles[0] <= angle <= self.angles[-1]):
+            return False
+        if not self.measured:
+            return True
+        (i, x), (j, y) = _cell(self.speeds, speed), _cell(self.angles, angle)
+        rows = [r for r, weight in ((i, 1.0 - x), (i + 1, x)) if weight > 0.0]
+        columns = [c for c, weight in ((j, 1.0 - y), (j + 1, y)) if weight > 0.0]
+        return all(self.measured[r][c] for r in rows for c in columns)
+
+
+def _cell(grid: tuple[float, ...], value: Scalar) -> tuple[int, Scalar]:
+    """Index of the left neighbour and the fraction of the way to the right one, 0 to 1."""
+    if value <= grid[0]:
+        return 0, 0.0
+    last = len(grid) - 2
+    if value >= grid[-1]:
+        return last, 1.0
+    i = bisect_right(grid, value if isinstance(value, float) else float_of(value)) - 1
+    return i, (value - grid[i]) / (grid[i + 1] - grid[i])
 
 
 @dataclass(frozen=True)

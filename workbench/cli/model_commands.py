@@ -178,7 +178,7 @@ def plot(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Plot a set: curves with percentile bands, measured and seed nodes, and the surface.
+    """Plot a set: curves with percentile bands, measured and seed nodes.
 
     Example: aerodima models coefficients plot cheetah_tail_1_major --out tail_1.png
     """

@@ -1,4 +1,4 @@
-"""Pictures of a coefficient set: curves with percentile bands, what was measured, and the surface."""
+"""Pictures of a coefficient set: curves with percentile bands, and what was measured."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aerodima.workbench.aero.coefficient_files import CoefficientSet, PolarTable
-from aerodima.workbench.aero.coefficient_functions import PolynomialSurface
 from aerodima.workbench.aero.laws import NormalForceLaw, TwoSidedLaw
 from aerodima.workbench.figures.figure_style import (
     BLUE,
@@ -30,7 +29,7 @@ _LABELS = {"cd": "drag coefficient $C_D$", "cl": "lift coefficient $C_L$"}
 
 @styled()
 def plot_coefficients(coefficients: CoefficientSet) -> Figure:
-    """A figure of one set: $C_N$ over the speed, or $C_D$ and $C_L$ over the angle with their surfaces."""
+    """A figure of one set: $C_N$ over the speed, or $C_D$ and $C_L$ over the angle."""
     if coefficients.law_kind == "polar":
         figure = _plot_polar(coefficients)
     else:
@@ -88,22 +87,13 @@ def _mark_range(axes: Axes, low: float, high: float, limit: float) -> None:
 
 
 def _plot_polar(coefficients: CoefficientSet) -> Figure:
-    figure, grid = new_figure(11.0, 8.0, 2, 2)
-    for column, name in enumerate(("cd", "cl")):
+    figure, grid = new_figure(11.0, 4.5, 1, 2)
+    for axes, name in zip(grid[0], ("cd", "cl"), strict=True):
         if isinstance(coefficients, PolarTable):
-            _plot_curves(grid[0, column], coefficients, name)
-            surface = coefficients.fitted_surface(name)
+            _plot_curves(axes, coefficients, name)
         else:
-            law = coefficients.law()
-            surface = getattr(law, "drag" if name == "cd" else "lift")
-        if isinstance(surface, PolynomialSurface):
-            _plot_surface(figure, grid[1, column], coefficients, surface, name)
-        else:
-            grid[1, column].text(
-                0.5, 0.5, f"{_LABELS[name]} = {surface}", ha="center", transform=grid[1, column].transAxes
-            )
-        if coefficients.nodes.empty:
-            grid[0, column].set_axis_off()
+            axes.text(0.5, 0.5, f"{_LABELS[name]} = {getattr(coefficients, name)}", ha="center")
+            axes.set_axis_off()
     return figure
 
 
@@ -135,19 +125,3 @@ def _plot_curves(axes: Axes, coefficients: PolarTable, name: str) -> None:
     axes.set_ylim(bottom, top + 0.35 * (top - bottom))  # room for the legend above what is drawn
     axes.legend(fontsize=7, ncols=3, loc="upper center")
     axes.set_title("edge value held outside; band: percentiles 10 to 90", fontsize=8)
-
-
-def _plot_surface(
-    figure: Figure, axes: Axes, coefficients: CoefficientSet, surface: PolynomialSurface, name: str
-) -> None:
-    (v_low, v_high), (g_low, g_high) = surface.speed_range, surface.angle_range
-    speeds, angles = np.linspace(v_low, v_high, 80), np.linspace(g_low, g_high, 80)
-    values = np.array([[surface(v, g) for v in speeds] for g in angles])
-    filled = axes.contourf(speeds, np.degrees(angles), values, levels=20, cmap="viridis")
-    figure.colorbar(filled, ax=axes, label=_LABELS[name])
-    if isinstance(coefficients, PolarTable):
-        nodes = coefficients.measured_nodes()
-        axes.plot(nodes.speed_m_per_s, np.degrees(nodes.angle_rad), "wo", markeredgecolor="k", clip_on=False)
-    p, q = surface.degree
-    axes.set(xlabel="relative speed [m/s]", ylabel=r"$|\gamma|$ [deg]")
-    axes.set_title(f"polynomial of degree {p} x {q} through the nodes", fontsize=8)

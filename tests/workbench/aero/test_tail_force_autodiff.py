@@ -22,7 +22,7 @@ LAWS = {
     "normal constant": NormalForceLaw(2.0),
     "normal line": load_coefficients("robot_tail_line").law(),
     "polar constant": PolarLaw(1.2, 0.4),
-    "polar surface": load_coefficients("cheetah_tail_1_major").law(surface=True),
+    "polar table": load_coefficients("cheetah_tail_1_major").law(),
 }
 
 

@@ -41,7 +41,7 @@ def test_a_plot_is_written_and_not_overwritten_unasked(tmp_path) -> None:
 
 @pytest.mark.parametrize("name", embedded_sets())
 def test_every_set_can_be_drawn_with_its_bands(name) -> None:
-    """A set with single fits shows a band (one collection per speed), a polar one its surface."""
+    """A set with single fits shows a band (one collection per speed)."""
     coefficients = load_coefficients(name)
     figure = plot_coefficients(coefficients)
     bands = [c for axes in figure.axes for c in axes.collections]

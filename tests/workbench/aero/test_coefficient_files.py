@@ -1,27 +1,25 @@
-"""Coefficient functions and files: values at the nodes, edges held, degrees of surfaces, and bad files."""
+"""Coefficients: values at the nodes, edges held, files that are the published tables, and bad files."""
 
 from __future__ import annotations
 
 import math
 from copy import deepcopy
 
-import numpy as np
 import pytest
 import yaml
 
 from aerodima.workbench.aero.coefficient_files import coefficients_from_dict, embedded_sets, load_coefficients
-from aerodima.workbench.aero.coefficient_functions import (
-    PolynomialSurface,
-    RegularTable,
-    SpeedLine,
-    SpeedTable,
-    fit_surface,
-)
-from aerodima.workbench.aero.laws import NormalForceLaw
-from aerodima.workbench.aero.polar_law import PolarLaw
-from aerodima.workbench.aero.published_coefficients import robot_tail_rows, weighted, write_sets
+from aerodima.workbench.aero.laws import NormalForceLaw, SpeedLine, SpeedTable
+from aerodima.workbench.aero.polar_law import PolarLaw, RegularTable
 from aerodima.workbench.errors import ModelError
-from aerodima.workbench.resources import models_dir
+from aerodima.workbench.resources import models_dir, published_table
+from tests.workbench.aero.published_coefficients import (
+    cheetah_nodes,
+    robot_tail_line,
+    robot_tail_nodes,
+    robot_tail_rows,
+    weighted,
+)
 
 TABLE = RegularTable((10.0, 20.0), (0.0, 0.5, 1.0), ((1.0, 2.0, 4.0), (3.0, 6.0, 8.0)))
 
@@ -63,7 +61,6 @@ def test_speed_functions_hold_their_edge_values() -> None:
         (lambda: RegularTable((5.0, 10.0), (0.0, 1.0), ((1.0,), (1.0, 1.0))), "2 rows"),
         (lambda: NormalForceLaw(-1.0), "coefficient is -1"),
         (lambda: PolarLaw(RegularTable((5.0, 9.0), (0.0, 1.0), ((1.0, -1.0), (1.0, 1.0)))), "-1.0.*add energy"),
-        (lambda: PolynomialSurface(((1.0,),), (5.0, 9.0), (0.0, 1.0), 0.0), "speed_scale is 0.0"),
     ],
 )
 def test_unsorted_tables_holes_and_nan_are_refused(make, message) -> None:
@@ -71,30 +68,30 @@ def test_unsorted_tables_holes_and_nan_are_refused(make, message) -> None:
         make()
 
 
-def test_a_surface_takes_the_highest_degree_that_its_nodes_determine() -> None:
-    """Eighteen nodes give the thesis' 2 x 5; three speeds by two angles 2 x 1; eight of nine nodes six terms."""
-
-    def truth(v, g):
-        return 1.0 + 0.02 * v - 0.4 * g
-
-    grid = [(v, math.radians(a)) for v in (10.0, 20.0, 30.0) for a in (0, 15, 30, 45, 60, 75)]
-    for nodes, degree in (
-        (grid, (2, 5)),
-        ([n for n in grid if n[1] < 0.4], (2, 1)),
-        ([n for n in grid if n[1] < 0.6 and n != (30.0, math.radians(30))], (1, 2)),
-    ):
-        v, g = (np.array(x) for x in zip(*nodes, strict=True))
-        surface = fit_surface(v, g, truth(v, g))
-        assert surface.degree == degree
-        np.testing.assert_allclose([surface(*n) for n in nodes], truth(v, g), rtol=1e-10)
-    assert surface(15.0, 0.1) == pytest.approx(truth(15.0, 0.1))
-    assert surface(15.0, 1.2) == pytest.approx(truth(15.0, math.radians(30)))  # held at the last measured angle
+def content_of(name: str) -> dict:
+    return yaml.safe_load((models_dir() / "coefficients" / f"{name}.yaml").read_text())
 
 
-def test_the_embedded_sets_are_what_the_published_tables_give(tmp_path) -> None:
-    for path in write_sets(tmp_path):
-        kept = models_dir() / "coefficients" / path.name
-        assert yaml.safe_load(path.read_text()) == yaml.safe_load(kept.read_text()), path.name
+@pytest.mark.parametrize("axis", ["major", "minor"])
+@pytest.mark.parametrize("tail", [1, 2, 3])
+def test_the_cheetah_sets_are_what_the_published_tables_give(tail: int, axis: str) -> None:
+    content = content_of(f"cheetah_tail_{tail}_{axis}")
+    assert content["nodes"] == cheetah_nodes(tail, axis)
+    for key, ends in content["range"].items():
+        measured = [node[key] for node in content["nodes"] if node["status"] == "measured"]
+        assert ends == [min(measured), max(measured)]
+
+
+def test_the_other_sets_are_what_the_published_tables_give() -> None:
+    average, line = content_of("robot_tail_weighted_average"), content_of("robot_tail_line")
+    assert average["nodes"] == robot_tail_nodes()
+    assert line == line | robot_tail_line()
+    speeds = [average["nodes"][0]["speed_m_per_s"], average["nodes"][-1]["speed_m_per_s"]]
+    assert average["range"] == line["range"] == content_of("robot_tail_constant")["range"] == {"speed_m_per_s": speeds}
+    shapes = published_table("shape_drag")
+    drag = shapes[shapes.dimensionality == "2D"].set_index("row_in_table").cd
+    plate, shell = content_of("flat_plate"), content_of("half_cylinder")
+    assert [plate["cn"], shell["cn_round_side"], shell["cn_hollow_side"]] == [drag[7], drag[2], drag[9]]
 
 
 def test_every_embedded_set_names_its_source_and_makes_a_law() -> None:
@@ -110,7 +107,7 @@ def test_the_robot_tail_models_agree_with_the_errata() -> None:
     rows = robot_tail_rows()
     assert len(rows) == 160
     assert rows.cd.mean() == pytest.approx(1.996, abs=5e-4)
-    assert weighted(rows.cd.to_numpy(), rows.resnorm.to_numpy()) == pytest.approx(2.029, abs=5e-4)
+    assert weighted(rows.cd, rows.resnorm) == pytest.approx(2.029, abs=5e-4)
     line = load_coefficients("robot_tail_line").law().coefficient
     assert line(10.0) == pytest.approx(0.0449 * 10 + 1.581, abs=2e-3)
     assert load_coefficients("robot_tail_constant").law().coefficient == 2.0
@@ -126,11 +123,8 @@ def test_the_cheetah_sets_say_which_nodes_are_measured() -> None:
     assert law.covers(10.0, math.radians(30.0))
     assert not law.covers(25.0, math.radians(25.0))
     assert not law.covers(10.0, math.radians(40.0))
-    assert one.fitted_surface("cd").degree == (1, 2)
     # The seed (0.7) at 30 degrees / 30 m/s is not used; the nearest measured speed is held.
     assert one.table("cd")(30.0, math.radians(30.0)) == pytest.approx(one.table("cd")(20.0, math.radians(30.0)))
-    assert one.table("cd", seeds=True)(30.0, math.radians(30.0)) == pytest.approx(0.7)
-    assert isinstance(one.law(surface=True), PolarLaw)
 
 
 def example() -> dict:
@@ -160,26 +154,12 @@ def as_normal(kind: str, **keys):
     return change
 
 
-def as_surface(**keys):
-    """Changes the example to a surface with these keys."""
-
-    def change(content: dict) -> None:
-        del content["nodes"]
-        surface = {"cd": [[1.0, 0.1]], "cl": [[0.0]], "speed_scale_m_per_s": 10.0, "angle_scale_rad": 1.0}
-        content.update({"kind": "surface", **surface, **keys})
-
-    return change
-
-
 def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
     """The lowest C_D of the published fits is -0.012."""
     content = example()
     content["nodes"][1]["cd"] = -0.012
     content["nodes"][0]["cl"] = -0.3
     assert coefficients_from_dict(content, "tail.yaml").law().lift(5.0, 0.0) == -0.3
-    surface = example()
-    as_surface()(surface)
-    assert coefficients_from_dict(surface, "tail.yaml").law().drag(5.0, 1.0) == pytest.approx(1.1)
 
 
 @pytest.mark.parametrize(
@@ -213,11 +193,6 @@ def test_lift_may_be_negative_and_drag_scatter_below_zero() -> None:
             as_normal("speed_table", nodes=[{"speed_m_per_s": v, "cn": c} for v, c in ((1.0, 2.0), (2.0, -3.0))]),
             r"nodes\.1\.cn: -3.0.*add energy",
         ),
-        (as_surface(speed_scale_m_per_s=0), "speed_scale_m_per_s: 0.*greater than 0"),
-        (as_surface(angle_scale_rad=-1.0), "angle_scale_rad: -1.0.*greater than 0"),
-        (as_surface(cd=3), "cd: 3.*rows of numbers"),
-        (as_surface(cl=[[1.0, 2.0], [1.0]]), "cl: .*one length"),
-        (as_surface(cl=[["x"]]), r"cl\.0\.0: 'x'.*a valid number"),
     ],
 )
 def test_bad_files_are_refused_with_their_place(spoil, message) -> None:
@@ -251,7 +226,7 @@ def test_a_csv_table_loads_and_an_unknown_name_lists_the_sets(tmp_path) -> None:
     with pytest.raises(ModelError, match="no such file"):
         load_coefficients(tmp_path / "none.yaml")
     path.write_text(path.read_text().replace("9,0,2", "fast,0,2"))
-    with pytest.raises(ModelError, match=r"mine\.csv: column speed_m_per_s: .*fast"):
+    with pytest.raises(ModelError, match=r"mine\.csv: .*'fast'.*'speed_m_per_s'"):
         load_coefficients(path)
     (tmp_path / "latin.yaml").write_bytes(b"name: \xe9\xe8\n")
     with pytest.raises(ModelError, match=r"latin\.yaml: cannot be read"):
