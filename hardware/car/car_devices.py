@@ -81,7 +81,7 @@ def open_common(
         HardwareError: names the device that cannot be opened.
     """
     serial = _open("teensy", ports.teensy, closers)
-    teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+    teensy = TeensyLink(serial, ports.motor_ids, ports.profile)
     group = MotorGroup(motors, motor_port(teensy))
     with _named("imu"):
         imu = SensorThread("IMU", lambda: open_serial(ports.imu, _SENSOR_TIMEOUT), Bno055Session(), safety.imu_silence)

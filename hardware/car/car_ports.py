@@ -16,10 +16,9 @@ import os
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from aerodima.hardware.protocol.ak70 import FirmwareProfile, firmware_profile
-from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.protocol.ak70 import LEAST_ID, MOST_ID, FirmwareProfile, firmware_profile
 from aerodima.hardware.protocol.xbee import BROADCAST
 from aerodima.hardware.transport.can_adapter import CanSettings
 from aerodima.hardware.transport.serial_link import SerialSettings
@@ -57,7 +56,7 @@ class ConsoleDevice(SerialSettings):
 class MountedMotor(StrictModel):
     """One tail motor: id on the bus, motor angle at joint angle 0 (rad), sign of its angle against the joint's."""
 
-    motor_id: int
+    motor_id: int = Field(ge=LEAST_ID, le=MOST_ID)
     zero: float = 0.0
     direction: Literal[1, -1] | None = None
     """None: as in the table of signs."""
@@ -72,7 +71,6 @@ class CarPorts(StrictModel):
 
     schema_: Literal["aerodima/ports/1"] = Field("aerodima/ports/1", alias="schema")
     firmware_profile: str = "ak70_10_v1_0_8"
-    string_form: StringForm = StringForm.CHECKED
     car: int = Field(0, ge=0, le=255)
     can: CanSettings | None = None
     teensy: SerialSettings
@@ -82,6 +80,12 @@ class CarPorts(StrictModel):
     console: ConsoleDevice | None = None
     tail_pitch: MountedMotor = MountedMotor(motor_id=1)
     tail_roll: MountedMotor = MountedMotor(motor_id=2)
+
+    @model_validator(mode="after")
+    def _has_two_ids(self) -> CarPorts:
+        if self.tail_pitch.motor_id == self.tail_roll.motor_id:
+            raise ValueError(f"both motors have the id {self.tail_pitch.motor_id}; each needs its own")
+        return self
 
     @property
     def profile(self) -> FirmwareProfile:
@@ -104,13 +108,6 @@ class CarPorts(StrictModel):
     def motor_ids(self) -> tuple[int, int]:
         """Pitch, roll."""
         return self.tail_pitch.motor_id, self.tail_roll.motor_id
-
-
-def bare_ports(profile: str, motor_ids: tuple[int, int]) -> dict[str, Any]:
-    """Plain data of ports with two motors of a firmware profile, and nothing else that is plugged in anywhere."""
-    pitch, roll = motor_ids
-    motors = {"tail_pitch": {"motor_id": pitch}, "tail_roll": {"motor_id": roll}}
-    return {"schema": SCHEMA, "firmware_profile": profile, "teensy": {"path": "-"}, "imu": {"path": "+"}, **motors}
 
 
 def read_ports(path: str | Path) -> CarPorts:

@@ -16,7 +16,6 @@ from aerodima.hardware.car.car_ports import CarPorts, MountedMotor
 from aerodima.hardware.car.mounting import Mounting, load_mounting
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wired_car import WiredCar
-from aerodima.hardware.devices.motor_group import check_distinct_ids
 from aerodima.hardware.devices.motor_settings import MotorSettings, load_motor_safety, motor_settings
 from aerodima.hardware.protocol.ak70 import make_exit
 from aerodima.hardware.transport.can_bus import CanBus
@@ -27,7 +26,7 @@ def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tupl
     """Settings of the pitch and the roll motor; none for a scenario without a tail.
 
     Raises:
-        HardwareError: two motors with one id, or a zero at which a joint's range does not fit the firmware profile.
+        HardwareError: a zero at which a joint's range does not fit the firmware profile.
     """
     if scenario.tail.mode == "none":
         return ()
@@ -47,12 +46,10 @@ def tail_motors(scenario: Scenario, ports: CarPorts, mounting: Mounting) -> tupl
             safety=safety,
         )
 
-    motors = (
+    return (
         settings("tail pitch", ports.tail_pitch, scenario.tail.pitch_limit, mounting.tail_pitch_direction),
         settings("tail roll", ports.tail_roll, scenario.tail.roll_limit, mounting.tail_roll_direction),
     )
-    check_distinct_ids(motors)
-    return motors
 
 
 def watched_can(

@@ -139,11 +139,6 @@ def emulate(
     out: Annotated[Path, typer.Option(help="New folder for the ports and the logs.")],
     wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
     faults: Annotated[Path | None, typer.Option(help="Script (YAML) of faults and of what the operator does.")] = None,
-    profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
-    motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),
-    published_strings: Annotated[
-        bool, typer.Option("--published-strings", help="Strings as printed in the thesis, without checksum.")
-    ] = False,
     duration: Annotated[float | None, typer.Option(help="End by itself after that time, s.")] = None,
     console: Annotated[
         bool, typer.Option("--console", help="A port for `aerodima console`; the script's operator is silent.")
@@ -165,8 +160,6 @@ def emulate(
     from aerodima.hardware.car.wiring import wiring_name
     from aerodima.hardware.emulator.emulator import EmulatorSettings, run_emulator
     from aerodima.hardware.emulator.fault_script import no_faults, read_script
-    from aerodima.hardware.protocol.ak70 import firmware_profile
-    from aerodima.hardware.protocol.teensy import StringForm
     from aerodima.workbench.config.scenario import load_scenario
     from aerodima.workbench.errors import HardwareError
 
@@ -178,9 +171,6 @@ def emulate(
         wiring=chosen,
         folder=out,
         script=no_faults() if faults is None else read_script(faults),
-        profile=firmware_profile(profile),
-        motor_ids=motor_ids,
-        form=StringForm.PUBLISHED if published_strings else StringForm.CHECKED,
         duration=duration,
         console=console,
         view=view,
@@ -202,44 +192,22 @@ def _delay_in_words(delay: float) -> str:
 
 def firmware(
     folder: Annotated[Path, typer.Argument(help="New folder for the sketch; its last name is the sketch's.")],
+    ports: Annotated[Path, typer.Option(help="Ports file (JSON): ids, zeros and profile of the motors.")],
     wiring: Annotated[str, typer.Option(help="teensy_bridge or watched_can.")] = "teensy_bridge",
-    profile: Annotated[str, typer.Option(help="Firmware profile of the tail motors.")] = "ak70_10_v1_0_8",
-    motor_ids: Annotated[tuple[int, int], typer.Option(help="Ids of the pitch and the roll motor.")] = (1, 2),
-    encoder: Annotated[str, typer.Option(help="Part that reads the sail: aeat_6012 or aeat_6010.")] = "aeat_6012",
-    ports: Annotated[
-        Path | None, typer.Option(help="Ports file (JSON): ids, zeros and profile of the motors from there.")
-    ] = None,
-    scenario: Annotated[str, typer.Option(help="Scenario whose tail the limits of the motors are of.")] = "auto_turn",
-    published_strings: Annotated[
-        bool, typer.Option("--published-strings", help="Strings as printed in the thesis, without checksum.")
-    ] = False,
+    scenario: Annotated[
+        str, typer.Option(help="Scenario whose tail the limits of the motors, and whose sail_encoder the bits are of.")
+    ] = "auto_turn",
+    settings: Settings = None,
 ) -> None:
     """Write the Teensy's sketch with a config.h made of the parameters, ready for the Arduino IDE.
 
     Example: aerodima firmware aerodima_teensy --ports car.json
     """
-    from aerodima.hardware.car.car_ports import bare_ports, ports_from_dict, read_ports
-    from aerodima.hardware.car.safety_settings import load_teensy_timing
-    from aerodima.hardware.firmware.firmware_settings import (
-        FirmwareSettings,
-        export_sketch,
-        firmware_hash,
-        firmware_limits,
-    )
-    from aerodima.hardware.protocol.sail_encoder import encoder_profile
-    from aerodima.hardware.protocol.teensy import StringForm
+    from aerodima.hardware.car.car_ports import read_ports
+    from aerodima.hardware.firmware.firmware_settings import export_sketch, firmware_hash, firmware_settings
     from aerodima.workbench.config.scenario import load_scenario
 
-    car = ports_from_dict(bare_ports(profile, motor_ids), "firmware") if ports is None else read_ports(ports)
-    settings = FirmwareSettings(
-        wiring,
-        car.profile,
-        load_teensy_timing(),
-        car.motor_ids,
-        encoder_profile(encoder),
-        StringForm.PUBLISHED if published_strings else StringForm.CHECKED,
-        firmware_limits(load_scenario(scenario), car),
-    )
-    sketch = export_sketch(settings, folder)
+    car = read_ports(ports)
+    sketch = export_sketch(firmware_settings(wiring, car, load_scenario(scenario, settings or [])), folder)
     typer.echo(f"sketch: {sketch}")
     typer.echo(f"firmware: {firmware_hash()[:12]}, {wiring}, {car.firmware_profile}")

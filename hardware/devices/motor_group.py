@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from aerodima.hardware.devices.device_states import ENERGISED, FramePort, MotorFault, MotorState
 from aerodima.hardware.devices.motor_settings import MotorSettings
@@ -30,13 +30,9 @@ class MotorGroup:
         motors: one per settings.
         foreign: frames that name none of them.
         heard: the newest frames with their arrival (s), for the check of the firmware profile.
-
-    Raises:
-        HardwareError: two motors have one id.
     """
 
     def __init__(self, settings: Sequence[MotorSettings], port: FramePort) -> None:
-        check_distinct_ids(settings)
         self.port = port
         self.motors = tuple(Motor(item, port) for item in settings)
         self._by_id = {motor.settings.motor_id: motor for motor in self.motors}
@@ -128,12 +124,3 @@ class MotorGroup:
                 for motor in self.motors:
                     if motor.state in ENERGISED:
                         motor.set_fault(MotorFault.OTHER_MOTOR, f"switched off with {faulted.fault_text}", now)
-
-
-def check_distinct_ids(settings: Iterable[MotorSettings]) -> None:
-    """Raises `HardwareError` that names the joints if two of them have one id."""
-    seen: dict[int, str] = {}
-    for item in settings:
-        if item.motor_id in seen:
-            raise HardwareError(f"{seen[item.motor_id]} and {item.name} both have the motor id {item.motor_id}")
-        seen[item.motor_id] = item.name

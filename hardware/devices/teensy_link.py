@@ -11,14 +11,11 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable
-from typing import Generic, TypeVar
 
 from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.protocol.ak70 import NEUTRAL, FirmwareProfile, MitReply, is_special, make_reply
 from aerodima.hardware.protocol.ak70 import decode_command as decode_mit_command
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.sail_encoder import signed_angle
 from aerodima.hardware.protocol.teensy import (
     END,
     SERVO_PULSES,
@@ -28,90 +25,44 @@ from aerodima.hardware.protocol.teensy import (
     MotorOrder,
     MotorReport,
     MotorRequest,
-    StringForm,
     TeensyCommand,
     TeensyReply,
     TeensyStatus,
-    decode_command,
     decode_reply,
     make_command,
 )
 from aerodima.hardware.transport.serial_link import SerialLink
-from aerodima.workbench.errors import HardwareError
 
-_LONGEST_PART = 200
+_LONGEST_REPLY = 200
 """Bytes between two `|`; more is noise."""
 
-T = TypeVar("T")
 
-
-class StringStream(Generic[T]):
-    """Collects bytes and returns what they mean; anything that is not a valid string is dropped and counted.
+class ReplyStream:
+    """Collects bytes and returns the replies in them; anything that is not a valid string is dropped and counted.
 
     What stands before the first `|` is never used: a string that was joined in its middle can look like a shorter one.
 
-    Args:
-        decode: takes a whole string with its last `|`; raises `FrameError`.
-        parts: number of `|` in a string.
-
     Attributes:
-        rejected: strings dropped since the start. A command of three parts that is damaged counts once for each part.
-        last_error: why the last one was dropped, empty before the first.
+        rejected: strings dropped since the start.
     """
 
-    def __init__(self, decode: Callable[[bytes], T], parts: int) -> None:
-        self._decode = decode
-        self._parts = parts
+    def __init__(self) -> None:
         self._open = b""
-        self._waiting: list[bytes] = []
         self._synchronised = False
         self.rejected = 0
-        self.last_error = ""
 
-    def feed(self, data: bytes) -> list[T]:
-        """The strings that became complete with these bytes, oldest first."""
+    def feed(self, data: bytes) -> list[TeensyReply]:
+        """The replies that became complete with these bytes, oldest first."""
         *complete, rest = (self._open + data).split(END)
-        found: list[T] = []
-        for part in complete:
-            if not self._synchronised:
-                self._synchronised = True
-            elif len(part) > _LONGEST_PART:
-                self._reject("no '|' for too long")
-            else:
-                found += self._take(part + END)
-        if len(rest) > _LONGEST_PART:
-            rest = rest[: _LONGEST_PART + 1]
-        self._open = rest
+        self._open = rest[: _LONGEST_REPLY + 1]
+        found: list[TeensyReply] = []
+        for text in complete[0 if self._synchronised else 1 :]:
+            try:
+                found.append(decode_reply(text + END))
+            except FrameError:
+                self.rejected += 1
+        self._synchronised = self._synchronised or bool(complete)
         return found
-
-    def _take(self, part: bytes) -> list[T]:
-        self._waiting.append(part)
-        if len(self._waiting) < self._parts:
-            return []
-        try:
-            result = self._decode(b"".join(self._waiting))
-        except FrameError as error:
-            self.rejected += 1
-            self.last_error = str(error)
-            del self._waiting[0]  # the string may begin with the next part
-            return []
-        self._waiting.clear()
-        return [result]
-
-    def _reject(self, reason: str) -> None:
-        self.rejected += 1
-        self.last_error = reason
-        self._waiting.clear()
-
-
-def reply_stream(form: StringForm) -> StringStream[TeensyReply]:
-    """Stream of the Teensy's replies, for the computer."""
-    return StringStream(lambda text: decode_reply(text, form), parts=1)
-
-
-def command_stream(form: StringForm) -> StringStream[TeensyCommand]:
-    """Stream of the computer's commands, for an emulated Teensy."""
-    return StringStream(lambda text: decode_command(text, form), parts=3)
 
 
 _WRAP = 2**32
@@ -165,35 +116,25 @@ class TeensyLink:
 
     Args:
         link: open serial link; the caller closes it.
-        motor_ids: of the two motors in the string; in the direct wiring their orders stay `EXIT`.
+        motor_ids: of the two motors in the string; in `watched_can` their orders stay `EXIT`.
         profile: of the motors' frames.
-        form: of the strings.
 
     Attributes:
         sail: last sail angle, rad in (-pi, pi]; NaN before the first reply.
         sent_time: when the Teensy sent the last reply, s on the computer's monotonic clock.
-        status: of the last reply; None before the first and in the published form.
+        status: of the last reply; None before the first.
         fault, fault_text: at the last `poll`; they go away by themselves, the motors' faults that they caused do not.
     """
 
-    def __init__(
-        self,
-        link: SerialLink,
-        motor_ids: tuple[int, int],
-        profile: FirmwareProfile,
-        form: StringForm = StringForm.CHECKED,
-    ) -> None:
-        if motor_ids[0] == motor_ids[1]:
-            raise HardwareError(f"both motors have the id {motor_ids[0]}: each needs its own")
+    def __init__(self, link: SerialLink, motor_ids: tuple[int, int], profile: FirmwareProfile) -> None:
         self._link = link
         self._ids = motor_ids
         self._profile = profile
-        self._form = form
-        self._stream = reply_stream(form)
+        self._stream = ReplyStream()
         self._orders: dict[int, MotorOrder] = {}
         self._last = {motor_id: _exit_order(motor_id) for motor_id in motor_ids}
         self._repeats = dict.fromkeys(motor_ids, 0)
-        self._counters: dict[int, int | None] = dict.fromkeys(motor_ids)
+        self._counters = dict.fromkeys(motor_ids, 0)
         self._servo, self._throttle = SERVO_PULSES[1], THROTTLE_PULSES[1]
         self._attitude: tuple[float, float, float] | None = None
         self._reply_time: float | None = None
@@ -215,7 +156,7 @@ class TeensyLink:
     def set_pulses(self, servo: int, throttle: int) -> None:
         """Pulses (us) of the next strings. Raises `FrameError` out of range, and keeps the old ones."""
         check = TeensyCommand((_exit_order(self._ids[0]), _exit_order(self._ids[1])), servo, throttle)
-        make_command(check, self._form)
+        make_command(check)
         self._servo, self._throttle = servo, throttle
 
     def set_attitude(self, roll: float, pitch: float, taken: float) -> None:
@@ -249,7 +190,7 @@ class TeensyLink:
             roll, pitch, taken = self._attitude
             attitude = Attitude(roll, pitch, round(1000.0 * max(0.0, time.monotonic() - taken)))
         command = TeensyCommand((first, second), self._servo, self._throttle, attitude)
-        self._link.write(make_command(command, self._form))
+        self._link.write(make_command(command))
 
     def poll(self) -> list[tuple[float, CanFrame]]:
         """Reads what came in; the motors' answers as frames, with their arrival."""
@@ -278,20 +219,19 @@ class TeensyLink:
         return order
 
     def _take(self, reply: TeensyReply, arrival: float) -> None:
-        self._reply_time = self.sent_time = arrival
-        self.sail = signed_angle(reply.sail)
-        if reply.clock is not None:
-            self.sent_time = self._clock.add(reply.clock, arrival)
+        self._reply_time = arrival
+        self.sail = math.remainder(math.radians(reply.sail), 2.0 * math.pi)
+        self.sent_time = self._clock.add(reply.clock, arrival)
 
     def _frame_of(self, report: MotorReport) -> CanFrame | None:
         """The frame of a report; None if the motor has not answered since the last one, or is none of ours."""
         if report.motor_id not in self._counters:
             return None
-        if report.replies is not None and report.replies == (self._counters[report.motor_id] or 0):
+        if report.replies == self._counters[report.motor_id]:
             return None  # a counter that is 0 at the start: the motor has never answered
         self._counters[report.motor_id] = report.replies
-        temperature = None if report.temperature is None else float(report.temperature)
-        state = MitReply(report.motor_id, report.position, report.velocity, report.torque, temperature, report.fault)
+        measured = report.position, report.velocity, report.torque
+        state = MitReply(report.motor_id, *measured, float(report.temperature), report.fault)
         try:
             return make_reply(state, self._profile)
         except FrameError:

@@ -1,26 +1,22 @@
-"""What a u-blox receiver sends: UBX NAV-PVT and, where only NMEA is on, RMC, out of a mixed stream with noise.
+"""What a u-blox receiver sends: UBX NAV-PVT, out of a stream with other messages and noise.
 
-Frames are cut out and their checksums verified here; their fields are read and written by pyubx2 and pynmeagps
-(NAV-PVT: u-blox 8 / M8 protocol specification, UBX-13003221). `make_nav_pvt` and `make_rmc` are for emulators.
+Frames are cut out and their checksums verified here; their fields are read and written by pyubx2 (NAV-PVT: u-blox 8 /
+M8 protocol specification, UBX-13003221). `make_nav_pvt` is for emulators.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from datetime import time as time_of_day
 from typing import Any
 
 from aerodima.hardware.protocol.can_frame import FrameError
 from aerodima.workbench.errors import HardwareError
 
-_UBX, _NMEA = b"\xb5\x62", b"$"
+_UBX = b"\xb5\x62"
 _NAV_PVT, _NAV_PVT_BYTES = b"\x01\x07", 92
 _MOST_PAYLOAD = 256
 """Longer messages are stepped over byte by byte; a false start in noise must not hold up good frames for long."""
-_LONGEST_SENTENCE = 100
-_KNOT = 1852.0 / 3600.0
-"""m/s."""
 _FASTEST = 515.0
 """m/s; receivers stop at 1000 knots."""
 _FIXES = (2, 3, 4)
@@ -33,16 +29,16 @@ class GpsSample:
 
     Attributes:
         speed: over ground, m/s; NaN without a fix.
-        accuracy: of the speed as the receiver estimates it, m/s; NaN where it does not say (RMC).
+        accuracy: of the speed as the receiver estimates it, m/s.
         fix: the receiver trusts its solution.
-        satellites: used; None where it does not say.
+        satellites: used.
         time_of_day: UTC, s since midnight; None while it is not known.
     """
 
     speed: float
     accuracy: float = math.nan
     fix: bool = True
-    satellites: int | None = None
+    satellites: int = 0
     time_of_day: float | None = None
 
 
@@ -50,7 +46,7 @@ class GpsStream:
     """Samples out of the receiver's bytes.
 
     Attributes:
-        rejected: frames and sentences with a wrong checksum or fields that cannot be.
+        rejected: frames with a wrong checksum or fields that cannot be.
         skipped: whole messages of other kinds.
     """
 
@@ -62,21 +58,18 @@ class GpsStream:
         """The samples that became complete with these bytes, oldest first."""
         self._open += data
         samples: list[GpsSample] = []
-        while self._open:
-            places = [place for place in (self._open.find(b"\xb5"), self._open.find(_NMEA)) if place >= 0]
-            if not places:
-                self._open = b""
-                break
-            self._open = self._open[min(places) :]
-            used, sample = self._ubx() if self._open[0] == _UBX[0] else self._nmea()
+        while (start := self._open.find(_UBX[:1])) >= 0:
+            self._open = self._open[start:]
+            used, sample = self._frame()
             if used == 0:
-                break
+                return samples
             self._open = self._open[used:]
             if sample is not None:
                 samples.append(sample)
+        self._open = b""
         return samples
 
-    def _ubx(self) -> tuple[int, GpsSample | None]:
+    def _frame(self) -> tuple[int, GpsSample | None]:
         """Bytes used (0: not yet complete) and the sample in them."""
         head = self._open[:6]
         if head[:2] != _UBX[: len(head)]:
@@ -100,21 +93,6 @@ class GpsStream:
         except FrameError:
             return self._reject(total)
 
-    def _nmea(self) -> tuple[int, GpsSample | None]:
-        end = self._open.find(b"\n")
-        if end < 0:
-            return (0, None) if len(self._open) <= _LONGEST_SENTENCE else self._reject(1)
-        sentence = self._open[: end + 1]
-        if end > _LONGEST_SENTENCE or not nmea_checked(sentence):
-            return self._reject(1)
-        if sentence[3:6] != b"RMC":
-            self.skipped += 1
-            return end + 1, None
-        try:
-            return end + 1, decode_rmc(sentence)
-        except FrameError:
-            return self._reject(end + 1)
-
     def _reject(self, used: int) -> tuple[int, None]:
         self.rejected += 1
         return used, None
@@ -135,21 +113,6 @@ def decode_nav_pvt(frame: bytes) -> GpsSample:
     if fix and not 0.0 <= speed <= _FASTEST:
         raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_FASTEST:g}")
     return GpsSample(speed if fix else math.nan, accuracy, fix, satellites, clock if known else None)
-
-
-def decode_rmc(sentence: bytes) -> GpsSample:
-    """The sample in a whole RMC sentence. Raises `FrameError` if it is none or a field cannot be."""
-    NMEAReader = _nmea_library()
-    try:
-        message = NMEAReader.parse(sentence)
-        fix = message.status == "A"
-        speed = float(message.spd) * _KNOT if fix else math.nan
-        clock = message.time
-    except Exception as error:
-        raise FrameError(f"GPS: no RMC: {error}") from None
-    if fix and not 0.0 <= speed <= _FASTEST:
-        raise FrameError(f"GPS speed {speed!r} m/s; allowed is 0 to {_FASTEST:g}")
-    return GpsSample(speed, fix=fix, time_of_day=_seconds(clock))
 
 
 def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
@@ -176,20 +139,11 @@ def make_nav_pvt(sample: GpsSample, tow: float = 0.0) -> bytes:
         validTime=int(sample.time_of_day is not None),
         fixType=3 if sample.fix else 0,
         gnssFixOk=int(sample.fix),
-        numSV=sample.satellites or 0,
+        numSV=sample.satellites,
         gSpeed=round(sample.speed * 1000) if sample.fix else 0,
         sAcc=0 if math.isnan(sample.accuracy) else round(sample.accuracy * 1000),
     ).serialize()
     return frame
-
-
-def make_rmc(sample: GpsSample) -> bytes:
-    """The RMC sentence of a sample; for emulators."""
-    clock = sample.time_of_day or 0.0
-    text = f"{int(clock // 3600) % 24:02d}{int(clock // 60) % 60:02d}{clock % 60:05.2f}"
-    speed = f"{sample.speed / _KNOT:.3f}" if sample.fix else ""
-    body = f"GNRMC,{text},{'A' if sample.fix else 'V'},0000.00000,N,00000.00000,E,{speed},,010126,,,A"
-    return f"${body}*{_nmea_sum(body.encode()):02X}\r\n".encode()
 
 
 def ubx_checksum(data: bytes) -> bytes:
@@ -201,36 +155,9 @@ def ubx_checksum(data: bytes) -> bytes:
     return bytes([first, second])
 
 
-def nmea_checked(sentence: bytes) -> bool:
-    """Whether a sentence from `$` to its line end is ASCII and its checksum right."""
-    body, star, check = sentence.strip(b"\r\n").rpartition(b"*")
-    return bool(star) and body.isascii() and len(check) == 2 and check.upper() == f"{_nmea_sum(body[1:]):02X}".encode()
-
-
-def _nmea_sum(body: bytes) -> int:
-    value = 0
-    for byte in body:
-        value ^= byte
-    return value
-
-
-def _seconds(clock: object) -> float | None:
-    if not isinstance(clock, time_of_day):
-        return None
-    return clock.hour * 3600.0 + clock.minute * 60.0 + clock.second + clock.microsecond * 1e-6
-
-
 def _ubx_library() -> tuple[Any, Any, Any]:
     try:
         from pyubx2 import GET, UBXMessage, UBXReader
     except ImportError:
         raise HardwareError("the GPS needs pyubx2: pip install 'aerodima-workbench[hardware]'") from None
     return UBXReader, UBXMessage, GET
-
-
-def _nmea_library() -> Any:
-    try:
-        from pynmeagps import NMEAReader
-    except ImportError:
-        raise HardwareError("the GPS needs pynmeagps: pip install 'aerodima-workbench[hardware]'") from None
-    return NMEAReader

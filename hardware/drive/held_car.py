@@ -199,7 +199,7 @@ def read_motor_angles(ports: CarPorts, wiring: WiringName) -> dict[Joint, float]
     with closing(lock_devices([device], "the setting of the zero")):
         if can is None:
             with closing(SerialLink.open(ports.teensy)) as serial:
-                teensy = TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+                teensy = TeensyLink(serial, ports.motor_ids, ports.profile)
                 return _angles(ports, teensy, teensy.commit)
         with closing(CanBus.open(can, listen={0, *ports.motor_ids})) as bus:
             return _angles(ports, bus, lambda: None)

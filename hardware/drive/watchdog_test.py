@@ -36,7 +36,7 @@ from aerodima.hardware.devices.device_states import SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink
 from aerodima.hardware.firmware.firmware_settings import firmware_hash
-from aerodima.hardware.protocol.teensy import StringForm, TeensyStatus
+from aerodima.hardware.protocol.teensy import TeensyStatus
 from aerodima.hardware.transport.can_bus import CanBus
 from aerodima.hardware.transport.device_lock import can_address, lock_devices
 from aerodima.hardware.transport.serial_link import SerialLink
@@ -134,9 +134,7 @@ def require_watchdog_test(wiring: WiringName, ports: CarPorts, folder: Path | No
     record = read_record(path)
     emulated = is_emulated(wiring, ports)
     changed = [] if emulated else _changed_ports(wiring, record, ports)
-    unchecked = ports.string_form is not StringForm.CHECKED
     reasons = (
-        (unchecked, "cannot speak for string_form published: its replies hide a silent motor; allowed: checked"),
         (record.wiring != wiring, f"is of the wiring {record.wiring}; allowed: {wiring}"),
         (record.emulated and not emulated, "was made on the emulator; the motors are real"),
         (record.firmware != teensy_hash(), "was made with another firmware of the Teensy, or other timing"),
@@ -174,7 +172,7 @@ def _changed_ports(wiring: WiringName, record: WatchdogTest, ports: CarPorts) ->
     def motor(data: dict[str, Any], joint: str) -> Any:
         return (data.get(joint) or {}).get("motor_id")
 
-    changed = [key for key in (*ways, "firmware_profile", "string_form") if record.ports.get(key) != now[key]]
+    changed = [key for key in (*ways, "firmware_profile") if record.ports.get(key) != now[key]]
     return changed + [f"{j}.motor_id" for j in ("tail_pitch", "tail_roll") if motor(record.ports, j) != motor(now, j)]
 
 
@@ -231,7 +229,7 @@ def _teensy(ports: CarPorts) -> Iterator[TeensyLink]:
         closing(lock_devices([ports.teensy.path], "a watchdog test")),
         closing(SerialLink.open(ports.teensy)) as serial,
     ):
-        yield TeensyLink(serial, ports.motor_ids, ports.profile, ports.string_form)
+        yield TeensyLink(serial, ports.motor_ids, ports.profile)
 
 
 @contextmanager
@@ -281,8 +279,6 @@ def _holding(scenario: Scenario, ports: CarPorts) -> Iterator[subprocess.Popen[s
 
 
 def _stop_strings(scenario: Scenario, ports: CarPorts) -> tuple[float, str]:
-    if ports.string_form is not StringForm.CHECKED:
-        raise HardwareError("string_form: published; the Teensy reports its watchdog in the checked form only")
     with _teensy(ports) as teensy:
         group = MotorGroup(tail_motors(scenario, ports, load_mounting()), teensy)
         last = _hold_over_strings(group, teensy)

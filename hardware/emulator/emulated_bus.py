@@ -19,8 +19,8 @@ import can
 from aerodima.hardware.car.car_ports import Joint
 from aerodima.hardware.emulator.fault_script import EmulatorNumbers, EventLog, Fault, FaultBoard
 from aerodima.hardware.protocol.ak70 import (
+    AK70_10_V1_0_8,
     NEUTRAL,
-    FirmwareProfile,
     MitCommand,
     MitReply,
     decode_command,
@@ -99,6 +99,7 @@ class EmulatedBus:
 
 
 _ENTER, _EXIT, _ZERO = 0xFC, 0xFD, 0xFE
+_PROFILE = AK70_10_V1_0_8
 
 
 class EmulatedMotor:
@@ -118,7 +119,6 @@ class EmulatedMotor:
         self,
         joint: Joint,
         motor_id: int,
-        profile: FirmwareProfile,
         numbers: EmulatorNumbers,
         board: FaultBoard,
         events: EventLog,
@@ -126,7 +126,7 @@ class EmulatedMotor:
         direction: int = 1,
     ) -> None:
         self.joint, self.motor_id = joint, motor_id
-        self._profile, self._numbers, self._board, self._events = profile, numbers, board, events
+        self._numbers, self._board, self._events = numbers, board, events
         self._zero, self._direction = zero, direction
         self._command = NEUTRAL
         self._angle = self._speed = self._torque = self._blocked_at = 0.0
@@ -157,7 +157,7 @@ class EmulatedMotor:
             self._obey_special(data[7])
         else:
             try:
-                self._command = decode_command(data, self._profile)
+                self._command = decode_command(data, _PROFILE)
             except FrameError:
                 return []  # a real one has no way to complain
         for fault in (Fault.MOTOR_FAULT, Fault.MOTOR_OFF):
@@ -181,7 +181,7 @@ class EmulatedMotor:
             self._events.add("entered" if entered else "off", joint=self.joint, reason=reason)
 
     def _reply(self) -> CanFrame:
-        numbers, board, profile = self._numbers, self._board, self._profile
+        numbers, board = self._numbers, self._board
         fault = board.entry(Fault.MOTOR_FAULT, self.joint)
         hot = board.entry(Fault.OVER_TEMPERATURE, self.joint)
         if board.entry(Fault.BLOCKED, self.joint):
@@ -193,26 +193,26 @@ class EmulatedMotor:
         drift = board.entry(Fault.OUT_OF_RANGE, self.joint)
         if drift:
             angle += numbers.drift_rate * (board.time - drift.time)
-        long_form = 8 in profile.reply_lengths
         return make_reply(
             MitReply(
                 self.motor_id,
-                math.remainder(angle, 2.0 * profile.position),
-                min(max(self._speed, -profile.speed), profile.speed),
-                min(max(self._torque, -profile.torque), profile.torque),
-                (numbers.hot_temperature if hot else numbers.temperature) if long_form else None,
-                (fault.code if fault else 0) if long_form else None,
+                math.remainder(angle, 2.0 * _PROFILE.position),
+                min(max(self._speed, -_PROFILE.speed), _PROFILE.speed),
+                min(max(self._torque, -_PROFILE.torque), _PROFILE.torque),
+                numbers.hot_temperature if hot else numbers.temperature,
+                fault.code if fault else 0,
             ),
-            profile,
+            _PROFILE,
         )
 
     def _blocked_reply(self) -> CanFrame:
         """Of a joint that is held where it was when the fault came: all of the torque works against what holds it."""
-        command, profile = self._command if self.entered else NEUTRAL, self._profile
+        command = self._command if self.entered else NEUTRAL
         torque = command.kp * (command.position - self._blocked_at) + command.kd * command.velocity + command.torque
-        torque = min(max(torque, -profile.torque), profile.torque)
-        long_form = (self._numbers.temperature, 0) if 8 in profile.reply_lengths else (None, None)
-        return make_reply(MitReply(self.motor_id, self._blocked_at, 0.0, torque, *long_form), profile)
+        torque = min(max(torque, -_PROFILE.torque), _PROFILE.torque)
+        return make_reply(
+            MitReply(self.motor_id, self._blocked_at, 0.0, torque, self._numbers.temperature, 0), _PROFILE
+        )
 
     def _answers(self) -> list[CanFrame]:
         frame, board, joint = self._reply(), self._board, self.joint

@@ -22,7 +22,6 @@ from aerodima.hardware.firmware.firmware_settings import FirmwareSettings
 from aerodima.hardware.protocol import radio
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.radio import Asks, decode_report
-from aerodima.hardware.protocol.sail_encoder import encode_angle
 from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, TeensyStatus
 from aerodima.hardware.protocol.xbee import BROADCAST, ApiStream, ReceivedPacket, make_received
 
@@ -75,7 +74,8 @@ class EmulatedTeensy:
 
     def set_sail(self, angle: float) -> None:
         """Angle of the sail, rad."""
-        self._core.set_sail_word(encode_angle(angle, self._settings.encoder))
+        words = 1 << self._settings.sail_bits
+        self._core.set_sail_word(round(angle / (2.0 * math.pi) * words) % words)
 
     def turn(self, now: float) -> bytes:
         """One turn of the firmware's loop; bytes for the computer."""

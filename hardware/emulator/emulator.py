@@ -25,14 +25,14 @@ from aerodima.hardware.car.car_ports import (
     PORTS_FOLDER,
     READY_FILE,
     READY_SCHEMA,
+    SCHEMA,
     SERIAL_DEVICES,
     TRAFFIC_FILE,
     TRUTH_FILE,
-    bare_ports,
     ports_from_dict,
 )
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.safety_settings import load_drive_safety, load_teensy_timing
+from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.car.wiring import WiringName
 from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, PtyPort, SlcanAdapter
 from aerodima.hardware.emulator.emulated_devices import (
@@ -53,9 +53,7 @@ from aerodima.hardware.emulator.fault_script import (
     load_emulator_numbers,
     no_faults,
 )
-from aerodima.hardware.firmware.firmware_settings import FirmwareSettings, firmware_limits
-from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8, FirmwareProfile
-from aerodima.hardware.protocol.teensy import StringForm
+from aerodima.hardware.firmware.firmware_settings import firmware_settings
 from aerodima.hardware.transport.can_adapter import TrafficLog
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
@@ -74,10 +72,9 @@ class EmulatorSettings:
     """What is emulated.
 
     Attributes:
-        scenario: of the car. wiring: which side of it is spoken. profile: of the motors. form: of the Teensy's strings.
+        scenario: of the car. wiring: which side of it is spoken.
         folder: new or empty; ports, logs and files of the emulator.
         script: of faults and of the operator.
-        motor_ids: pitch and roll.
         duration: s after which it ends by itself; None for ever.
         console: the operator's module has a port for `aerodima console`, and the script's operator is silent.
         view: show the car in Meshcat; the address is in ready.json.
@@ -88,9 +85,6 @@ class EmulatorSettings:
     wiring: WiringName
     folder: Path
     script: Script = field(default_factory=no_faults)
-    profile: FirmwareProfile = AK70_10_V1_0_8
-    motor_ids: tuple[int, int] = (1, 2)
-    form: StringForm = StringForm.CHECKED
     duration: float | None = None
     console: bool = False
     view: bool = False
@@ -101,20 +95,11 @@ class Emulator:
     """Everything behind the ports, until it is told to end.
 
     Raises:
-        HardwareError: two motors with one id, no compiler for the firmware, a folder that holds something or cannot be
-            used, no pseudo-terminals.
+        HardwareError: no compiler for the firmware, a folder that holds something or cannot be used, no
+            pseudo-terminals.
     """
 
     def __init__(self, settings: EmulatorSettings) -> None:
-        ports = ports_from_dict(bare_ports(settings.profile.name, settings.motor_ids))
-        firmware = FirmwareSettings(
-            settings.wiring,
-            settings.profile,
-            load_teensy_timing(),
-            settings.motor_ids,
-            form=settings.form,
-            limits=firmware_limits(settings.scenario, ports),
-        )
         self._settings, self._folder = settings, settings.folder
         self._numbers = load_emulator_numbers()
         self._mounting = load_mounting()
@@ -124,7 +109,7 @@ class Emulator:
         self._log = TrafficLog.create(self._folder / TRAFFIC_FILE)
         self._end = False
         self.latest = self._lag = 0.0
-        self._make_devices(firmware)
+        self._make_devices()
         truth, facts = self._folder / TRUTH_FILE, {"emulated": settings.wiring}
         self._view = _open_view() if settings.view else None
         self._car = EmulatedCar(settings.scenario, truth, self._numbers.truth_rate, facts, self._view)
@@ -132,19 +117,31 @@ class Emulator:
         self._tipped, self._tipping_angle = False, load_drive_safety().attitude_limit
         self._begin = time.monotonic()
 
-    def _make_devices(self, firmware: FirmwareSettings) -> None:
+    def _make_devices(self) -> None:
         settings, board = self._settings, self._board
+        plugs = self._folder / PORTS_FOLDER
+        names: list[Device] = [*SERIAL_DEVICES]
+        self._car_ports = _serial_ports(plugs)
+        if settings.wiring == "watched_can":
+            names.append("can")
+            options = {"sleep_after_open": 0.0}  # a pseudo-terminal does not restart when it is opened
+            self._car_ports["can"] = {"interface": "slcan", "channel": str(plugs / "can"), "options": options}
+        if settings.console:
+            names.append("console")
+            self._car_ports["console"] = {"path": str(plugs / "console"), "receiver": CAR}
+        self._ports = {name: PtyPort(plugs / name) for name in names}
+        ports = ports_from_dict(self._car_ports)
         directions = (self._mounting.tail_pitch_direction, self._mounting.tail_roll_direction)
         self._motors = [
-            EmulatedMotor(joint, motor_id, settings.profile, self._numbers, board, self._events, direction=direction)
-            for joint, motor_id, direction in zip(JOINTS, settings.motor_ids, directions, strict=True)
+            EmulatedMotor(joint, motor_id, self._numbers, board, self._events, direction=direction)
+            for joint, motor_id, direction in zip(JOINTS, ports.motor_ids, directions, strict=True)
             if settings.scenario.tail.mode != "none"
         ]
         bus = EmulatedBus(self._motors, board, self._log)
         watched = settings.wiring == "watched_can"
         self._adapter = SlcanAdapter(bus, board) if watched else None
         self._teensy = EmulatedTeensy(
-            firmware,
+            firmware_settings(settings.wiring, ports, settings.scenario),
             bus,
             board,
             self._events,
@@ -159,12 +156,6 @@ class Emulator:
         entries = () if settings.console else settings.script.operator
         self._operator = EmulatedOperator(entries, self._numbers.operator_rate, board)
         self._air = EmulatedAir(board)
-        names: list[Device] = [*SERIAL_DEVICES]
-        if watched:
-            names.append("can")
-        if settings.console:
-            names.append("console")
-        self._ports = {name: PtyPort(self._folder / PORTS_FOLDER / name) for name in names}
 
     def stop(self) -> None:
         """Ends the loop; safe in a signal handler."""
@@ -285,17 +276,7 @@ class Emulator:
 
     def _write_ready(self) -> None:
         settings = self._settings
-        ports: dict[str, Any] = {
-            **bare_ports(settings.profile.name, settings.motor_ids),
-            "string_form": settings.form.value,
-            **{name: {"path": str(port.link)} for name, port in self._ports.items() if name != "can"},
-        }
-        if "console" in self._ports:
-            ports["console"]["receiver"] = CAR
-        if "can" in self._ports:
-            options = {"sleep_after_open": 0.0}  # a pseudo-terminal does not restart when it is opened
-            ports["can"] = {"interface": "slcan", "channel": str(self._ports["can"].link), "options": options}
-        _write_json(self._folder / PORTS_FILE, ports)
+        _write_json(self._folder / PORTS_FILE, self._car_ports)
         ready = {
             "schema": READY_SCHEMA,
             "pid": os.getpid(),
@@ -329,6 +310,12 @@ def run_emulator(settings: EmulatorSettings, ready: Callable[[], None] | None = 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: emulator.stop())
     return emulator.run(ready)
+
+
+def _serial_ports(plugs: Path) -> dict[str, Any]:
+    """The ports file of the emulated car, but for what some have only."""
+    motors: dict[str, Any] = {joint: {"motor_id": number} for number, joint in enumerate(JOINTS, start=1)}
+    return {"schema": SCHEMA, **{name: {"path": str(plugs / name)} for name in SERIAL_DEVICES}, **motors}
 
 
 def _open_view() -> Any:

@@ -6,62 +6,38 @@ import hashlib
 import os
 import shutil
 import subprocess
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from aerodima.hardware.car.car_ports import CarPorts
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.safety_settings import DriveSafety, TeensyTiming, load_drive_safety
+from aerodima.hardware.car.safety_settings import DriveSafety, TeensyTiming, load_drive_safety, load_teensy_timing
 from aerodima.hardware.car.wiring import wiring_name
 from aerodima.hardware.car.wirings import tail_motors
 from aerodima.hardware.devices.motor_settings import MotorSettings
-from aerodima.hardware.protocol.ak70 import FirmwareProfile, check_motor_id
-from aerodima.hardware.protocol.sail_encoder import AEAT_6012, EncoderProfile
-from aerodima.hardware.protocol.teensy import THROTTLE_PULSES, StringForm
+from aerodima.hardware.protocol.ak70 import FirmwareProfile
+from aerodima.hardware.protocol.teensy import THROTTLE_PULSES
 from aerodima.workbench.atomic_write import make_folder
 from aerodima.workbench.config.scenario import Scenario
 from aerodima.workbench.errors import HardwareError
 
 
-@dataclass(frozen=True)
-class MotorLimits:
-    """What the firmware lets through to one motor, in the motor's own angle.
+def motor_limits(settings: MotorSettings) -> dict[str, float]:
+    """Fields of the core's `MotorLimits` (`src/motor_guard.h`) by name: what it lets through to this motor.
 
-    Attributes:
-        low, high: rad. speed: rad/s. torque: of the whole loop, N m. kp: N m/rad. kd: N m s/rad.
-        rated_torque: N m for ever. budget: (N m)^2 s beyond that.
+    They are the limits of the computer in the motor's own angle: rad, rad/s, N m, N m/rad, N m s/rad, N m, (N m)^2 s.
     """
-
-    low: float
-    high: float
-    speed: float
-    torque: float
-    kp: float
-    kd: float
-    rated_torque: float
-    budget: float
-
-
-def motor_limits(settings: MotorSettings) -> MotorLimits:
-    """The limits that the computer keeps for this motor."""
     ends = settings.motor_angle(settings.low), settings.motor_angle(settings.high)
-    safety = settings.safety
-    return MotorLimits(
-        min(ends),
-        max(ends),
-        safety.speed_limit,
-        settings.torque_limit,
-        settings.kp_max,
-        settings.kd_max,
-        safety.rated_torque,
-        safety.overload,
-    )
-
-
-def wide_limits(profile: FirmwareProfile) -> MotorLimits:
-    """Everything that the profile can express: for tests of what comes before the limits."""
-    p = profile
-    return MotorLimits(-p.position, p.position, p.speed, p.torque, p.kp, p.kd, p.torque, 1e9)
+    return {
+        "low": min(ends),
+        "high": max(ends),
+        "speed": settings.safety.speed_limit,
+        "torque": settings.torque_limit,
+        "kp": settings.kp_max,
+        "kd": settings.kd_max,
+        "rated_torque": settings.safety.rated_torque,
+        "budget": settings.safety.overload,
+    }
 
 
 @dataclass(frozen=True)
@@ -70,40 +46,32 @@ class FirmwareSettings:
 
     Attributes:
         wiring: in `teensy_bridge` the Teensy drives the motors; in `watched_can` it sends exit frames only.
-        profile: of the motors. encoder: of the sail. form: of the strings. timing: of its watchdog and its replies.
-        motor_ids: pitch and roll; switched off when the Teensy starts.
-        limits: of the two motors; None: all that the profile allows. safety: of attitude and throttle.
+        profile: of the motors. motor_ids: pitch and roll; switched off when the Teensy starts.
+        sail_bits: of a word of the sail's encoder. The thesis reads 12; the part that it names has 10 (ERRATA E30).
+        limits: `motor_limits` of the two motors; None: all that the profile allows.
+        timing: of its watchdog and its replies. safety: of attitude and throttle.
 
     Raises:
-        HardwareError: unknown wiring; an id that is not allowed, or one id for both motors.
+        HardwareError: unknown wiring.
     """
 
     wiring: str
     profile: FirmwareProfile
-    timing: TeensyTiming
     motor_ids: tuple[int, int] = (1, 2)
-    encoder: EncoderProfile = AEAT_6012
-    form: StringForm = StringForm.CHECKED
-    limits: tuple[MotorLimits, MotorLimits] | None = None
+    sail_bits: int = 12
+    limits: tuple[dict[str, float], ...] | None = None
+    timing: TeensyTiming = field(default_factory=load_teensy_timing)
     safety: DriveSafety = field(default_factory=load_drive_safety)
 
     def __post_init__(self) -> None:
         wiring_name(self.wiring)
-        for motor_id in self.motor_ids:
-            check_motor_id(motor_id)
-        if self.motor_ids[0] == self.motor_ids[1]:
-            raise HardwareError(f"both motors have the id {self.motor_ids[0]}: each needs its own")
 
     @property
-    def owns_can(self) -> bool:
-        """Whether the motors hang on the Teensy."""
-        return self.wiring == "teensy_bridge"
-
-    @property
-    def last_limits(self) -> tuple[MotorLimits, MotorLimits]:
+    def last_limits(self) -> tuple[dict[str, float], ...]:
         """Of the two motors."""
-        wide = wide_limits(self.profile)
-        return self.limits or (wide, wide)
+        p = self.profile
+        wide = {"low": -p.position, "high": p.position, "speed": p.speed, "torque": p.torque, "kp": p.kp, "kd": p.kd}
+        return self.limits or (wide | {"rated_torque": p.torque, "budget": 1e9},) * 2
 
     @property
     def config(self) -> dict[str, float]:
@@ -111,8 +79,7 @@ class FirmwareSettings:
         least, idle, most = THROTTLE_PULSES
         timing, safety, half = self.timing, self.safety, (most - least) / 2
         return {
-            "owns_can": self.owns_can,
-            "checked": self.form is StringForm.CHECKED,
+            "owns_can": self.wiring == "teensy_bridge",
             "watchdog_ms": _milliseconds(timing.watchdog_timeout),
             "exit_burst": timing.exit_burst,
             "exit_cycles": timing.exit_cycles,
@@ -126,7 +93,7 @@ class FirmwareSettings:
             "throttle_most": round(idle + safety.throttle_limit * (most - idle)),
             "throttle_start": safety.throttle_start * half,
             "throttle_rate": safety.throttle_rate * half / 1000.0,
-            "sail_bits": self.encoder.bits,
+            "sail_bits": self.sail_bits,
         }
 
 
@@ -145,10 +112,10 @@ def _milliseconds(seconds: float) -> int:
     return round(seconds * 1000.0)
 
 
-def firmware_limits(scenario: Scenario, ports: CarPorts) -> tuple[MotorLimits, MotorLimits] | None:
-    """What the firmware lets through to the motors of a scenario on these ports; None for a car without a tail."""
-    motors = tail_motors(scenario, ports, load_mounting())
-    return (motor_limits(motors[0]), motor_limits(motors[1])) if motors else None
+def firmware_settings(wiring: str, ports: CarPorts, scenario: Scenario) -> FirmwareSettings:
+    """What the Teensy of a car is built for: limits of the scenario's tail on these ports, bits of its encoder."""
+    limits = tuple(map(motor_limits, tail_motors(scenario, ports, load_mounting()))) or None
+    return FirmwareSettings(wiring, ports.profile, ports.motor_ids, scenario.sail_encoder.bits, limits)
 
 
 SKETCH = Path(__file__).resolve().parent / "aerodima_teensy"
@@ -245,12 +212,12 @@ def config_header(settings: FirmwareSettings) -> str:
     fields |= settings.config
     for index, (motor_id, limits) in enumerate(zip(settings.motor_ids, settings.last_limits, strict=True)):
         fields[f"motor_ids[{index}]"] = motor_id
-        fields |= {f"limits[{index}].{name}": value for name, value in asdict(limits).items()}
+        fields |= {f"limits[{index}].{name}": value for name, value in limits.items()}
     lines = "\n".join(f"  config.{name} = {repr(value).lower()};" for name, value in fields.items())
     made_of = f"{settings.wiring}, {settings.profile.name}, firmware {firmware_hash()[:12]}"
     return (
         f"// Written by `aerodima firmware`: {made_of}.\n"
         '#pragma once\n#include "src/core.h"\n\n'
-        f"#define AERODIMA_SAIL_BITS {settings.encoder.bits}\n\n"
+        f"#define AERODIMA_SAIL_BITS {settings.sail_bits}\n\n"
         f"inline aerodima::Config aerodima_config() {{\n  aerodima::Config config;\n{lines}\n  return config;\n}}\n"
     )

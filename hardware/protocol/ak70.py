@@ -157,11 +157,6 @@ def make_exit(motor_id: int) -> CanFrame:
     return _special(motor_id, _EXIT)
 
 
-def make_zero(motor_id: int) -> CanFrame:
-    """The frame that makes the present position the zero, silently. Nothing in this project sends it on its own."""
-    return _special(motor_id, _ZERO)
-
-
 def make_neutral(motor_id: int, profile: FirmwareProfile) -> CanFrame:
     """A command with zero gains and zero torque, to read the state."""
     return make_command(motor_id, NEUTRAL, profile)

@@ -1,13 +1,13 @@
-"""Strings between the computer and the Teensy (thesis 5.4.5), in the published form and in one that can be checked.
+"""Strings between the computer and the Teensy: those of thesis 5.4.5, with a checksum, a clock and states added.
 
-Command: `CAN MSG 1 ; CAN MSG 2 ; SERVO CMD ; THROTTLE CMD |`, each CAN message `ID ; STATE ; POS ; VEL ; KP ; KD ;
-TOR |` standing in it as printed, so that a command has three `|`.
-Reply: `ID 1 ; POS 1 ; VEL 1 ; CUR 1 ; ID 2 ; POS 2 ; VEL 2 ; CUR 2 ; ENC POS |`.
+Printed command: `CAN MSG 1 ; CAN MSG 2 ; SERVO CMD ; THROTTLE CMD |`, each CAN message `ID ; STATE ; POS ; VEL ; KP ;
+KD ; TOR |` standing in it as printed, so that a command has three `|`.
+Printed reply: `ID 1 ; POS 1 ; VEL 1 ; CUR 1 ; ID 2 ; POS 2 ; VEL 2 ; CUR 2 ; ENC POS |`.
 
-The published strings carry no checksum, no time, no fault and no sign that a motor has fallen silent. The `CHECKED`
-form adds before the last `|` of a string `;*HH`, a CRC-8 over everything since the start of the string; to the command
-the car's attitude, `;ROLL;PITCH;AGE` behind the throttle; and to the reply, per motor, a counter of CAN replies,
-temperature and fault, then the Teensy's clock and its status.
+These carry no checksum, no time, no fault and no sign that a motor has fallen silent. So the command goes on with the
+car's attitude, `;ROLL;PITCH;AGE` behind the throttle; the reply with, per motor, a counter of CAN replies, temperature
+and fault, then the Teensy's clock and its status; and before the last `|` of either stands `;*HH`, a CRC-8 over
+everything since the start of the string. The firmware reads commands and writes replies (`src/strings.cpp`).
 
 The attitude is sent since the IMU hangs on the computer: with it the Teensy stops a car that lies on its side although
 a drive goes on commanding. A chip of its own would have to be wired, calibrated and tested on the Teensy.
@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 
 from aerodima.hardware.protocol.ak70 import MitCommand, check_motor_id
 from aerodima.hardware.protocol.can_frame import FrameError
@@ -30,13 +30,6 @@ SERVO_PULSES = (950, 1500, 2050)
 """Least, idle and most pulse of the steering servo, us (thesis 5.4.5)."""
 THROTTLE_PULSES = (1100, 1500, 1900)
 """Least, idle and most pulse of the speed controller, us (thesis 5.4.5)."""
-
-
-class StringForm(Enum):
-    """Which form of the strings both ends speak."""
-
-    PUBLISHED = "published"
-    CHECKED = "checked"
 
 
 class MotorRequest(IntEnum):
@@ -51,7 +44,7 @@ class MotorRequest(IntEnum):
 
 
 class TeensyStatus(IntEnum):
-    """Status of the checked reply: why the Teensy has switched everything off.
+    """Status of a reply: why the Teensy has switched everything off.
 
     WATCHDOG_ACTED: no string that can be obeyed, or a restart. ATTITUDE: the car lies on its side, or its attitude is
     not known while it is to drive. BEATS_STOPPED: no heartbeat on the bus while the motors are armed.
@@ -97,7 +90,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class TeensyCommand:
-    """Two motors and two pulses. servo, throttle: us. attitude: None if it is not known; in the checked form only."""
+    """Two motors and two pulses. servo, throttle: us. attitude: None if it is not known."""
 
     motors: tuple[MotorOrder, MotorOrder]
     servo: int = SERVO_PULSES[1]
@@ -112,17 +105,16 @@ class MotorReport:
     Attributes:
         motor_id: whose.
         position: rad. velocity: rad/s. torque: N m.
-        replies: CAN replies counted modulo 256. temperature: degrees Celsius. fault: fault byte. All None in the
-            published form.
+        replies: CAN replies counted modulo 256. temperature: degrees Celsius. fault: fault byte.
     """
 
     motor_id: int
     position: float
     velocity: float
     torque: float
-    replies: int | None = None
-    temperature: int | None = None
-    fault: int | None = None
+    replies: int
+    temperature: int
+    fault: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,16 +123,16 @@ class TeensyReply:
 
     Attributes:
         sail: degrees, 0 to 360.
-        clock: ms since the Teensy started. status: of its watchdog. None in the published form.
+        clock: ms since the Teensy started. status: of its watchdog.
     """
 
     motors: tuple[MotorReport, MotorReport]
     sail: float
-    clock: int | None = None
-    status: TeensyStatus | None = None
+    clock: int
+    status: TeensyStatus
 
 
-def make_command(command: TeensyCommand, form: StringForm) -> bytes:
+def make_command(command: TeensyCommand) -> bytes:
     """The command string, with its last `|`.
 
     Raises:
@@ -149,53 +141,20 @@ def make_command(command: TeensyCommand, form: StringForm) -> bytes:
     _check_ids(command.motors[0].motor_id, command.motors[1].motor_id)
     _check_pulse("servo", command.servo, SERVO_PULSES)
     _check_pulse("throttle", command.throttle, THROTTLE_PULSES)
-    text = "|;".join(_write_order(order) for order in command.motors) + f"|;{command.servo};{command.throttle}"
-    if form is StringForm.CHECKED:
-        text += _write_attitude(command.attitude)
-    return _close(text, form)
+    orders = "|;".join(_write_order(order) for order in command.motors)
+    data = f"{orders}|;{command.servo};{command.throttle}{_write_attitude(command.attitude)}".encode("ascii")
+    return data + f";*{crc8(data):02X}".encode("ascii") + END
 
 
-def make_reply(reply: TeensyReply, form: StringForm) -> bytes:
-    """The reply string, with its `|`; for emulators and to compare with the firmware. Raises `FrameError` as above."""
-    _check_ids(reply.motors[0].motor_id, reply.motors[1].motor_id)
-    fields = [_write_report(report) for report in reply.motors] + [_number("sail", reply.sail)]
-    if form is StringForm.CHECKED:
-        for report in reply.motors:
-            fields += [str(report.replies), str(report.temperature), str(report.fault)]
-        fields += [str(reply.clock), str(int(reply.status or 0))]
-    return _close(";".join(fields), form)
-
-
-def decode_command(text: bytes, form: StringForm) -> TeensyCommand:
-    """The command in one whole string. Raises `FrameError` for anything else."""
-    parts = [_fields(part) for part in _open(text, form).split(END)]
-    if len(parts) != 3 or parts[1][0] or parts[2][0]:
-        raise FrameError(f"Teensy command {text!r}: must be two CAN messages and the pulses")
-    motors, pulses = (_read_order(parts[0]), _read_order(parts[1][1:])), parts[2][1:]
-    _check_ids(motors[0].motor_id, motors[1].motor_id)
-    expected = 2 if form is StringForm.PUBLISHED else 5
-    if len(pulses) != expected:
-        raise FrameError(f"Teensy command {text!r}: {len(pulses)} fields behind the motors; allowed are {expected}")
-    servo, throttle = (_read_integer("pulse", field) for field in pulses[:2])
-    _check_pulse("servo", servo, SERVO_PULSES)
-    _check_pulse("throttle", throttle, THROTTLE_PULSES)
-    return TeensyCommand(motors, servo, throttle, _read_attitude(pulses[2:]) if pulses[2:] else None)
-
-
-def decode_reply(text: bytes, form: StringForm) -> TeensyReply:
+def decode_reply(text: bytes) -> TeensyReply:
     """The reply in one whole string. Raises `FrameError` for anything else."""
-    fields = _fields(_open(text, form))
-    expected = 9 if form is StringForm.PUBLISHED else 17
-    if len(fields) != expected:
-        raise FrameError(f"Teensy reply {text!r}: {len(fields)} fields; the {form.value} form has {expected}")
-    extra = [fields[9:12], fields[12:15]] if form is StringForm.CHECKED else [[], []]
-    motors = (_read_report(fields[0:4], extra[0]), _read_report(fields[4:8], extra[1]))
+    fields = _open(text)
+    if len(fields) != _REPLY_FIELDS:
+        raise FrameError(f"Teensy reply {text!r}: {len(fields)} fields; allowed are {_REPLY_FIELDS}")
+    motors = (_read_report(fields[0:4], fields[9:12]), _read_report(fields[4:8], fields[12:15]))
     _check_ids(motors[0].motor_id, motors[1].motor_id)
-    sail = _read_number("sail", fields[8])
-    if form is StringForm.PUBLISHED:
-        return TeensyReply(motors, sail)
-    status = _read_integer("status", fields[16])
-    return TeensyReply(motors, sail, _read_integer("clock", fields[15]), TeensyStatus(status))
+    clock, status = _read_integer("clock", fields[15]), _read_integer("status", fields[16])
+    return TeensyReply(motors, _read_number("sail", fields[8]), clock, TeensyStatus(status))
 
 
 def crc8(data: bytes) -> int:
@@ -215,10 +174,11 @@ def _crc_of(byte: int) -> int:
 _CRC_TABLE = tuple(_crc_of(byte) for byte in range(256))
 
 _MOST_DIGITS = 12
+_REPLY_FIELDS = 17
 _UNKNOWN_AGE = 65535
 """Age of an attitude that is not known, ms."""
 _MOTOR_FIELDS = ("position", "velocity", "kp", "kd", "torque")
-_NUMBERS = {
+NUMBERS = {
     "position": (-100.0, 100.0, 5),
     "velocity": (-200.0, 200.0, 4),
     "kp": (0.0, 500.0, 4),
@@ -228,13 +188,10 @@ _NUMBERS = {
     "pitch": (-3.2, 3.2, 4),
     "sail": (0.0, 360.0, 3),
 }
-"""Least and most value that is read, and decimals that are written. Those of the motors are the widest that any
-firmware profile can carry; the profile's own range is checked where it is known."""
+"""Least and most value that is read or allowed, and decimals that are written. Those of the motors are the widest that
+any firmware profile can carry; the profile's own range is checked where it is known."""
 _INTEGERS = {
     "id": (0, 255),
-    "state": (0, max(MotorRequest)),
-    "pulse": (0, 9999),
-    "age": (0, _UNKNOWN_AGE),
     "replies": (0, 255),
     "temperature": (-40, 255),
     "fault": (0, 255),
@@ -244,71 +201,32 @@ _INTEGERS = {
 
 
 def _write_order(order: MotorOrder) -> str:
-    request = str(int(MotorRequest(order.request)))
-    return ";".join(
-        [str(order.motor_id), request, *(_number(name, getattr(order.command, name)) for name in _MOTOR_FIELDS)]
-    )
+    command = (_number(name, getattr(order.command, name)) for name in _MOTOR_FIELDS)
+    return ";".join([str(order.motor_id), str(int(order.request)), *command])
 
 
 def _write_attitude(attitude: Attitude | None) -> str:
     if attitude is None:
         return f";0.0000;0.0000;{_UNKNOWN_AGE}"
     for name, angle in (("roll", attitude.roll), ("pitch", attitude.pitch)):
-        least, most, _ = _NUMBERS[name]
+        least, most, _ = NUMBERS[name]
         if not least <= angle <= most:
             raise FrameError(f"Teensy {name} {angle!r}: allowed is {least:g} to {most:g} rad")
     age = min(max(attitude.age, 0), _UNKNOWN_AGE - 1)
     return f";{_number('roll', attitude.roll)};{_number('pitch', attitude.pitch)};{age}"
 
 
-def _read_attitude(fields: list[str]) -> Attitude | None:
-    roll, pitch, age = (
-        _read_number("roll", fields[0]),
-        _read_number("pitch", fields[1]),
-        _read_integer("age", fields[2]),
-    )
-    return None if age == _UNKNOWN_AGE else Attitude(roll, pitch, age)
-
-
-def _write_report(report: MotorReport) -> str:
-    state = (_number(name, getattr(report, name)) for name in ("position", "velocity", "torque"))
-    return ";".join([str(report.motor_id), *state])
-
-
-def _close(text: str, form: StringForm) -> bytes:
-    data = text.encode("ascii")
-    if form is StringForm.CHECKED:
-        data += f";*{crc8(data):02X}".encode("ascii")
-    return data + END
-
-
-def _open(text: bytes, form: StringForm) -> bytes:
-    """The string without its end and, in the checked form, without its checksum, which must be right."""
+def _open(text: bytes) -> list[str]:
+    """The fields of a string without its end and its checksum, which must be right."""
     if not text.endswith(END):
         raise FrameError(f"Teensy string {text!r}: does not end with '|'")
-    body = text[:-1].strip(b" \r\n")
-    if form is StringForm.PUBLISHED:
-        return body
-    content, separator, check = body.rpartition(b";*")
+    content, separator, check = text[:-1].strip(b" \r\n").rpartition(b";*")
     if not separator or len(check) != 2 or f"{crc8(content):02X}".encode() != check:
         raise FrameError(f"Teensy string {text!r}: checksum is wrong or missing")
-    return content
-
-
-def _fields(body: bytes) -> list[str]:
     try:
-        return [field.strip(" ") for field in body.decode("ascii").split(";")]
+        return [field.strip(" ") for field in content.decode("ascii").split(";")]
     except UnicodeDecodeError:
-        raise FrameError(f"Teensy string {body!r}: holds bytes that are not ASCII") from None
-
-
-def _read_order(fields: list[str]) -> MotorOrder:
-    if len(fields) != 7:
-        raise FrameError(f"CAN message {';'.join(fields)!r}: {len(fields)} fields; allowed are 7")
-    request = MotorRequest(_read_integer("state", fields[1]))
-    return MotorOrder(
-        _read_integer("id", fields[0]), request, MitCommand(*map(_read_number, _MOTOR_FIELDS, fields[2:]))
-    )
+        raise FrameError(f"Teensy string {text!r}: holds bytes that are not ASCII") from None
 
 
 def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
@@ -318,7 +236,7 @@ def _read_report(fields: list[str], extra: list[str]) -> MotorReport:
 
 
 def _read_number(name: str, field: str) -> float:
-    least, most, _ = _NUMBERS[name]
+    least, most, _ = NUMBERS[name]
     digits = field[1:] if field[:1] in ("-", "+") else field
     whole, _, decimals = digits.partition(".")
     if not whole.isdigit() or not (decimals == "" or decimals.isdigit()) or len(field) > _MOST_DIGITS:
@@ -339,7 +257,7 @@ def _read_integer(name: str, field: str) -> int:
 def _number(name: str, value: float) -> str:
     if not math.isfinite(value):
         raise FrameError(f"Teensy {name} {value!r}: must be finite")
-    return f"{value:.{_NUMBERS[name][2]}f}"
+    return f"{value:.{NUMBERS[name][2]}f}"
 
 
 def _check_ids(first: int, second: int) -> None:

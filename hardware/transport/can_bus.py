@@ -57,7 +57,6 @@ class CanBus:
         bus: python-can's; this object owns and closes it. `CanBus.open` makes both.
         traffic_log: takes all frames; this object closes it.
         listen: standard ids that are kept; extended frames are always kept, since they betray V3 firmware. None: all.
-        listen_only: `send` is refused, for looking at a bus that another program drives.
 
     Attributes:
         fault: first reason not to trust the bus; stays.
@@ -70,11 +69,9 @@ class CanBus:
         bus: can.BusABC,
         traffic_log: TrafficLog | None = None,
         listen: Collection[int] | None = None,
-        listen_only: bool = False,
     ) -> None:
         self._bus = bus
         self._listen = None if listen is None else frozenset(listen)
-        self._listen_only = listen_only
         self.fault = BusFault.NONE
         self.fault_text = ""
         self.sent = self.received = self.echoes = self.foreign = self.garbage = 0
@@ -97,7 +94,6 @@ class CanBus:
         settings: CanSettings,
         traffic_log: Path | None = None,
         listen: Collection[int] | None = None,
-        listen_only: bool = False,
     ) -> CanBus:
         """Opens the adapter of these settings and a new file for the traffic (`.blf`; none when None).
 
@@ -106,7 +102,7 @@ class CanBus:
         """
         log = None if traffic_log is None else TrafficLog.create(traffic_log)
         try:
-            return cls(open_bus(settings), log, listen, listen_only)
+            return cls(open_bus(settings), log, listen)
         except HardwareError:
             if log is not None:
                 log.close()
@@ -130,9 +126,9 @@ class CanBus:
                 for the same id: for exit frames. Other frames that wait are replaced by the next one of the same id.
 
         Returns:
-            False if the bus is closed or only listens.
+            False if the bus is closed.
         """
-        if self._closing.is_set() or self._listen_only:
+        if self._closing.is_set():
             return False
         self._outbox.put(frame, urgent)
         return True

@@ -13,9 +13,9 @@ from cantools.database.can import Database
 from aerodima.hardware.protocol import ak70, radio, teensy
 from aerodima.hardware.protocol.ak70 import AK70_10_V1_0_8 as PROFILE
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.teensy import StringForm
 from aerodima.workbench.resources import model_path
 from tests.benchmarks.rows import BenchRow
+from tests.hardware.firmware.core_functions import make_reply
 
 _CALLS = 20_000
 _REPEATS = 7
@@ -66,17 +66,17 @@ def bench_motor_frames() -> Iterator[BenchRow]:
 
 
 def bench_strings_and_radio() -> Iterator[BenchRow]:
-    """A command and a reply of the Teensy in the checked form, and a radio frame; one of each per 10 ms cycle."""
+    """A command and a reply of the Teensy and a radio frame; one of each per 10 ms cycle."""
     orders = (
         teensy.MotorOrder(1, teensy.MotorRequest.COMMAND, _COMMAND),
         teensy.MotorOrder(2, teensy.MotorRequest.EXIT, ak70.NEUTRAL),
     )
     command = teensy.TeensyCommand(orders, 1500, 1600)
     reports = (teensy.MotorReport(1, -1.5, 8.0, 0.25, 7, 31, 0), teensy.MotorReport(2, 0.0, 0.0, 0.0, 7, 31, 0))
-    reply = teensy.make_reply(teensy.TeensyReply(reports, 90.0, 1000, teensy.TeensyStatus.RUNNING), StringForm.CHECKED)
+    reply = make_reply(teensy.TeensyReply(reports, 90.0, 1000, teensy.TeensyStatus.RUNNING))
     frame = radio.make_command(radio.OperatorCommand(radio.RadioMode.MANUAL, 0.5, -0.25, 1.0, -1.5))
-    encode = _cost(lambda: teensy.make_command(command, StringForm.CHECKED))
-    decode = _cost(lambda: teensy.decode_reply(reply, StringForm.CHECKED))
+    encode = _cost(lambda: teensy.make_command(command))
+    decode = _cost(lambda: teensy.decode_reply(reply))
     yield BenchRow("teensy_command_encode", encode, "us", "<= 100")
     yield BenchRow("teensy_reply_decode", decode, "us", "<= 100")
     yield BenchRow(

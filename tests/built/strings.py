@@ -1,11 +1,11 @@
 """What the strings and frames between operator, computer and motors are, beside what thesis 5.4.5 prints."""
 
+import math
 import struct
 from dataclasses import fields
 
 from aerodima.hardware.protocol import ak70, radio, teensy
 from aerodima.hardware.protocol.ak70 import MitCommand
-from aerodima.hardware.protocol.sail_encoder import AEAT_6012
 from tests.built.registry import check
 from tests.built.statements import Value
 
@@ -26,7 +26,7 @@ def command_string() -> str:
         for number in (1, 2)
     )
     command = teensy.TeensyCommand((first, second), servo=1600, throttle=1700)
-    return teensy.make_command(command, teensy.StringForm.PUBLISHED).decode()
+    return teensy.make_command(command).decode()
 
 
 @check
@@ -44,16 +44,18 @@ def order_of_the_command_string() -> Value:
     assert first.split(";")[0].strip() == "1"
     assert second.split(";")[1].strip() == "2"
     named = {"1600": "SERVO CMD", "1700": "THROTTLE CMD"}
-    return "CAN MSG 1 ; CAN MSG 2 ; " + " ; ".join(named[p.strip()] for p in pulses.split(";") if p.strip()) + " |"
+    printed = [part for part in pulses.split(";") if part][:2]  # attitude and checksum are added behind them
+    return "CAN MSG 1 ; CAN MSG 2 ; " + " ; ".join(named[part] for part in printed) + " |"
 
 
 @check
 def order_of_the_reply_string() -> Value:
-    motors = tuple(teensy.MotorReport(n, position=10.0 * n, velocity=20.0 + n, torque=30.0 + n) for n in (1, 2))
-    text = teensy.make_reply(teensy.TeensyReply((motors[0], motors[1]), sail=90.0), teensy.StringForm.PUBLISHED)
+    body = b"1;10;21;31;2;20;22;32;90;0;30;0;0;30;0;0;0"
+    reply = teensy.decode_reply(body + f";*{teensy.crc8(body):02X}|".encode())
+    parts = [getattr(m, name) for m in reply.motors for name in ("motor_id", "position", "velocity", "torque")]
     named = {1: "ID 1", 2: "ID 2", 10: "POS 1", 20: "POS 2", 21: "VEL 1", 22: "VEL 2", 31: "CUR 1", 32: "CUR 2"}
     named[90] = "ENC POS"
-    return " ; ".join(named[round(float(part))] for part in text.decode().rstrip("|").split(";")) + " |"
+    return " ; ".join(named[round(part)] for part in (*parts, reply.sail)) + " |"
 
 
 @check
@@ -94,7 +96,7 @@ def stop_without_a_command_has_zeros() -> Value:
 
 @check
 def full_turn_of_the_encoder() -> Value:
-    return AEAT_6012.resolution * 2**AEAT_6012.bits
+    return math.radians(teensy.NUMBERS["sail"][1])
 
 
 @check

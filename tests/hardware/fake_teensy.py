@@ -6,25 +6,22 @@ import threading
 import time
 import tty
 
-from aerodima.hardware.devices.teensy_link import command_stream
 from aerodima.hardware.protocol.ak70 import decode_reply, make_command, make_enter, make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import (
     MotorReport,
     MotorRequest,
-    StringForm,
     TeensyReply,
     TeensyStatus,
-    make_reply,
 )
 from tests.hardware.fake_motors import PROFILE, FakeMotor
+from tests.hardware.firmware.core_functions import CommandReader, make_reply
 
 
 class FakeTeensy:
     """Attributes: commands: (time, command) as read; silent: answers nothing; damage: called with each reply string."""
 
-    def __init__(self, form=StringForm.CHECKED):
-        self.form = form
+    def __init__(self):
         self.motors = {1: FakeMotor(1), 2: FakeMotor(2)}
         self.replies = {1: 0, 2: 0}
         self.deaf = set()
@@ -58,7 +55,7 @@ class FakeTeensy:
         os.write(self.master, data)
 
     def _serve(self):
-        stream = command_stream(self.form)
+        stream = CommandReader()
         stream.feed(b"|")  # this end hears the line from its first byte on
         while self._running:
             try:
@@ -68,8 +65,10 @@ class FakeTeensy:
                 continue
             except OSError:
                 return
-            for command in stream.feed(data):
-                self._obey(command)
+            for byte in data:
+                found, command = stream.feed(bytes([byte]))
+                if found:
+                    self._obey(command)
 
     def _obey(self, command):
         now = time.monotonic()
@@ -92,12 +91,10 @@ class FakeTeensy:
         self._time = now
         if not self.silent:
             clock = int((now - self.start) * 1000)
-            text = make_reply(TeensyReply(tuple(reports), self.sail, clock, self.status), self.form)
+            text = make_reply(TeensyReply(tuple(reports), self.sail, clock, self.status))
             self.write(self.damage(text))
 
     def _report(self, motor_id, state):
-        if self.form is StringForm.PUBLISHED:
-            return MotorReport(motor_id, state.position, state.velocity, state.torque)
         return MotorReport(
             motor_id,
             state.position,

@@ -10,11 +10,10 @@ import math
 import pytest
 
 from aerodima.hardware.devices.device_states import MotorFault, MotorState
-from aerodima.hardware.devices.motor_group import MotorGroup, check_distinct_ids
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
-from tests.hardware.fake_motors import PERIOD, Bench, FakePort, hold, settings
+from tests.hardware.fake_motors import PERIOD, Bench, hold, settings
 
 RUN = hold(0.0)
 
@@ -356,13 +355,6 @@ def test_leaving_the_context_switches_off_whatever_happened():
     assert not any(fake.entered for fake in bench.fakes)
     with pytest.raises(KeyboardInterrupt), bench.group:
         raise KeyboardInterrupt
-
-
-def test_two_motors_with_one_id_are_refused_by_name():
-    twins = (settings("tail pitch", 1), settings("tail roll", 1))
-    with pytest.raises(HardwareError, match="tail pitch and tail roll both have the motor id 1"):
-        MotorGroup(twins, FakePort([]))
-    check_distinct_ids((settings("tail pitch", 1), settings("tail roll", 2)))
 
 
 def test_published_swing_passes_without_a_fault():

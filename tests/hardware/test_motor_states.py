@@ -13,8 +13,8 @@ from aerodima.hardware.protocol.ak70 import (
     make_enter,
     make_exit,
     make_neutral,
-    make_zero,
 )
+from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_motors import PERIOD, PROFILE, Bench, FakePort, hold, settings
 
@@ -207,7 +207,7 @@ def test_zero_frame_is_never_sent():
     bench.to_running()
     bench.motors[0].set_fault(MotorFault.BUS, "test", bench.now)
     bench.cycle(count=30)
-    assert make_zero(2) not in frames(bench)
+    assert CanFrame(2, bytes.fromhex("FFFFFFFFFFFFFFFE")) not in frames(bench)
 
 
 def test_direction_and_zero_turn_the_joint_into_the_motor():

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from aerodima.hardware.car.bus_watch import BEAT_ID, BeatState, BusWatch, decode_beat, make_answer
+from aerodima.hardware.car.bus_watch import ANSWER_ID, BEAT_ID, BeatState, BusWatch
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.protocol.can_frame import CanFrame
 from aerodima.hardware.protocol.teensy import TeensyStatus
@@ -24,9 +24,12 @@ class Bus:
 
     def send(self, frame, urgent=False):
         if frame.arbitration_id == BEAT_ID:
-            self.beats.append(decode_beat(frame))
+            _, state, counter, check = frame.data
+            assert check == ~(state ^ counter) & 0xFF
+            self.beats.append((BeatState(state), counter))
             if self.there:
-                self.inbox.append((0.0, make_answer(self.status, self.beats[-1][1])))
+                answer = bytes([0xAD, self.status, counter, ~(self.status ^ counter) & 0xFF])
+                self.inbox.append((0.0, CanFrame(ANSWER_ID, answer)))
         return True
 
     def poll(self):

@@ -55,7 +55,7 @@ def test_wrong_words():
     assert "allowed: ak70" not in refused("nothing", "--ports", ports())
     assert "V3 firmware" in refused("auto_turn", "--ports", ports(firmware_profile="v3"))
     assert "allowed: can, car, console, firmware_profile" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
-    assert "schema, string_form" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
+    assert "radio, schema" in refused("auto_turn", "--ports", ports(wheel={"path": "x"}))
     assert "allowed with watched_can" in refused("auto_turn", "--ports", ports(), "--traffic", "a.blf")
 
 

@@ -8,9 +8,9 @@ import pytest
 from aerodima.hardware.devices.device_states import MotorFault, MotorState, SourceFault
 from aerodima.hardware.devices.motor_group import MotorGroup
 from aerodima.hardware.devices.teensy_link import TeensyLink, pulse
-from aerodima.hardware.protocol.ak70 import make_enter, make_exit, make_neutral, make_zero
+from aerodima.hardware.protocol.ak70 import make_enter, make_exit, make_neutral
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES, MotorRequest, StringForm, TeensyStatus
+from aerodima.hardware.protocol.teensy import SERVO_PULSES, THROTTLE_PULSES, MotorRequest, TeensyStatus
 from aerodima.hardware.transport.serial_link import SerialLink, SerialSettings, open_serial
 from aerodima.workbench.errors import HardwareError
 from tests.hardware.fake_can import wait_until
@@ -23,10 +23,10 @@ pytestmark = pytest.mark.realtime  # threads and deadlines on the wall clock
 class Car:
     """The computer's side of the bridge wiring, and the loop in real time."""
 
-    def __init__(self, form=StringForm.CHECKED):
-        self.teensy = FakeTeensy(form)
+    def __init__(self):
+        self.teensy = FakeTeensy()
         self.serial = SerialLink(lambda: open_serial(SerialSettings(path=self.teensy.path)))
-        self.link = TeensyLink(self.serial, (1, 2), PROFILE, form)
+        self.link = TeensyLink(self.serial, (1, 2), PROFILE)
         self.group = MotorGroup((settings("tail pitch", 1), settings("tail roll", 2)), self.link)
 
     def turn(self, cycles, command=None):
@@ -79,13 +79,6 @@ def test_motors_are_entered_moved_and_exited_through_the_strings(car):
     assert wait_until(lambda: not car.teensy.motors[1].entered and not car.teensy.motors[2].entered, 0.5)
 
 
-def test_published_form_drives_the_motors_too():
-    car = Car(StringForm.PUBLISHED)
-    car.run()
-    assert car.group.motors[1].temperature is None
-    car.close()
-
-
 def test_motor_that_nobody_asked_anything_is_ordered_to_exit(car):
     car.turn(5)
     assert {order.request for _, command in car.teensy.commands for order in command.motors} == {MotorRequest.EXIT}
@@ -135,7 +128,7 @@ def test_forgotten_motor_keeps_its_command_for_a_short_while_only(car):
 
 
 def test_zero_frame_and_foreign_frames_are_not_passed_on(car):
-    assert not car.link.send(make_zero(1))
+    assert not car.link.send(CanFrame(1, bytes.fromhex("FFFFFFFFFFFFFFFE")))
     assert not car.link.send(make_neutral(3, PROFILE))
     assert not car.link.send(CanFrame(0x2901, bytes(8), extended=True))
 

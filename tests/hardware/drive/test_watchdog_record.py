@@ -130,13 +130,6 @@ def test_a_test_is_void_for_another_adapter_and_not_for_another_zero_or_imu(tmp_
         require_watchdog_test("watched_can", ports_from_dict(other), tmp_path)
 
 
-def test_strings_that_hide_a_silent_motor_are_not_armed(tmp_path):
-    recorded(tmp_path)
-    data = {**REAL.model_dump(mode="json", by_alias=True), "string_form": "published"}
-    with pytest.raises(HardwareError, match="string_form published"):
-        require_watchdog_test("teensy_bridge", ports_from_dict(data), tmp_path)
-
-
 def test_other_timing_is_another_watchdog(monkeypatch, tmp_path):
     before = record.teensy_hash()
     changed = tmp_path / "changed.yaml"

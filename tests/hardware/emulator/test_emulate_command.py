@@ -21,9 +21,6 @@ from tests.hardware.fake_can import wait_until
     ("arguments", "message"),
     [
         ({"wiring": "usb"}, "--wiring usb: allowed: teensy_bridge, watched_can"),
-        ({"profile": "ak70_v3"}, "V3 firmware speaks another protocol"),
-        ({"motor_ids": (1, 1)}, "both have the motor id 1"),
-        ({"motor_ids": (1, 64)}, "motor id 64: allowed is 1 to 63"),
         ({"duration": 0.0}, "--duration 0 s: allowed is more than 0"),
         ({"faults": Path("nowhere.yaml")}, "nowhere.yaml: no such file"),
         ({"scenario": str(model_path("scenarios/rig/robot.yaml"))}, r"robot\.yaml"),
@@ -34,8 +31,8 @@ from tests.hardware.fake_can import wait_until
 def test_wrong_input_is_one_line_and_leaves_nothing_behind(tmp_path, arguments, message):
     out = tmp_path / "out"
     with pytest.raises(UserError, match=message) as caught:
-        emulate(**{"scenario": "turn_swing", "out": out, "wiring": "watched_can", "profile": "ak70_10_v1_0_8",
-                   "faults": None, "motor_ids": (1, 2), "published_strings": False, "duration": None, "settings": None,
+        emulate(**{"scenario": "turn_swing", "out": out, "wiring": "watched_can",
+                   "faults": None, "duration": None, "settings": None,
                    **arguments})  # fmt: skip
     assert "\n" not in str(caught.value)
     assert not out.exists()

@@ -6,7 +6,6 @@ import can
 import pytest
 
 from aerodima.hardware.car.mounting import load_mounting
-from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.devices.bno055 import make_sample_request
 from aerodima.hardware.devices.ublox import GpsStream
 from aerodima.hardware.emulator.emulated_bus import EmulatedBus, EmulatedMotor, SlcanAdapter, read_frame, write_frame
@@ -36,11 +35,10 @@ from aerodima.hardware.protocol.ak70 import (
     make_enter,
     make_exit,
     make_neutral,
-    make_zero,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
 from aerodima.hardware.protocol.radio import Asks, CarReport, make_report
-from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, StringForm, TeensyCommand
+from aerodima.hardware.protocol.teensy import Attitude, MotorOrder, MotorRequest, TeensyCommand
 from aerodima.hardware.protocol.teensy import make_command as make_string
 from aerodima.hardware.protocol.xbee import ApiStream, make_transmit
 
@@ -67,7 +65,7 @@ class Bench:
         self.board = FaultBoard(Script.model_validate({"clock": "start", "faults": faults}), self.events)
         self.board.begin("start", 0.0)
         self.board.look(0.0)
-        common = (PROFILE, NUMBERS, self.board, self.events, zero, direction)
+        common = (NUMBERS, self.board, self.events, zero, direction)
         self.motors = [EmulatedMotor("tail_pitch", 1, *common), EmulatedMotor("tail_roll", 2, *common)]
         self.log = NoLog()
         self.bus = EmulatedBus(self.motors, self.board, self.log)
@@ -118,7 +116,7 @@ def test_angles_and_signs_of_the_motor_are_those_of_its_mounting(tmp_path):
 def test_the_zero_frame_zeroes_silently(tmp_path):
     bench = Bench(tmp_path)
     bench.motors[0].set_joint(0.5, 0.0, 0.0)
-    assert bench.ask(make_zero(1)).position == pytest.approx(0.0, abs=4e-4)
+    assert bench.ask(CanFrame(1, bytes.fromhex("FFFFFFFFFFFFFFFE"))).position == pytest.approx(0.0, abs=4e-4)
 
 
 def test_positions_wrap_at_the_range_of_the_profile(tmp_path):
@@ -207,12 +205,12 @@ def test_lines_carry_standard_and_extended_frames():
 
 def _strings(request, throttle=1520):
     orders = tuple(MotorOrder(motor_id, request, PUSH) for motor_id in (1, 2))
-    return make_string(TeensyCommand(orders, 1500, throttle, Attitude(0.0, 0.0, 5)), StringForm.CHECKED)
+    return make_string(TeensyCommand(orders, 1500, throttle, Attitude(0.0, 0.0, 5)))
 
 
 def test_a_hung_teensy_keeps_its_outputs_until_the_processor_restarts(tmp_path):
     bench = Bench(tmp_path, {"time": 1.0, "fault": "teensy_hung"})
-    settings = FirmwareSettings("teensy_bridge", PROFILE, load_teensy_timing())
+    settings = FirmwareSettings("teensy_bridge", PROFILE)
     teensy = EmulatedTeensy(settings, bench.bus, bench.board, bench.events, NUMBERS.restart_time, 0.0)
     now, seen = 0.0, {}
     while now < 2.5:

@@ -6,7 +6,6 @@ import subprocess
 
 import pytest
 
-from aerodima.hardware.car.safety_settings import load_teensy_timing
 from aerodima.hardware.firmware import firmware_settings as build
 from aerodima.hardware.firmware.firmware_settings import (
     COMPILERS,
@@ -17,7 +16,6 @@ from aerodima.hardware.firmware.firmware_settings import (
     firmware_hash,
 )
 from aerodima.hardware.protocol.ak70 import AK70_10_24_N_M
-from aerodima.hardware.protocol.sail_encoder import AEAT_6010
 from aerodima.workbench.errors import HardwareError
 
 PROGRAM = """
@@ -26,14 +24,14 @@ PROGRAM = """
 int main() {{
   const aerodima::Config c = aerodima_config();
   aerodima::TeensyCore core(c, 0);
-  std::printf("%d %d %g %u %d %d %d %d\\n", c.owns_can, c.checked, c.profile.torque, c.watchdog_ms, c.sail_bits,
+  std::printf("%d %g %u %d %d %d %d\\n", c.owns_can, c.profile.torque, c.watchdog_ms, c.sail_bits,
               c.motor_ids[0], c.motor_ids[1], core.servo());
 }}
 """
 
 
 def settings(**changes):
-    values = {"wiring": "teensy_bridge", "profile": AK70_10_24_N_M, "timing": load_teensy_timing(), **changes}
+    values = {"wiring": "teensy_bridge", "profile": AK70_10_24_N_M, **changes}
     return FirmwareSettings(**values)
 
 
@@ -90,7 +88,7 @@ def test_the_hash_follows_the_sources(monkeypatch, tmp_path):
 
 def test_the_exported_configuration_compiles_and_carries_the_parameters(tmp_path):
     folder = tmp_path / "tail_car"
-    exported = settings(wiring="watched_can", encoder=AEAT_6010, motor_ids=(4, 9))
+    exported = settings(wiring="watched_can", sail_bits=10, motor_ids=(4, 9))
     sketch = export_sketch(exported, folder)
     assert sketch == folder / "tail_car.ino"
     program = tmp_path / "main.cpp"
@@ -102,7 +100,7 @@ def test_the_exported_configuration_compiles_and_carries_the_parameters(tmp_path
     )
     shown = subprocess.run([tmp_path / "p"], capture_output=True, text=True, check=True).stdout.split()
     watchdog = round(1000 * exported.timing.watchdog_timeout)
-    assert shown == ["0", "1", "24", str(watchdog), "10", "4", "9", "1500"]
+    assert shown == ["0", "24", str(watchdog), "10", "4", "9", "1500"]
 
 
 def test_a_sketch_is_never_written_over_something_else(tmp_path):

@@ -10,11 +10,11 @@ from aerodima.hardware.car.bus_watch import BeatState, decode_answer, make_beat
 from aerodima.hardware.car.safety_settings import load_drive_safety
 from aerodima.hardware.devices.motor_settings import MotorLoad
 from aerodima.hardware.devices.motor_settings import limit_command as limit_on_the_computer
-from aerodima.hardware.firmware.firmware_core import limit_command
 from aerodima.hardware.firmware.firmware_settings import motor_limits
 from aerodima.hardware.protocol.ak70 import MitCommand, make_exit
 from aerodima.hardware.protocol.teensy import Attitude, MotorRequest, TeensyStatus
 from tests.hardware.devices.test_motor_limits import settings as joint
+from tests.hardware.firmware.core_functions import limit_command
 from tests.hardware.firmware.test_core_watchdog import MS, PUSH, TIMING, Bench
 
 SAFETY = load_drive_safety()

@@ -19,12 +19,10 @@ from aerodima.hardware.protocol.ak70 import (
     make_reply,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame
-from aerodima.hardware.protocol.sail_encoder import AEAT_6010
 from aerodima.hardware.protocol.teensy import (
     Attitude,
     MotorOrder,
     MotorRequest,
-    StringForm,
     TeensyCommand,
     TeensyStatus,
     decode_reply,
@@ -41,11 +39,9 @@ LEVEL = Attitude(0.0, 0.0, 8)
 class Bench:
     """A core, the host that writes to it and the motors that answer, in steps of a millisecond."""
 
-    def __init__(self, wiring="teensy_bridge", form=StringForm.CHECKED, motor_ids=(1, 2), begin=0.0, encoder=None):
-        settings = FirmwareSettings(wiring, PROFILE, TIMING, motor_ids, form=form)
-        if encoder is not None:
-            settings = replace(settings, encoder=encoder)
-        self.form, self.now = form, begin
+    def __init__(self, wiring="teensy_bridge", motor_ids=(1, 2), begin=0.0, sail_bits=12):
+        settings = FirmwareSettings(wiring, PROFILE, motor_ids, sail_bits)
+        self.now = begin
         self.core = TeensyCore(settings, begin)
         self.core.feed(b"|", begin)
         self.sent: list[tuple[float, CanFrame]] = []
@@ -71,7 +67,7 @@ class Bench:
 
     def write(self, request, command=NEUTRAL, throttle=1500, servo=1500, ids=(1, 2), attitude=LEVEL):
         first, second = (MotorOrder(motor_id, request, command) for motor_id in ids)
-        self.core.feed(make_string(TeensyCommand((first, second), servo, throttle, attitude), self.form), self.now)
+        self.core.feed(make_string(TeensyCommand((first, second), servo, throttle, attitude)), self.now)
         self._collect()
 
     def drive(self, cycles=20):
@@ -89,7 +85,7 @@ class Bench:
         return [when for when, frame in self.sent if frame == make_exit(motor_id) and when >= since - 1e-9]
 
     def last_reply(self):
-        return decode_reply(self.replies[-1][1], self.form)
+        return decode_reply(self.replies[-1][1])
 
 
 def test_it_starts_neutral_and_switches_the_motors_off():
@@ -231,20 +227,7 @@ def test_silent_motors_do_not_make_the_reply_late_and_do_not_count_as_answers():
     assert bench.last_reply().motors[0].replies == before
 
 
-def test_the_published_form_is_silent_while_the_watchdog_holds():
-    bench = Bench(form=StringForm.PUBLISHED).drive()
-    bench.wait(0.3)
-    count = len(bench.replies)
-    for _ in range(20):
-        bench.write(MotorRequest.COMMAND, PUSH)
-        bench.wait(0.01)
-    assert len(bench.replies) == count
-    bench.write(MotorRequest.EXIT)
-    bench.wait(0.005)
-    assert len(bench.replies) == count + 1
-
-
-def test_the_checked_form_tells_a_computer_that_only_listens():
+def test_it_tells_a_computer_that_only_listens():
     bench = Bench().drive()
     bench.wait(TIMING.watchdog_timeout + 0.005)
     assert bench.last_reply().status is TeensyStatus.WATCHDOG_ACTED
@@ -253,19 +236,15 @@ def test_the_checked_form_tells_a_computer_that_only_listens():
     assert len(bench.replies) - count >= 0.8 / TIMING.reminder
 
 
-@pytest.mark.parametrize(
-    ("encoder", "word", "degrees"), [(None, 1024, 90.0), (None, 4095, 359.912), (AEAT_6010, 512, 180.0)]
-)
-def test_words_of_the_sail_encoder_become_degrees(encoder, word, degrees):
-    bench = Bench(encoder=encoder)
+@pytest.mark.parametrize(("bits", "word", "degrees"), [(12, 1024, 90.0), (12, 4095, 359.912), (10, 512, 180.0)])
+def test_words_of_the_sail_encoder_become_degrees(bits, word, degrees):
+    bench = Bench(sail_bits=bits)
     bench.core.set_sail_word(word)
     bench.write(MotorRequest.EXIT)
     bench.wait(0.005)
     assert bench.last_reply().sail == pytest.approx(degrees, abs=6e-4)
 
 
-def test_settings_refuse_one_id_for_two_motors_and_other_wirings():
-    with pytest.raises(HardwareError, match="both motors have the id 3"):
-        FirmwareSettings("teensy_bridge", PROFILE, TIMING, (3, 3))
+def test_settings_refuse_other_wirings():
     with pytest.raises(HardwareError, match="allowed: teensy_bridge, watched_can"):
-        FirmwareSettings("usb", PROFILE, TIMING)
+        FirmwareSettings("usb", PROFILE)

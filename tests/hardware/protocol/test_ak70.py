@@ -21,7 +21,6 @@ from aerodima.hardware.protocol.ak70 import (
     make_exit,
     make_neutral,
     make_reply,
-    make_zero,
     unwrap,
 )
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
@@ -82,8 +81,7 @@ def test_every_field_rounds_to_the_nearest_step(step, offset, up):
 def test_special_frames_are_seven_ff_and_a_letter():
     assert make_enter(2) == CanFrame(2, bytes.fromhex("FFFFFFFFFFFFFFFC"))
     assert make_exit(2) == CanFrame(2, bytes.fromhex("FFFFFFFFFFFFFFFD"))
-    assert make_zero(2) == CanFrame(2, bytes.fromhex("FFFFFFFFFFFFFFFE"))
-    assert all(is_special(make(2).data) for make in (make_enter, make_exit, make_zero))
+    assert all(is_special(data) for data in (make_enter(2).data, make_exit(2).data, bytes.fromhex("FFFFFFFFFFFFFFFE")))
     assert not is_special(make_neutral(2, PROFILE).data)
 
 

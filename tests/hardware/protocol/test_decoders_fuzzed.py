@@ -9,15 +9,14 @@ from dataclasses import astuple
 import pytest
 from hypothesis import strategies as st
 
-from aerodima.hardware.devices.teensy_link import command_stream, reply_stream
-from aerodima.hardware.protocol import ak70, radio, sail_encoder, teensy
+from aerodima.hardware.devices.teensy_link import ReplyStream
+from aerodima.hardware.protocol import ak70, radio, teensy
 from aerodima.hardware.protocol.ak70 import PROFILES
 from aerodima.hardware.protocol.can_frame import CanFrame, FrameError
-from aerodima.hardware.protocol.teensy import StringForm
 from tests.hardware.fuzzing import fuzz
 
 FAST = 200
-SHARES = {"reply": 25_000, "command": 15_000, "radio": 25_000, "string": 10_000, "stream": 5_000, "sail": 20_000}
+SHARES = {"reply": 25_000, "command": 15_000, "radio": 25_000, "string": 10_000, "stream": 5_000}
 
 
 def fuzzed(decoder: str, *strategies):
@@ -114,66 +113,22 @@ def checked(text: bytes) -> bytes:
     return body + f";*{teensy.crc8(body):02X}|".encode()
 
 
-@fuzzed("string", strings, st.sampled_from(StringForm), st.booleans())
-def test_teensy_string(text, form, close):
-    text = checked(text) if close and form is StringForm.CHECKED else text
-    for decode, make in ((teensy.decode_reply, teensy.make_reply), (teensy.decode_command, teensy.make_command)):
-        try:
-            result = decode(text, form)
-        except FrameError:
-            continue
-        assert finite(value for motor in result.motors for value in astuple(motor))
-        again = decode(make(result, form), form)
-        assert [motor.motor_id for motor in again.motors] == [motor.motor_id for motor in result.motors]
-        for before, after in zip(result.motors, again.motors, strict=True):
-            before, after = (getattr(motor, "command", motor) for motor in (before, after))
-            assert (after.position, after.velocity, after.torque) == pytest.approx(
-                (before.position, before.velocity, before.torque), abs=1e-4
-            )
-
-
-@fuzzed(
-    "stream",
-    st.lists(strings, max_size=4),
-    st.lists(st.integers(1, 60), min_size=1, max_size=6),
-    st.sampled_from(StringForm),
-)
-def test_streams_resynchronise_after_any_noise(noise, sizes, form):
-    order = teensy.MotorOrder(1, teensy.MotorRequest.COMMAND, ak70.MitCommand(0.5, 0, 17, 5, 0))
-    command = teensy.TeensyCommand((order, teensy.MotorOrder(2, teensy.MotorRequest.EXIT, ak70.NEUTRAL)))
-    reports = (teensy.MotorReport(1, 0.5, 0, 0, 1, 20, 0), teensy.MotorReport(2, 0, 0, 0, 1, 20, 0))
-    reply = teensy.TeensyReply(reports, 90.0, 5, teensy.TeensyStatus.RUNNING)
-    for stream, good in (
-        (command_stream(form), teensy.make_command(command, form)),
-        (reply_stream(form), teensy.make_reply(reply, form)),
-    ):
-        data, found, i = b"".join(noise) + b"|" + 2 * good, [], 0
-        while data:
-            size = sizes[i % len(sizes)]
-            found += stream.feed(data[:size])
-            data, i = data[size:], i + 1
-        assert found
-        last = found[-1].motors[0]
-        assert getattr(last, "command", last).position == 0.5
-
-
-@fuzzed(
-    "sail",
-    st.one_of(st.integers(-10, 5000), st.integers()),
-    st.sampled_from(sorted(sail_encoder.ENCODERS)),
-    st.floats(),
-)
-def test_sail_readings(word, name, degrees):
-    part = sail_encoder.ENCODERS[name]
+@fuzzed("string", strings, st.booleans())
+def test_teensy_string(text, close):
     try:
-        angle = sail_encoder.decode_word(word, part)
+        result = teensy.decode_reply(checked(text) if close else text)
     except FrameError:
-        assert not 0 <= word < 1 << part.bits
-    else:
-        assert sail_encoder.encode_angle(angle, part) == word
-    try:
-        signed = sail_encoder.signed_angle(degrees)
-    except FrameError:
-        assert not 0 <= degrees <= 360
-    else:
-        assert -math.pi < signed <= math.pi + 1e-12
+        return
+    assert finite(value for motor in result.motors for value in astuple(motor))
+
+
+@fuzzed("stream", st.lists(strings, max_size=4), st.lists(st.integers(1, 60), min_size=1, max_size=6))
+def test_streams_resynchronise_after_any_noise(noise, sizes):
+    good = checked(b"1;0.5;0;0;2;0;0;0;90;1;20;0;1;20;0;5;0")
+    stream, data, found, i = ReplyStream(), b"".join(noise) + b"|" + 2 * good, [], 0
+    while data:
+        size = sizes[i % len(sizes)]
+        found += stream.feed(data[:size])
+        data, i = data[size:], i + 1
+    assert found
+    assert found[-1].motors[0].position == 0.5

@@ -93,16 +93,6 @@ def test_listen_filter_keeps_its_ids_and_every_extended_frame(adapter):
     bus.close()
 
 
-def test_listen_only_sends_nothing(adapter):
-    bus = CanBus(adapter, listen_only=True)
-    assert not bus.send(COMMAND)
-    assert not bus.send(EXIT, urgent=True)
-    adapter.deliver(0, REPLY.data)
-    assert received(bus) == [REPLY]
-    bus.close()
-    assert adapter.outgoing == []
-
-
 def test_remote_and_fd_frames_are_counted_not_read(bus, adapter):
     adapter.incoming.put(can.Message(arbitration_id=0, is_remote_frame=True, is_extended_id=False))
     adapter.incoming.put(can.Message(arbitration_id=0, is_fd=True, data=bytes(12), is_extended_id=False))

@@ -53,7 +53,6 @@ void* ad_core_new(const ad_config* c, uint32_t now) {
   Config config;
   config.profile = to_profile(c->profile);
   config.owns_can = c->owns_can != 0;
-  config.checked = c->checked != 0;
   config.attitude_limit = c->attitude_limit;
   config.attitude_ms = c->attitude_ms;
   config.attitude_age_ms = c->attitude_age_ms;
@@ -95,19 +94,19 @@ size_t ad_core_take_reply(void* core, char* text, size_t size) { return core_of(
 
 void ad_core_state(void* core, ad_state* state) {
   const TeensyCore& c = *core_of(core);
-  *state = {c.servo(), c.throttle(), static_cast<int32_t>(c.status()), c.rejected(), {c.load(0), c.load(1)}};
+  *state = {c.servo(), c.throttle(), static_cast<int32_t>(c.status()), c.rejected()};
 }
 
 uint8_t ad_crc8(const char* data, size_t size) { return crc8(data, size); }
 
-int ad_decode_command(const char* text, size_t size, int checked, ad_command* out) {
+int ad_decode_command(const char* text, size_t size, ad_command* out) {
   Command command;
-  if (!decode_command(text, size, checked != 0, &command)) return 0;
+  if (!decode_command(text, size, &command)) return 0;
   copy(command, out);
   return 1;
 }
 
-size_t ad_make_reply(const ad_reply* r, int checked, char* text, size_t size) {
+size_t ad_make_reply(const ad_reply* r, char* text, size_t size) {
   Reply reply;
   for (int i = 0; i < 2; ++i) {
     const ad_report& from = r->reports[i];
@@ -117,7 +116,7 @@ size_t ad_make_reply(const ad_reply* r, int checked, char* text, size_t size) {
   reply.sail = r->sail;
   reply.clock = r->clock;
   reply.status = static_cast<Status>(r->status);
-  return make_reply(reply, checked != 0, text, size);
+  return make_reply(reply, text, size);
 }
 
 int ad_make_command(int motor_id, const double* v, const ad_profile* profile, ad_frame* out) {
@@ -146,7 +145,7 @@ int ad_limit(const ad_limits* limits, const double* replies, size_t count, const
   return 1;
 }
 
-void* ad_reader_new(int checked) { return new CommandReader(checked != 0); }
+void* ad_reader_new() { return new CommandReader(); }
 
 void ad_reader_free(void* reader) { delete static_cast<CommandReader*>(reader); }
 

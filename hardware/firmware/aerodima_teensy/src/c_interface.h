@@ -24,7 +24,7 @@ struct ad_config {
   ad_profile profile;
   ad_limits limits[2];
   double attitude_limit, throttle_start, throttle_rate;
-  int32_t owns_can, checked;
+  int32_t owns_can;
   uint32_t watchdog_ms, exit_burst, exit_cycles, exit_cycle_ms, reminder_ms, reply_wait_ms, attitude_ms, attitude_age_ms;
   int32_t sail_bits, motor_ids[2], throttle_least, throttle_most;
 };
@@ -55,7 +55,6 @@ struct ad_reply {
 struct ad_state {
   int32_t servo, throttle, status;
   uint32_t rejected;
-  double load[2];
 };
 
 void* ad_core_new(const ad_config* config, uint32_t now);
@@ -70,8 +69,8 @@ void ad_core_state(void* core, ad_state* state);
 
 // The pure functions, which the tests compare with the Python ones. 0: refused.
 uint8_t ad_crc8(const char* data, size_t size);
-int ad_decode_command(const char* text, size_t size, int checked, ad_command* command);
-size_t ad_make_reply(const ad_reply* reply, int checked, char* text, size_t size);
+int ad_decode_command(const char* text, size_t size, ad_command* command);
+size_t ad_make_reply(const ad_reply* reply, char* text, size_t size);
 int ad_make_command(int motor_id, const double* values, const ad_profile* profile, ad_frame* frame);
 int ad_decode_reply(const ad_frame* frame, const ad_profile* profile, ad_report* report);
 
@@ -79,7 +78,7 @@ int ad_decode_reply(const ad_frame* frame, const ad_profile* profile, ad_report*
 int ad_limit(const ad_limits* limits, const double* replies, size_t count, const double* values, double* limited);
 
 // A stream of its own: what `ad_reader_feed` finds in the bytes, newest command only, with the number of commands.
-void* ad_reader_new(int checked);
+void* ad_reader_new();
 void ad_reader_free(void* reader);
 int ad_reader_feed(void* reader, const char* data, size_t size, ad_command* command, uint32_t* rejected);
 }

@@ -18,7 +18,6 @@ bool is_neutral(const Command& command) {
 
 TeensyCore::TeensyCore(const Config& config, uint32_t now)
     : config_(config),
-      reader_(config.checked),
       clock_(now),
       throttle_time_(now),
       guards_{MotorGuard(config.limits[0]), MotorGuard(config.limits[1])},
@@ -67,8 +66,7 @@ void TeensyCore::obey(const Command& command, uint32_t now) {
     guards_[i] = MotorGuard(config_.limits[i]);
   }
   if (is_neutral(command) && may_be_released()) latched_ = false;
-  // The published reply cannot tell of the watchdog: only silence can.
-  if (!reply_pending_ && (config_.checked || !latched_)) {
+  if (!reply_pending_) {
     reply_pending_ = true;
     reply_since_ = now;
   }
@@ -84,9 +82,8 @@ void TeensyCore::obey(const Command& command, uint32_t now) {
 }
 
 // The last attitude counts however old it is; to drive, it must be young as well. Without one the motors may be moved
-// on a bench. The published strings carry none.
+// on a bench.
 bool TeensyCore::may_drive(const Command& command, uint32_t now) {
-  if (!config_.checked) return true;
   const Attitude& a = command.attitude;
   const bool young = a.known() && static_cast<uint32_t>(a.age) <= config_.attitude_age_ms;
   if (!young && command.throttle != kThrottle.idle) return false;
@@ -165,7 +162,7 @@ void TeensyCore::look_at_beats(uint32_t now) {
   if (!beats_armed_ || now - beat_ <= config_.watchdog_ms) return;
   beats_armed_ = false;
   make_safe(now, Status::kBeatsStopped);
-  if (config_.checked) write_reply(now);
+  write_reply(now);
 }
 
 void TeensyCore::step(uint32_t now) {
@@ -174,7 +171,7 @@ void TeensyCore::step(uint32_t now) {
   move_throttle(now);
   if (!latched_ && now - fresh_ > config_.watchdog_ms) {
     make_safe(now, Status::kWatchdogActed);
-    if (config_.checked) write_reply(now);
+    write_reply(now);
   }
   if (latched_ && knows_motors()) {
     const uint32_t interval = exits_left_ ? config_.exit_cycle_ms : config_.reminder_ms;
@@ -182,7 +179,7 @@ void TeensyCore::step(uint32_t now) {
       exit_time_ = now;
       if (exits_left_) {
         --exits_left_;
-      } else if (config_.checked && !reply_pending_) {
+      } else if (!reply_pending_) {
         write_reply(now);
       }
       exit_motors(1);
@@ -246,7 +243,7 @@ void TeensyCore::write_reply(uint32_t now) {
   reply.sail = sail_word_ * 360.0 / static_cast<double>(1u << config_.sail_bits);
   reply.clock = now;
   reply.status = status();
-  reply_size_ = make_reply(reply, config_.checked, reply_, sizeof reply_);
+  reply_size_ = make_reply(reply, reply_, sizeof reply_);
 }
 
 size_t TeensyCore::take_reply(char* text, size_t size) {

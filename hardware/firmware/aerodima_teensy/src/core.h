@@ -5,7 +5,7 @@
 // state ends only with a neutral string: both motors ordered to exit and the throttle idle. A string counts as valid
 // when all of it can be obeyed; what cannot is counted and does not feed the watchdog.
 //
-// The same state follows when the car lies on its side or is to drive with an attitude that is not known (checked form),
+// The same state follows when the car lies on its side or is to drive with an attitude that is not known,
 // and, where the Teensy watches the bus of the computer's adapter, when the heartbeat on it stops while the motors are
 // armed. The throttle is clipped and comes on at a limited rate; it goes back at once. The frames of the motors pass
 // their last limits here (motor_guard.h).
@@ -20,7 +20,6 @@ namespace aerodima {
 
 struct Config {
   bool owns_can = true;      // wiring teensy_bridge; false: watched_can
-  bool checked = true;   // form of the strings
   Profile profile;
   uint32_t watchdog_ms = 0;
   uint32_t exit_burst = 0;      // exit frames at once
@@ -54,7 +53,6 @@ class TeensyCore {
   int servo() const { return servo_; }                        // us
   int throttle() const { return throttle_; }
   Status status() const { return latched_ ? cause_ : Status::kRunning; }
-  double load(int motor) const { return guards_[motor].load(); }
   uint32_t rejected() const { return reader_.rejected() + refused_; }
 
  private:

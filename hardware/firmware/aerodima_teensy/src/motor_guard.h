@@ -22,7 +22,6 @@ class MotorGuard {
   // What is left of a command; without a reply yet, or far beyond the range, it makes no torque.
   MitCommand limit(const MitCommand& command) const;
 
-  double load() const { return load_; }                // (N m)^2 s above the rated torque, at least 0
   double allowed_torque() const;                       // N m, falls to the rated one over the last fifth of the budget
 
  private:

@@ -101,7 +101,7 @@ bool read_pulse(Fields* fields, const Pulses& allowed, int* pulse) {
   return fields->next(&field) && read_integer(field, allowed.least, allowed.most, pulse);
 }
 
-// The checked form carries the attitude behind the pulses.
+// Behind the pulses.
 bool read_attitude(Fields* fields, Attitude* attitude) {
   Text field;
   return fields->next(&field) && read_number(field, -kMostAngle, kMostAngle, &attitude->roll) && fields->next(&field) &&
@@ -115,10 +115,9 @@ bool begins_empty(Fields* fields) {
   return fields->next(&field) && field.size() == 0 && !fields->done;
 }
 
-bool open_string(const char* text, size_t size, bool checked, Text* body) {
+bool open_string(const char* text, size_t size, Text* body) {
   if (size == 0 || text[size - 1] != '|') return false;
   *body = strip({text, text + size - 1}, " \r\n");
-  if (!checked) return true;
   const char* end = body->end;
   if (body->size() < 4 || end[-4] != ';' || end[-3] != '*') return false;
   char expected[3];
@@ -138,9 +137,9 @@ uint8_t crc8(const char* data, size_t size) {
   return value;
 }
 
-bool decode_command(const char* text, size_t size, bool checked, Command* command) {
+bool decode_command(const char* text, size_t size, Command* command) {
   Text body;
-  if (!open_string(text, size, checked, &body)) return false;
+  if (!open_string(text, size, &body)) return false;
   const char* first = find(body, '|');
   if (first == body.end) return false;
   const char* second = find({first + 1, body.end}, '|');
@@ -149,7 +148,7 @@ bool decode_command(const char* text, size_t size, bool checked, Command* comman
   Command read;
   if (!read_order(parts[0], &read.orders[0]) || !begins_empty(&parts[1]) || !read_order(parts[1], &read.orders[1]) ||
       !begins_empty(&parts[2]) || !read_pulse(&parts[2], kServo, &read.servo) ||
-      !read_pulse(&parts[2], kThrottle, &read.throttle) || (checked && !read_attitude(&parts[2], &read.attitude)) ||
+      !read_pulse(&parts[2], kThrottle, &read.throttle) || !read_attitude(&parts[2], &read.attitude) ||
       !parts[2].done) {
     return false;
   }
@@ -159,7 +158,7 @@ bool decode_command(const char* text, size_t size, bool checked, Command* comman
   return true;
 }
 
-size_t make_reply(const Reply& reply, bool checked, char* text, size_t size) {
+size_t make_reply(const Reply& reply, char* text, size_t size) {
   const Report &one = reply.reports[0], &other = reply.reports[1];
   if (!valid_id(one.motor_id) || !valid_id(other.motor_id) || one.motor_id == other.motor_id) return 0;
   for (double value : {one.position, one.velocity, one.torque, other.position, other.velocity, other.torque, reply.sail}) {
@@ -170,14 +169,12 @@ size_t make_reply(const Reply& reply, bool checked, char* text, size_t size) {
                              reply.sail);
   size_t used = static_cast<size_t>(length);
   if (length < 0 || used + 64 > size) return 0;
-  if (checked) {
-    used += static_cast<size_t>(std::snprintf(text + used, size - used, ";%d;%d;%d;%d;%d;%d;%lu;%d", one.replies,
-                                              one.temperature, one.fault, other.replies, other.temperature, other.fault,
-                                              static_cast<unsigned long>(reply.clock), static_cast<int>(reply.status)));
-    if (used + 8 > size) return 0;
-    const unsigned check = crc8(text, used);
-    used += static_cast<size_t>(std::snprintf(text + used, size - used, ";*%02X", check));
-  }
+  used += static_cast<size_t>(std::snprintf(text + used, size - used, ";%d;%d;%d;%d;%d;%d;%lu;%d", one.replies,
+                                            one.temperature, one.fault, other.replies, other.temperature, other.fault,
+                                            static_cast<unsigned long>(reply.clock), static_cast<int>(reply.status)));
+  if (used + 8 > size) return 0;
+  const unsigned check = crc8(text, used);
+  used += static_cast<size_t>(std::snprintf(text + used, size - used, ";*%02X", check));
   text[used++] = '|';
   return used;
 }
@@ -205,7 +202,7 @@ bool CommandReader::feed(char byte, Command* command) {
 }
 
 bool CommandReader::take(Command* command) {
-  if (decode_command(text_, ends_[2], checked_, command)) {
+  if (decode_command(text_, ends_[2], command)) {
     waiting_ = 0;
     return true;
   }

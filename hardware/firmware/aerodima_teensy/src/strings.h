@@ -1,4 +1,4 @@
-// Strings between the computer and the Teensy; the same grammar as hardware/protocol/teensy.py and teensy_stream.py.
+// Strings between the computer and the Teensy; hardware/protocol/teensy.py has the other end of them.
 #pragma once
 #include <cstddef>
 
@@ -31,7 +31,7 @@ struct Attitude {
 struct Command {
   Order orders[2];
   int servo = kServo.idle, throttle = kThrottle.idle;  // us
-  Attitude attitude{0, 0, Attitude::kUnknownAge};      // checked form only
+  Attitude attitude{0, 0, Attitude::kUnknownAge};
 };
 
 struct Report {
@@ -54,16 +54,14 @@ constexpr size_t kLongestReply = 400;
 uint8_t crc8(const char* data, size_t size);
 
 // A whole string with its last '|'. False for anything that is not a valid command; `command` is untouched then.
-bool decode_command(const char* text, size_t size, bool checked, Command* command);
+bool decode_command(const char* text, size_t size, Command* command);
 
 // Writes the string and returns its length; 0 if a value is not finite, an id is not allowed or `size` is too small.
-size_t make_reply(const Reply& reply, bool checked, char* text, size_t size);
+size_t make_reply(const Reply& reply, char* text, size_t size);
 
 // Commands out of a stream that begins anywhere, is cut anywhere and may carry noise.
 class CommandReader {
  public:
-  explicit CommandReader(bool checked) : checked_(checked) {}
-
   // Takes one byte; true when `command` was filled by the string that it completed.
   bool feed(char byte, Command* command);
 
@@ -72,7 +70,7 @@ class CommandReader {
  private:
   bool take(Command* command);
 
-  bool checked_, synchronised_ = false;
+  bool synchronised_ = false;
   char text_[kLongestCommand + kLongestPart + 1];  // complete parts that wait, then the open one
   size_t ends_[3] = {};                            // end of each waiting part, behind its '|'
   int waiting_ = 0;
