@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache, partial
+from collections.abc import Iterable
 from pathlib import Path
-from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,12 +14,8 @@ from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.text_table import shown_value, text_table
 
 if TYPE_CHECKING:
-    from aerodima.workbench.logs.mcap_files import SceneMessage
+    from aerodima.workbench.logs.exporters import SceneMessage
     from aerodima.workbench.logs.schema import RunLog
-    from aerodima.workbench.metrics.turn_metrics import RunMetrics
-
-_SILENCE = 10.0
-"""s without a new row after which a run that is followed says so."""
 
 
 def register(app: typer.Typer) -> None:
@@ -40,66 +34,25 @@ def metrics(
     csv: Annotated[Path | None, typer.Option(help="Also write the whole table, filtered figures included.")] = None,
     force: Force = False,
 ) -> None:
-    """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and filtered.
+    """Outcome and metrics of runs as a table, one column per run; the eight of the thesis raw and `filtered_`.
 
     Of logs that `observe` wrote of another plant: its motion, the air on its tails, the outcome where it is defined.
     """
     from aerodima.workbench.logs.schema import read_run_log
 
     _refuse_twice(runs)
-    run_logs = {str(path): read_run_log(path) for path in runs}
+    run_logs = [read_run_log(path) for path in runs]
     if csv is not None:
         refuse_existing(csv, force, LogError)
     import pandas as pd
 
-    from aerodima.workbench.metrics.run_summary import of_plants, plant_metrics
-    from aerodima.workbench.metrics.turn_metrics import metrics_of
+    from aerodima.workbench.metrics.run_summary import metrics_of_runs
 
-    plants = of_plants(list(run_logs.values()))
-    found = {} if plants else {name: metrics_of(run_log) for name, run_log in run_logs.items()}
-    rows: dict[str, dict[str, Any]] = {name: metrics.as_row() for name, metrics in found.items()}
-    if plants:
-        rows = {name: dict(plant_metrics(run_log)) for name, run_log in run_logs.items()}
+    table = pd.DataFrame(metrics_of_runs(run_logs), index=pd.Index(map(str, runs), name="run"), dtype=object)
     if csv is not None:
-        table = pd.DataFrame.from_dict(rows, orient="index")
-        write_atomically(csv, lambda temporary: table.to_csv(temporary, index_label="run"), force, LogError)
-    for line in _plant_lines(rows) if plants else _metrics_lines(rows):
-        typer.echo(line)
-    _echo_jolts(found)
-
-
-def _plant_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The table of plants, whose tails may have different names."""
-    keys = list(dict.fromkeys(key for row in rows.values() for key in row))
-    table = text_table(["", *rows], [[key, *(shown_value(row.get(key)) for row in rows.values())] for key in keys])
-    return [*table, "", "the metrics of a turn need a run of the car"]
-
-
-def _metrics_lines(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The table: what is of the run as a whole, then the eight metrics raw, then filtered."""
-    from aerodima.workbench.metrics.published_values import FILTERED, SIGNALS
-
-    known = all(row["signals"] == "truth" for row in rows.values())
-    raw_signals = SIGNALS["simulated"] if known else "as the sensors reported them, where `signals` is sensors"
-    names = list(next(iter(rows.values())))
-    filtered = [name for name in names if name.startswith(FILTERED)]
-    raw = [name.removeprefix(FILTERED) for name in filtered]
-    whole = [name for name in names if name not in (*filtered, *raw)]
-
-    def lines(keys: list[str]) -> list[list[str]]:
-        return [[f"  {key.removeprefix(FILTERED)}", *(shown_value(row[key]) for row in rows.values())] for key in keys]
-
-    return text_table(
-        ["", *rows],
-        [
-            ["the run"],
-            *lines(whole),
-            [f"in the turn, raw: {raw_signals}"],
-            *lines(raw),
-            [f"in the turn, filtered: {SIGNALS['physical']}"],
-            *lines(filtered),
-        ],
-    )
+        write_atomically(csv, table.to_csv(), force, LogError)
+    rows = [[str(name), *map(shown_value, values)] for name, values in table.items()]
+    typer.echo("\n".join(text_table(["", *table.index], rows)))
 
 
 def recover(
@@ -150,12 +103,9 @@ def export(
     log: Annotated[Path, typer.Argument(help="Run log (Parquet).")],
     to: Annotated[str, typer.Option("--to", help="csv or mcap.")],
     out: Annotated[Path | None, typer.Option(help="File to write; beside the log by default.")] = None,
-    follow: Annotated[bool, typer.Option("--follow", help="Write MCAP while the run goes on.")] = False,
     force: Force = False,
 ) -> None:
     """Write a run log for other programs. `aerodima log import` reads it back bit for bit.
-
-    --follow writes a run that is still going on, from its journal; Ctrl-C ends the file in order.
 
     MCAP has the signals and, of a car, the scene that Foxglove draws: bodies, poses and forces.
     """
@@ -168,36 +118,12 @@ def export(
     path = out or log.with_suffix(f".{form}")
     _refuse_raw(path, log)
     refuse_existing(path, force, LogError)
-    if follow:
-        _follow(log, path, form, force)
-        return
     run_log = read_run_log(log)
     written = export_log(run_log, path, form, force, _scene(run_log) if form == "mcap" else ())
     typer.echo("\n".join(map(str, written)))
 
 
-def _follow(log: Path, path: Path, form: str, force: bool) -> None:
-    """Writes a run that is still going on, and says how far it is; once, why nothing of it can be drawn."""
-    from aerodima.workbench.logs.exporters import export_live
-
-    if form != "mcap":
-        raise LogError(f"--follow: {form} is written of a run that has ended; allowed: --to mcap")
-    before, told = -1, monotonic()
-    for rows in export_live(log, path, partial(_scene, say=cache(_note)), force=force):
-        if rows != before:
-            before, told = rows, monotonic()
-            typer.echo(f"\r{path}: {rows} rows", nl=False)
-        elif monotonic() - told > _SILENCE:
-            told = monotonic()
-            typer.echo(f"\nno new row for {_SILENCE:g} s; Ctrl-C ends the file")
-    typer.echo()
-
-
-def _note(words: str) -> None:
-    typer.echo(f"note: {words}", err=True)
-
-
-def _scene(run_log: RunLog, first_row: int = 0, say: Callable[[str], None] = _note) -> Iterable[SceneMessage]:
+def _scene(run_log: RunLog) -> Iterable[SceneMessage]:
     """What a viewer draws of a car's run; a note says why there is nothing."""
     from aerodima.workbench.config.signal_table import RIG_KINDS
 
@@ -206,9 +132,9 @@ def _scene(run_log: RunLog, first_row: int = 0, say: Callable[[str], None] = _no
     from aerodima.workbench.replay.foxglove_scene import foxglove_scene  # imports Drake
 
     try:
-        return foxglove_scene(run_log, first_row)
+        return foxglove_scene(run_log)
     except LogError as error:
-        say(f"signals only, no scene: {error}")
+        typer.echo(f"note: signals only, no scene: {error}", err=True)
         return ()
 
 
@@ -268,7 +194,6 @@ def compare(
         refuse_existing(html, force, UserError)
     run_logs = [read_run_log(path) for path in runs]
     from aerodima.workbench.metrics.run_summary import of_plants
-    from aerodima.workbench.metrics.turn_metrics import metrics_of
     from aerodima.workbench.report.replay_page import (
         comparison_page,
         different_cars,
@@ -281,10 +206,9 @@ def compare(
     for group in (differences, metrics_rows(run_logs)):
         table = text_table(["", *names], [[key, *map(shown_value, values)] for key, values in group.items()])
         typer.echo("\n".join([*table, ""]))
-    if not of_plants(run_logs):
-        _echo_jolts({name: metrics_of(run_log) for name, run_log in zip(names, run_logs, strict=True)})
-        if other := different_cars(differences):
-            typer.echo(f"note: these are different cars: {', '.join(other)}")
+    other = different_cars(differences)
+    if other and not of_plants(run_logs):
+        typer.echo(f"note: these are different cars: {', '.join(other)}")
     if html is not None:
         (written,) = write_files(html.parent, {html.name: comparison_page(run_logs, names)}, force=force)
         typer.echo(f"page: {written}")
@@ -299,15 +223,6 @@ def _refuse_twice(runs: list[Path]) -> None:
     for path in runs:
         if runs.count(path) > 1:
             raise LogError(f"{path}: named twice")
-
-
-def _echo_jolts(found: Mapping[str, RunMetrics]) -> None:
-    """Says of each run whose lateral acceleration is no cornering what it is."""
-    from aerodima.workbench.metrics.turn_metrics import jolt_line
-
-    for name, metrics in found.items():
-        if line := jolt_line(metrics):
-            typer.echo(f"note: {name}: {line}")
 
 
 def run_names(runs: list[Path]) -> list[str]:

@@ -46,7 +46,6 @@ def complete_swing(incomplete: str) -> list[str]:
 
 
 def _names(folder: str, incomplete: str) -> list[str]:
-
     return sorted(path.stem for path in (models_dir() / folder).glob(f"{incomplete}*.yaml"))
 
 
@@ -82,6 +81,23 @@ Workers = Annotated[int, typer.Option(help="Worker processes, one BLAS thread ea
 Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://127.0.0.1:8786.")]
 Ensemble = Annotated[str, typer.Option(help="Ensemble of cars: a name of models/calibration, or a file.")]
 Members = Annotated[int | None, typer.Option(help="Only that many members of the ensemble, drawn by weight.", min=1)]
+
+
+class Key(str):
+    """In the annotation of an option: the key of the scenario that it sets."""
+
+    __slots__ = ()
+
+
+def settings_of(options: Any) -> list[str]:
+    """Overrides of a scenario that a dataclass of options asks for: its fields with a `Key`, then those of `--set`."""
+    given = [
+        f"{key}={value}"
+        for name, hint in get_type_hints(type(options), include_extras=True).items()
+        for key in getattr(hint, "__metadata__", ())
+        if isinstance(key, Key) and (value := getattr(options, name)) is not None
+    ]
+    return [*given, *(options.settings or ())]
 
 
 @dataclass(frozen=True)

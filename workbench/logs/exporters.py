@@ -1,27 +1,44 @@
-"""Run logs written for other programs, as CSV and MCAP, also while the run goes on.
+"""Run logs written for other programs, as CSV and MCAP (https://mcap.dev).
 
 A file keeps every bit of every number, and the metadata, so that `aerodima log import` gives back the same log: a CSV
-has its metadata in a file beside it, `run.csv.json`; MCAP has them inside.
+has its metadata in a file beside it, `run.csv.json`; MCAP has them inside. The packages for MCAP are those of the extra
+`logs`.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterable, Iterator, Sequence
+from heapq import merge
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
 from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX, TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.foreign_files import sidecar
-from aerodima.workbench.logs.journal import follow_run
-from aerodima.workbench.logs.mcap_files import McapFile, SceneMessage
+from aerodima.workbench.logs.foreign_files import METADATA_RECORD, NANOSECOND, require_packages, sidecar
 from aerodima.workbench.logs.schema import RunLog
 
 Format = Literal["csv", "mcap"]
-
-
 FORMATS: tuple[Format, ...] = ("csv", "mcap")
+
+Stamped = tuple[int, int, bytes]
+"""Time (ns), channel and data of a message."""
+
+
+class SceneMessage(NamedTuple):
+    """A message of a Foxglove schema, to be written beside the signals.
+
+    Args:
+        time: s.
+        topic: name.
+        message: an object of a class of `foxglove_schemas_protobuf`.
+    """
+
+    time: float
+    topic: str
+    message: Any
 
 
 def export_log(
@@ -40,63 +57,23 @@ def export_log(
         LogError: a file exists and `force` is not set; MCAP without the package, or with negative times.
     """
     path = Path(path)
-    metadata = json.dumps(_exported(run_log), sort_keys=True, indent=1, allow_nan=False)
+    facts = run_log.metadata()
+    facts["extra"] = {**facts["extra"], "exported_columns": list(run_log.table.columns)}
+    metadata = json.dumps(facts, sort_keys=True, indent=1, allow_nan=False)
     if form == "csv":
         beside = sidecar(path)
         refuse_existing(beside, force, LogError)
         write_atomically(path, run_log.table.to_csv(index=False), force, LogError)
         write_atomically(beside, metadata + "\n", force, LogError)
         return [path, beside]
-
-    def write(temporary: Path) -> None:
-        with open(temporary, "wb") as stream:
-            written = McapFile(stream, topics_of(list(run_log.table.columns)), TIME)
-            written.add(run_log.table, scene)
-            written.finish(metadata)
-
-    write_atomically(path, write, force, LogError)
+    require_packages(path, "mcap", "mcap_protobuf", "foxglove_schemas_protobuf")
+    if not np.all(np.isfinite(run_log.time)) or run_log.time.min(initial=0.0) < 0.0:
+        raise LogError(f"column {TIME!r}: MCAP needs finite times from 0 s on")
+    write_atomically(path, lambda temporary: _write_mcap(temporary, run_log.table, metadata, scene), force, LogError)
     return [path]
 
 
-def export_live(
-    run: Path, path: Path, scene: Callable[[RunLog, int], Iterable[SceneMessage]], wait: float = 0.5,
-    force: bool = False,
-) -> Iterator[int]:  # fmt: skip
-    """Writes a run as MCAP while it is still going on; gives the rows so far at every look, until it has ended.
-
-    Its journal is read from beside, so that the program that writes it does nothing for it. When the reading is ended
-    (`close` of the generator, Ctrl-C), the file is ended in order, with the rows of until then.
-
-    Args:
-        run: the run log to be.
-        path: to write.
-        scene: what a viewer draws of the rows from one on, such as `foxglove_scene`.
-        wait: between two looks at the journal, s.
-        force: replace an existing file, once the run is found.
-
-    Raises:
-        LogError: no such run, the file is there or cannot be written, a package is missing, or negative times.
-    """
-    following = follow_run(run, wait)
-    first = run_log = next(following)
-    seen, written = 0, None
-    try:
-        with open(path, "wb" if force else "xb") as stream:
-            try:
-                for run_log in chain([first], following):
-                    written = written or McapFile(stream, topics_of(list(run_log.table.columns)), TIME)
-                    if len(run_log.table) > seen:
-                        written.add(run_log.table.iloc[seen:], scene(run_log, seen))
-                        seen = len(run_log.table)
-                    yield seen
-            finally:
-                if written is not None:
-                    written.finish(json.dumps(_exported(run_log), sort_keys=True, indent=1, allow_nan=False))
-    except OSError as cause:
-        raise LogError(f"{path}: cannot be written ({cause.strerror})") from None
-
-
-def topics_of(columns: list[str]) -> dict[str, list[str]]:
+def topics_of(columns: Sequence[str]) -> dict[str, list[str]]:
     """MCAP topics and their columns: one per device, so that a viewer shows them in groups."""
     topics: dict[str, list[str]] = {}
     for name in columns:
@@ -118,6 +95,46 @@ def _topic(column: str) -> str:
     return "/driver"
 
 
-def _exported(run_log: RunLog) -> dict[str, Any]:
-    metadata = run_log.metadata()
-    return {**metadata, "extra": {**metadata["extra"], "exported_columns": list(run_log.table.columns)}}
+def _write_mcap(path: Path, table: pd.DataFrame, metadata: str, scene: Iterable[SceneMessage]) -> None:
+    """JSON messages, one per row and topic, each with its time; NaN becomes null. The scene is Protobuf."""
+    from mcap.writer import Writer
+
+    with open(path, "wb") as stream:
+        writer: Any = Writer(stream)
+        writer.start(profile="", library="aerodima")
+        signals = [
+            _signals(writer, topic, table[[TIME, *names]]) for topic, names in topics_of(list(table.columns)).items()
+        ]
+        for stamp, channel, data in merge(*signals, _drawn(writer, scene), key=lambda item: item[0]):
+            writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
+        writer.add_metadata(METADATA_RECORD, {"json": metadata})
+        writer.finish()
+
+
+def _signals(writer: Any, topic: str, table: pd.DataFrame) -> Iterator[Stamped]:
+    """The messages of a topic; times are kept in them too, as nanoseconds round them."""
+    names = list(table.columns)
+    properties = {name: {"type": ["number", "null"]} for name in names}
+    schema = json.dumps({"type": "object", "properties": properties}).encode()
+    schema_id = writer.register_schema(name=f"aerodima.{topic.strip('/')}", encoding="jsonschema", data=schema)
+    channel = writer.register_channel(topic=topic, message_encoding="json", schema_id=schema_id)
+    for row in table.to_numpy().tolist():
+        numbers = (value if np.isfinite(value) else None for value in row)
+        yield stamp_of(row[0]), channel, json.dumps(dict(zip(names, numbers, strict=True))).encode()
+
+
+def _drawn(writer: Any, scene: Iterable[SceneMessage]) -> Iterator[Stamped]:
+    """The messages of Foxglove's schemas."""
+    from mcap_protobuf.schema import register_schema
+
+    channels: dict[str, int] = {}
+    for time, topic, message in scene:
+        if topic not in channels:
+            schema = register_schema(writer, type(message))
+            channels[topic] = writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=schema)
+        yield stamp_of(time), channels[topic], message.SerializeToString()
+
+
+def stamp_of(time: float) -> int:
+    """A time (s) in ns, as MCAP keeps it."""
+    return round(time / NANOSECOND)

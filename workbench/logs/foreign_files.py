@@ -1,11 +1,16 @@
-"""Logs in other programs' files as named columns of numbers: CSV, Parquet and MAT.
+"""Logs in other programs' files as named columns of numbers: CSV, Parquet, MAT and MCAP.
 
 They are in whatever unit and rate they were written; `logs.importers` makes a run log of them. MAT files of version 5
 to 7 are read with SciPy, of version 7.3, which is HDF5, with h5py (extra `logs`). Vectors become columns. A struct
 field is called `data.force`, the second column of a matrix `force(2)`. Objects such as `timeseries` are stored in a
 form that only MATLAB reads: they are listed as unreadable.
+
+MCAP files (https://mcap.dev, extra `logs`) are read where their messages are JSON: a number becomes the column
+`<topic>.<field>`, one in a list `<topic>.<field>(1)`. The times at which a topic was logged are the column
+`<topic>@log_time`, those at which it was published `<topic>@publish_time`, both s. Text is left out.
 """
 
+import json
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -151,8 +156,12 @@ def read_parquet(path: Path) -> ForeignLog:
 
 
 MOST_COLUMNS = 64
-"""A matrix with more columns than this (and than rows) is a picture or a table of something else, not a log."""
-
+"""A matrix with more columns than this (and than rows) is a picture or a table of something else, not a log; so is a
+list with more numbers."""
+METADATA_RECORD = "aerodima"
+"""Name of the metadata record of an MCAP file that carries the metadata of an exported run log, as JSON."""
+NANOSECOND = 1e-9
+"""s."""
 
 _OBJECT = "a MATLAB object or cell; save it as a struct of vectors (for a timeseries: its Time and Data)"
 
@@ -217,12 +226,9 @@ def _walk(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _leaves_7_3(path: Path) -> Iterator[tuple[str, Any]]:
-    try:
-        import h5py
-    except ImportError:
-        raise LogError(
-            f"{path}: a MAT file of version 7.3 needs h5py: pip install 'aerodima-workbench[logs]'"
-        ) from None
+    require_packages(path, "h5py")
+    import h5py
+
     try:
         with h5py.File(path, "r") as file:
             yield from _walk_7_3(h5py, "", file)
@@ -245,3 +251,67 @@ def _walk_7_3(h5py: Any, prefix: str, group: Any) -> Iterator[tuple[str, Any]]:
             yield name, np.array([]) if "MATLAB_empty" in value.attrs else np.asarray(value).T
         else:
             yield name, None
+
+
+def read_mcap(path: Path) -> ForeignLog:
+    """Columns of an MCAP file.
+
+    Raises:
+        LogError: a package is not installed, the file is cut off or damaged, no topic can be read.
+    """
+    require_packages(path, "mcap")
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    metadata = None
+    unreadable: dict[str, str] = {}
+    messages: dict[str, list[dict[str, Any]]] = {}
+    try:
+        with open(path, "rb") as stream:
+            reader = make_reader(stream)
+            for record in reader.iter_metadata():
+                if record.name == METADATA_RECORD:
+                    stored = {METADATA_KEY: record.metadata.get("json", "").encode()}
+                    metadata = decode_metadata(stored, str(path))
+            for _, channel, message in reader.iter_messages():
+                if channel.message_encoding != "json":
+                    unreadable[channel.topic] = f"its messages are {channel.message_encoding!r}; read are 'json'"
+                    continue
+                topic, row = channel.topic, {channel.topic: json.loads(message.data)}
+                row |= {f"{topic}@{name}": getattr(message, name) * NANOSECOND for name in ("log_time", "publish_time")}
+                messages.setdefault(topic, []).append(row)
+    except (McapError, ValueError, EOFError) as cause:
+        raise LogError(f"{path}: cut off, damaged or not an MCAP file ({str(cause) or repr(cause)})") from cause
+    if not messages:
+        reasons = "; ".join(f"{topic}: {reason}" for topic, reason in unreadable.items())
+        raise LogError(f"{path}: no messages that can be read" + (f" ({reasons})" if reasons else ""))
+    columns: dict[str, pd.Series] = {}
+    time_of: dict[str, str] = {}
+    for topic, rows in messages.items():
+        found = dict(_numbers(pd.json_normalize(rows)))
+        columns |= found
+        time_of |= dict.fromkeys(found, f"{topic}@log_time")
+    return ForeignLog(str(path), columns, time_of, unreadable, metadata)
+
+
+def _numbers(table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
+    """Every column of numbers with its name, null as NaN; a list gives one for each of its places."""
+    for name, values in table.items():
+        is_list = values.map(lambda value: isinstance(value, list))
+        if values.dtype.kind in "fiub" or values.isna().all():
+            yield str(name), values.astype(np.float64)
+        elif is_list.any():
+            lists = pd.DataFrame([value if there else [] for value, there in zip(values, is_list, strict=True)])
+            if lists.shape[1] <= MOST_COLUMNS:
+                yield from _numbers(lists.set_axis([f"{name}({place + 1})" for place in range(lists.shape[1])], axis=1))
+
+
+def require_packages(path: Path | str, *packages: str) -> None:
+    """Raises LogError, naming the extra, for a package that a kind of file needs and that is not installed."""
+    for package in packages:
+        try:
+            __import__(package)
+        except ImportError:
+            raise LogError(
+                f"{path}: this kind of file needs the package {package}: pip install 'aerodima-workbench[logs]'"
+            ) from None

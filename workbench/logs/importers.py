@@ -17,7 +17,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.checked_files import unit_factor
 from aerodima.workbench.config.signal_table import RIG_KINDS, TIME
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_csv, read_mat, read_parquet
+from aerodima.workbench.logs.foreign_files import ForeignLog, joined, read_csv, read_mat, read_mcap, read_parquet
 from aerodima.workbench.logs.log_findings import (
     LogFinding,
     gap_findings,
@@ -27,7 +27,6 @@ from aerodima.workbench.logs.log_findings import (
     table_findings,
 )
 from aerodima.workbench.logs.mapping import ColumnSource, CsvFormat, Mapping, known_columns
-from aerodima.workbench.logs.mcap_files import read_mcap
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.logs.signals import GAP_FACTOR, check_time, hold_last
 

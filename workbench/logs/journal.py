@@ -7,7 +7,7 @@ batches instead, each complete in itself: after a crash every batch that reached
 
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +27,6 @@ from aerodima.workbench.logs.schema import (
     encode_metadata,
     read_run_log,
     refuse_missing,
-    run_log_from_metadata,
     write_table,
 )
 
@@ -239,30 +238,6 @@ def read_journal(path: Path | str) -> tuple[pa.Table, bool]:
                 ended = False
                 break
     return pa.Table.from_batches(batches, schema=stream.schema), ended
-
-
-def follow_run(path: Path | str, wait: float = 0.5) -> Iterator[RunLog]:
-    """A run while it is written: the log so far at every look, until the run has ended.
-
-    Args:
-        path: the run log to be; its journal grows beside it.
-        wait: between two looks, s.
-
-    Raises:
-        LogError: neither the log nor its journal is there, or they cannot be read.
-    """
-    path = Path(path)
-    while (journal := journal_path(path)).exists():
-        try:
-            table, _ = read_journal(journal)
-        except LogError:
-            if journal.exists():
-                raise
-            break  # the run ended meanwhile
-        metadata = decode_metadata(table.schema.metadata, str(journal))
-        yield run_log_from_metadata(table.to_pandas(ignore_metadata=True), metadata, source=str(path))
-        time.sleep(wait)
-    yield read_run_log(path)
 
 
 def _has_end_mark(path: Path) -> bool:

@@ -116,6 +116,16 @@ def plant_metrics(run_log: RunLog) -> dict[str, float | str | None]:
     return {key: value if value is None or isinstance(value, str) else float(value) for key, value in row.items()}
 
 
+def metrics_of_runs(run_logs: Sequence[RunLog]) -> list[dict[str, Any]]:
+    """A flat row of metrics per run: of the car (`RunMetrics.as_row`), or of other plants (`plant_metrics`).
+
+    Raises:
+        LogError: runs of a car and of another plant together; or as for `metrics_of` and `plant_metrics`.
+    """
+    plants = of_plants(run_logs)
+    return [dict(plant_metrics(run_log) if plants else metrics_of(run_log).as_row()) for run_log in run_logs]
+
+
 KM_PER_H = 3.6
 """km/h per m/s."""
 

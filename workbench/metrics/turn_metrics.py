@@ -30,8 +30,6 @@ from aerodima.workbench.metrics.turn_signals import LOADED_FORCE, TurnSignals, s
 
 END_TILT = math.radians(20.0)
 """Beyond this tilt at the end of the run, with a wheel in the air, it has too, rad."""
-JOLT_FACTOR = 1.5
-"""A raw peak of the lateral acceleration that is this many times the filtered one is a jolt and no cornering."""
 LEAST_HEADING = 0.95
 """Share of the reference's heading change that a turn must have to count as faster (design section 10)."""
 
@@ -106,12 +104,6 @@ class RunMetrics:
     def like(self, platform: Platform) -> TurnMetrics:
         """The eight metrics from the signals that the published rows of a platform were made of."""
         return self.filtered if platform == "physical" else self.raw
-
-    @property
-    def jolted(self) -> bool:
-        """Whether the largest raw lateral acceleration of a car that survived is a jolt: most of it is filtered out."""
-        raw, filtered = (m.max_linear_acceleration_m_per_s2 for m in (self.raw, self.filtered))
-        return self.outcome.result == "survived" and raw > JOLT_FACTOR * filtered
 
     def as_row(self) -> dict[str, float | str | bool | None]:
         """One flat row for a table: raw metrics under their names, filtered ones with `filtered_` before them."""
@@ -192,18 +184,6 @@ def turn_metrics(signals: TurnSignals, filtered: bool = False) -> TurnMetrics:
         max_kohut_deg_m_per_s2=speed * math.degrees(max_yaw_rate),
         average_kohut_deg_m_per_s2=speed * math.degrees(average_yaw_rate),
         roll_integral_rad=float(np.max(cumulative_trapezoid(roll_rate, signals.time, initial=0.0))),
-    )
-
-
-def jolt_line(metrics: RunMetrics) -> str:
-    """What is said of a run whose lateral acceleration has a jolt; empty for another one."""
-    if not metrics.jolted:
-        return ""
-    raw, filtered = (m.max_linear_acceleration_m_per_s2 for m in (metrics.raw, metrics.filtered))
-    cause = "a jolt of the tail motor" if metrics.tail_torque_peak_n_m else "a jolt"
-    return (
-        f"the lateral acceleration of {raw:.1f} m/s2 is {cause} at the IMU, not cornering; {filtered:.1f} m/s2 in the "
-        "IMU's 100 Hz after the 5 Hz filter"
     )
 
 

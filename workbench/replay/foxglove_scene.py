@@ -1,7 +1,7 @@
 """A run as Foxglove draws it (https://docs.foxglove.dev/docs/visualization/message-schemas): bodies, poses and forces.
 
 The bodies and the floor are drawn once, each as triangles in the frame of its own body; poses come as transforms to
-`world`, forces as arrows there, of the lengths and colours of the replay. `McapFile` puts them beside the signals.
+`world`, forces as arrows there, of the lengths and colours of the replay. `export_log` puts them beside the signals.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.logs.mcap_files import SceneMessage, stamp_of
+from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows, shortest_turn
 from aerodima.workbench.replay.logged_car import LoggedRun, replayable

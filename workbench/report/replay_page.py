@@ -14,8 +14,7 @@ from aerodima.workbench.atomic_write import refuse_existing
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.figures.run_figures import RUN_STYLES, plot_overlay
 from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
-from aerodima.workbench.metrics.run_summary import of_plants, plant_metrics
-from aerodima.workbench.metrics.turn_metrics import metrics_of
+from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
 from aerodima.workbench.replay.captions import caption_of, readings
 from aerodima.workbench.replay.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE
 from aerodima.workbench.replay.logged_car import LoggedRun, replayable
@@ -135,9 +134,7 @@ def metrics_rows(run_logs: Sequence[RunLog]) -> dict[str, list[Any]]:
     Raises:
         LogError: a log ends before its turn does, or has no sensor columns.
     """
-    rows: list[Mapping[str, Any]] = [
-        plant_metrics(run_log) if of_plants(run_logs) else metrics_of(run_log).as_row() for run_log in run_logs
-    ]
+    rows = metrics_of_runs(run_logs)
     names = dict.fromkeys(name for row in rows for name in row if not name.startswith("filtered_"))
     return {name: [row.get(name) for row in rows] for name in names}
 

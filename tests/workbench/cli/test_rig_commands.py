@@ -16,7 +16,9 @@ def test_static_hold_writes_its_log(call: Callable, tmp_path: Path) -> None:
     flags = ("--tail", 2, "--axis", "minor", "--wind", 20, "--angle", 15, "--seed", 7, "--duration", 0.5)
     result = call("rig", "run", "static", *flags, "--out", out)
     assert result.exit_code == 0, result.output
-    assert "static: tail 2, minor axis, wind 20 m/s, 0.5 s at 1000 Hz" in result.stdout
+    shown = dict(line.split()[:2] for line in result.stdout.splitlines() if line)
+    assert (shown["kind"], shown["tail"], shown["axis"], shown["wind_speed_m_per_s"]) == ("static", "2", "minor", "20")
+    assert float(shown["angle_rad"]) == pytest.approx(math.radians(15.0), abs=1e-3)
     log = read_run_log(out)
     assert log.kind == "static"
     assert (log.seed, log.extra["tail"], log.extra["axis"], log.extra["wind_speed_m_per_s"]) == (7, "2", "minor", 20.0)
@@ -29,21 +31,21 @@ def test_swings_write_their_logs(call: Callable, tmp_path: Path, command: str, k
     out = tmp_path / "swing.parquet"
     result = call("rig", "run", command, "--duration", 0.2, "--set", "experiment.rest=0.05", "--out", out)
     assert result.exit_code == 0, result.output
-    assert f"{kind}: " in result.stdout
+    assert result.stdout.split()[:2] == ["kind", kind]
     assert read_run_log(out).kind == kind
 
 
 def test_gain_of_the_robot_tail(call: Callable, tmp_path: Path) -> None:
     out = tmp_path / "swing.parquet"
     short = ("--duration", 0.1, "--set", "experiment.rest=0.05")
-    assert call("rig", "run", "robot", "--kp", 10, "--wind", 7.5, *short, "--out", out).exit_code == 0
+    assert call("rig", "run", "robot", "--set", "robot.kp=10", "--wind", 7.5, *short, "--out", out).exit_code == 0
     log = read_run_log(out)
     assert (log.scenario["robot"]["kp"], log.extra["wind_speed_m_per_s"]) == (10.0, 7.5)
 
 
 def test_a_tail_without_exposure_is_said(call: Callable, tmp_path: Path) -> None:
     result = call("rig", "run", "static", "--angle", 75, "--duration", 0.1, "--out", tmp_path / "hold.parquet")
-    assert "no part of the tail is in the jet" in result.stdout
+    assert ["exposed", "False"] in [line.split() for line in result.stdout.splitlines()]
 
 
 @pytest.mark.parametrize(
@@ -56,7 +58,6 @@ def test_a_tail_without_exposure_is_said(call: Callable, tmp_path: Path) -> None
         (("--set", "force_sensor.rate=5000"), "force_sensor.rate: 5000 Hz is above 1/step"),
         (("--set", "maxon.torque_const=1"), "did you mean 'torque_constant'?"),
         (("--wind", 40), "takes current"),
-        (("--scenario", "flick"), "experiment.kind: 'swing'; allowed for `rig run static`: 'static'"),
     ],
 )
 def test_wrong_input_is_one_line(refused: Callable, tmp_path: Path, flags: tuple, message: str) -> None:

@@ -11,10 +11,9 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.logs.exporters import export_live, export_log
+from aerodima.workbench.logs.exporters import export_log
 from aerodima.workbench.logs.importers import import_log
-from aerodima.workbench.logs.journal import JournalWriter
-from aerodima.workbench.logs.schema import RunLog, run_metadata, signals_equal
+from aerodima.workbench.logs.schema import RunLog, signals_equal
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.foxglove_scene import BODIES, FORCES, POSES, foxglove_scene
 from aerodima.workbench.replay.logged_car import add_logged_car
@@ -109,37 +108,3 @@ def test_scene_of_another_plant_has_its_bodies_and_the_air(tmp_path: Path) -> No
     assert {transform.child_frame_id for transform in messages(path, POSES)[0][1].transforms} == {"cart", "pole"}
     entities = {entity.id for _, message in messages(path, FORCES) for entity in message.entities}
     assert entities == {"air_on_tail_force_pole"}
-
-
-def test_a_run_that_goes_on_gives_the_file_of_the_run_that_has_ended(tailed: RunLog, tmp_path: Path) -> None:
-    metadata = run_metadata(tailed.scenario, tailed.seed, kind=tailed.kind, extra=tailed.extra)
-    table, live = tailed.table.to_numpy(), tmp_path / "live.mcap"
-    thirds = np.array_split(table, 3)
-    with JournalWriter(tmp_path / "run.parquet", list(tailed.table.columns), metadata) as journal:
-        following = export_live(tmp_path / "run.parquet", live, foxglove_scene, wait=0.0)
-        for rows in thirds[:2]:
-            for row in rows:
-                journal.append(row)
-            journal.flush()
-            while next(following) < journal.rows:
-                pass
-        for row in thirds[2]:
-            journal.append(row)
-    assert max(following) == len(table)
-    assert signals_equal(import_log([live]).run_log, tailed)
-    times = [time for time, _ in messages(live, POSES)]
-    assert times == sorted(times)
-    assert np.diff(times).max() < 0.03
-    assert times[-1] == pytest.approx(tailed.time[-1])
-
-
-def test_a_run_that_is_left_while_it_goes_on_leaves_a_whole_file(tailed: RunLog, tmp_path: Path) -> None:
-    metadata = run_metadata(tailed.scenario, tailed.seed, kind=tailed.kind, extra=tailed.extra)
-    with JournalWriter(tmp_path / "run.parquet", list(tailed.table.columns), metadata) as journal:
-        for row in tailed.table.to_numpy()[:100]:
-            journal.append(row)
-        journal.flush()
-        following = export_live(tmp_path / "run.parquet", tmp_path / "live.mcap", foxglove_scene)
-        assert next(following) == 100
-        following.close()
-    assert len(import_log([tmp_path / "live.mcap"]).run_log.table) == 100
