@@ -1,17 +1,10 @@
 """What `aerodima.optimisation` promises; the modules behind it may move."""
 
-from .calibration.calibration import Calibration as Calibration
-from .calibration.calibration import calibrate as calibrate
-from .calibration.calibration_output import write_calibration as write_calibration
-from .calibration.calibration_plan import load_plan as load_plan
-from .calibration.calibration_runs import RunStore as RunStore
 from .calibration.reproduction_report import write_reproduction_report as write_reproduction_report
 from .identify.added_mass import fit_added_mass_log as fit_added_mass_log
 from .identify.fit_figures import plot_curves as plot_curves
 from .identify.fit_parameters import Parameter as Parameter
 from .identify.fit_parameters import Parameters as Parameters
-from .identify.fit_pipeline import Estimate as Estimate
-from .identify.fit_pipeline import FitResult as FitResult
 from .identify.fit_pipeline import fit as fit
 from .identify.fit_report import format_estimate as format_estimate
 from .identify.least_squares import Problem as Problem
@@ -29,16 +22,7 @@ from .sweep.study import load_study as load_study
 from .sweep.study_engine import open_run_engine as open_run_engine
 from .swing.candidate import Candidate as Candidate
 from .swing.candidate import read_candidates as read_candidates
-from .swing.judge import Judgement as Judgement
 from .swing.judge import judge as judge
-from .swing.judge_page import write_judgement as write_judgement
-from .swing.law_search import LawFamily as LawFamily
-from .swing.law_search import LawSearch as LawSearch
-from .swing.law_search import search_law as search_law
 from .swing.motion_search import MotionSearch as MotionSearch
-from .swing.motion_search import search_motion as search_motion
 from .swing.motion_search import turn_programme as turn_programme
 from .swing.task import Task as Task
-from .swing.task import load_task as load_task
-from .swing.verification import verify_swing as verify_swing
-from .swing.verification_report import plot_verification as plot_verification

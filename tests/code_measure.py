@@ -140,7 +140,13 @@ def deep_imports(root: Path) -> set[str]:
             found |= set(
                 re.findall(r"^from ((?:aerodima\.)?\w+\.[\w.]+) import", "".join(cell["source"]), re.MULTILINE)
             )
-    return {name for name in found if name.removeprefix("aerodima.").count(".")}
+    return {name for name in found if name.startswith("aerodima.") and name.removeprefix("aerodima.").count(".")}
+
+
+def exported_names(root: Path) -> int:
+    """Names that the three packages export: imports of their `__init__.pyi`."""
+    faces = [(root / package / "__init__.pyi").read_text(encoding="utf-8") for package in PACKAGES]
+    return sum(line.startswith("from ") for text in faces for line in text.splitlines())
 
 
 def words_of_documentation(root: Path) -> int:
@@ -184,6 +190,7 @@ def measures(root: Path) -> dict[str, object]:
         "modules loaded by the station": loaded_by(root, built_station(f"{prefix}{'.'.join(station.parts)}", prefix)),
         "modules loaded by judging a swing": loaded_by(root, judged_turn(prefix)),
         "deep modules that notebooks import": len(deep_imports(root)),
+        "names that the packages export": exported_names(root),
         f"pairs of places with {REPEATED} statements alike": len(repeated_places(trees)),
         f"files over {LONG_FILE} lines": sum(
             len(path.read_text(encoding="utf-8").splitlines()) > LONG_FILE for path in trees

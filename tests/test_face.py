@@ -99,6 +99,15 @@ def test_a_name_stays_what_it_is_when_a_folder_of_that_name_is_imported(package:
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
+def test_every_promised_name_is_used_by_a_notebook_an_example_or_a_page() -> None:
+    texts = [code for path in NOTEBOOKS for code in code_of(path)]
+    texts += [path.read_text(encoding="utf-8") for path in (ROOT / "hardware" / "examples").glob("*.py")]
+    for path in PROSE:
+        texts += code_of(path) + re.findall(r"`([^`\n]+)`", path.read_text(encoding="utf-8"))
+    used = set(re.findall(r"\w+", " ".join(texts)))
+    assert {package: sorted(face(package) - used) for package in PACKAGES} == {package: [] for package in PACKAGES}
+
+
 def test_importing_the_packages_loads_none_of_their_modules() -> None:
     script = (
         "import sys; from aerodima import hardware, optimisation, workbench\n"

@@ -21,11 +21,9 @@ from aerodima.workbench import (
     load_rig_scenario,
     load_scenario,
     read_run_log,
-    read_swing,
-    swing_at,
 )
 from aerodima.workbench.cli.program import build_app
-from aerodima.workbench.config.swing_file import swing_from_dict
+from aerodima.workbench.config.swing_file import read_swing, swing_at, swing_from_dict
 from aerodima.workbench.metrics.turn_metrics import outcome_of
 
 FOLDER = Path(__file__).resolve().parent / "data" / "old_files"

@@ -14,7 +14,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Linearize
 
-from aerodima.workbench import PolarLaw, SectionLayout, UserError, WindModel, add_tail_force, add_wind, observe
+from aerodima.workbench import SectionLayout, UserError, WindModel, add_tail_force, add_wind, observe
+from aerodima.workbench.aero.polar_law import PolarLaw
 from tests.workbench.aero.plants import add_free_body, add_plant
 
 MASS, WIDTH, HEIGHT, C_N, DENSITY, START = 0.4, 0.3, 0.5, 1.3, 1.225, 8.0

@@ -8,7 +8,8 @@ import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Gain
 
-from aerodima.workbench import DiagramPicture, UserError, draw_diagram
+from aerodima.workbench import UserError, draw_diagram
+from aerodima.workbench.figures.model_figures import DiagramPicture
 
 needs_graphviz = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 

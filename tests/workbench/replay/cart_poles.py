@@ -9,7 +9,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench import RunLog, SectionLayout, WindModel, add_tail_force, add_wind, observe
+from aerodima.workbench import SectionLayout, WindModel, add_tail_force, add_wind, observe
+from aerodima.workbench.logs.schema import RunLog
 
 URDF = """
 <robot name="cart_pole">

@@ -16,20 +16,19 @@ from pydrake.systems.primitives import ConstantVectorSource
 from scipy.integrate import trapezoid
 
 from aerodima.workbench import (
-    RunLog,
     SectionLayout,
     UserError,
     add_tail_force,
     metrics_of,
     observe,
     plant_metrics,
-    plant_outcome,
     read_run_log,
 )
 from aerodima.workbench.config.scenario import scenario_from_dict
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.figures.run_figures import plot_overlay
-from aerodima.workbench.logs.schema import PLANT_RUN, signals_equal
+from aerodima.workbench.logs.schema import PLANT_RUN, RunLog, signals_equal
+from aerodima.workbench.metrics.run_summary import plant_outcome
 from aerodima.workbench.replay.captions import caption_of
 from aerodima.workbench.replay.force_arrows import force_arrows
 from aerodima.workbench.replay.logged_plant import add_logged_run

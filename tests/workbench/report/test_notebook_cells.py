@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from aerodima.workbench import RunLog, UserError, live_frame, sliders
+from aerodima.workbench import UserError, live_frame, sliders
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay import captions
 from aerodima.workbench.report import replay_page
 
