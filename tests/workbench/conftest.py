@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
+from aerodima.workbench.replay.offscreen import check_renderer
 from aerodima.workbench.simulate.simulation import simulate
 
 SHORT = {"speed": 1.0, "turn_start": 0.6, "speed_ramp": 0.4, "turn_hold": 0.1, "duration": 0.9}
@@ -33,3 +35,12 @@ def tailed(short_runs: dict[str, RunLog]) -> RunLog:
 @pytest.fixture
 def tailless(short_runs: dict[str, RunLog]) -> RunLog:
     return short_runs["none"]
+
+
+@pytest.fixture(scope="session")
+def renderer() -> None:
+    """Skips where Drake's VTK finds no OpenGL through EGL; `.ci/run` installs it."""
+    try:
+        check_renderer()
+    except UserError as error:
+        pytest.skip(str(error))

@@ -8,8 +8,9 @@ from aerodima.workbench.config.scenario import load_scenario
 from aerodima.workbench.config.signal_table import CAR_TRUTH
 from aerodima.workbench.logs.schema import read_run_log, signals_equal
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.logged_car import add_logged_car
+from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.simulate.simulation import simulate
+from aerodima.workbench.stations.ground_truth import own_instances
 
 SHORT = ["manoeuvre.duration=0.3"]
 STANDING = ["manoeuvre.speed=0.0", "manoeuvre.duration=0.2"]
@@ -49,25 +50,25 @@ def test_run_in_wind_repeats_bit_for_bit_and_another_seed_is_other_weather(run):
 )
 def test_replay_rebuilds_the_car_with_its_sail_and_its_added_mass(run, settings):
     log = run(*settings, *SHORT)
-    logged = add_logged_car(DiagramBuilder(), log)
-    plant = logged.car.plant
+    logged = add_logged_run(DiagramBuilder(), log)
+    plant = logged.plant
     assert logged.positions.shape == (len(log.table), plant.num_positions())
     context = plant.CreateDefaultContext()
     logged.move(context, -1)
-    com = plant.CalcCenterOfMassPositionInWorld(context, logged.car.instances)
+    com = plant.CalcCenterOfMassPositionInWorld(context, own_instances(plant))
     np.testing.assert_allclose(com, log.vector("com", "truth_m")[-1], atol=1e-9)
     tip = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("tail_rod")) @ np.array(
-        [0.0, 0.0, logged.scenario.tail.length]
+        [0.0, 0.0, log.scenario["tail"]["length"]]
     )
     np.testing.assert_allclose(tip, log.vector("tail_tip", "truth_m")[-1], atol=1e-9)
 
 
 def test_replay_turns_a_sail_that_faces_the_wind_as_its_encoder_saw_it(run):
     log = run(*SHORT)
-    logged = add_logged_car(DiagramBuilder(), log)
-    context = logged.car.plant.CreateDefaultContext()
+    logged = add_logged_run(DiagramBuilder(), log)
+    context = logged.plant.CreateDefaultContext()
     logged.move(context, -1)
-    angle = logged.car.plant.GetJointByName("tail_sail_turn").get_angle(context)
+    angle = logged.plant.GetJointByName("tail_sail_turn").get_angle(context)
     assert angle == log.signal("sail_angle_rad")[-1]
     # The tail is held on the left and the car drives off: the hollow, +y of the sail, looks ahead at -90 degrees.
     assert np.remainder(angle, 2 * np.pi) == pytest.approx(1.5 * np.pi, abs=0.1)

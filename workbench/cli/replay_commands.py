@@ -74,7 +74,7 @@ def replay(
 ) -> None:
     """Replay a run: in Meshcat until Ctrl-C, or with --html, --strip and --video as files.
 
-    The path of a real car is reckoned from its sensors; a video needs the ground truth of a simulation.
+    The path of a real car is reckoned from its sensors.
     Example: aerodima replay run.parquet --html run.html --strip run.png --video run.webp
     """
     if strip is not None and strip.suffix.lower() != ".png":
@@ -109,9 +109,6 @@ def _replay_one(
     from aerodima.workbench.logs.schema import read_run_log
 
     run_log = read_run_log(run)
-    from aerodima.workbench.replay.logged_car import replayable  # imports Drake
-
-    run_log = replayable(run_log)
     if html is not None:
         from aerodima.workbench.report.replay_page import write_replay_html
 

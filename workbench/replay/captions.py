@@ -18,7 +18,7 @@ from aerodima.workbench.metrics.run_summary import (
     tails_of,
 )
 from aerodima.workbench.metrics.turn_metrics import Outcome, outcome_of
-from aerodima.workbench.replay.logged_car import RECKONED
+from aerodima.workbench.replay.reckoned_motion import RECKONED
 
 
 @dataclass(frozen=True)

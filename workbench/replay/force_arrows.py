@@ -13,7 +13,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.logged_car import RECKONED, LoggedRun
+from aerodima.workbench.replay.logged_run import LoggedRun
+from aerodima.workbench.replay.reckoned_motion import RECKONED
 from aerodima.workbench.replay.viewer import WORLD
 
 WHEEL_COLOUR = (0.10, 0.55, 0.25)

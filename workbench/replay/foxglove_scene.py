@@ -1,25 +1,30 @@
 """A run as Foxglove draws it (https://docs.foxglove.dev/docs/visualization/message-schemas): bodies, poses and forces.
 
+<<<<<<< HEAD
 The bodies and the floor are drawn once, each as triangles in the frame of its own body; poses come as transforms to
 `world`, forces as arrows there, of the lengths and colours of the replay. `export_log` puts them beside the signals.
+=======
+The bodies and the floor are drawn once, each in the frame of its own body; poses come as transforms to
+`world`, forces as arrows there, of the lengths and colours of the replay. `McapFile` puts them beside the signals.
+>>>>>>> 79e77eb (Strips and videos are drawn by one renderer, from one logged run)
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, DiagramBuilder
+from scipy.spatial import ConvexHull
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.exporters import SceneMessage, stamp_of
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows, shortest_turn
-from aerodima.workbench.replay.logged_car import LoggedRun, replayable
-from aerodima.workbench.replay.logged_plant import add_logged_run
-from aerodima.workbench.replay.picture import Surface, visible_surfaces
+from aerodima.workbench.replay.logged_run import LoggedRun, add_logged_run
 from aerodima.workbench.replay.recording import frame_rows
-from aerodima.workbench.replay.scene_shapes import body_label
+from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, pose_of, shapes_of
 from aerodima.workbench.replay.viewer import area_around
 
 POSES, BODIES, FORCES = "/tf", "/scene/bodies", "/scene/forces"
@@ -45,7 +50,7 @@ def foxglove_scene(run_log: RunLog, first_row: int = 0) -> Iterator[SceneMessage
     except ImportError:
         raise LogError("a scene needs foxglove_schemas_protobuf: pip install 'aerodima-workbench[logs]'") from None
     builder = DiagramBuilder()
-    logged = add_logged_run(builder, replayable(run_log))
+    logged = add_logged_run(builder, run_log)
     diagram = builder.Build()
     return _messages(logged, diagram.CreateDefaultContext(), first_row)
 
@@ -55,52 +60,69 @@ def _messages(logged: LoggedRun, context: Context, first_row: int) -> Iterator[S
     new = time[first_row:]
     rows = first_row + (frame_rows(new, 1.0)[0] if len(new) > 1 else np.zeros(1, dtype=np.int64))
     arrows = force_arrows(logged)
-    surfaces: dict[str, list[Surface]] = {}
-    for surface in visible_surfaces(logged):
-        surfaces.setdefault(body_label(logged.plant, surface.body.index()) or WORLD_FRAME, []).append(surface)
+    scene = shapes_of(logged.plant, logged.scene_graph)
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)
-    drawn = surfaces if first_row == 0 else {}  # the floor grows with the run
+    drawn = scene if first_row == 0 else []  # the floor grows with the run
+    labels = {body_label(logged.plant, BodyIndex(index)): index for index in range(logged.plant.num_bodies())}
+    bodies = {entry["body"]: BodyIndex(labels[entry["body"]]) for entry in scene if entry["body"] != WORLD_BODY}
     yield SceneMessage(time[rows[0]], BODIES, _bodies(logged, drawn, time[rows[0]]))
     for row in rows:
         logged.move(plant_context, row)
-        yield SceneMessage(time[row], POSES, _poses(logged, surfaces, plant_context, time[row]))
+        yield SceneMessage(time[row], POSES, _poses(logged, bodies, plant_context, time[row]))
         if arrows:
             yield SceneMessage(time[row], FORCES, _forces(arrows, row, time[row]))
 
 
-def _bodies(logged: LoggedRun, surfaces: dict[str, list[Surface]], time: float) -> Any:
+def _bodies(logged: LoggedRun, scene: list[dict[str, Any]], time: float) -> Any:
     """Every visible shape, locked to the frame of its body, and the floor."""
     from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
     update = SceneUpdate()
-    for name, shapes in surfaces.items():
-        entity = update.entities.add(id=name, frame_id=name, frame_locked=True)
-        entity.timestamp.FromNanoseconds(stamp_of(time))
-        for shape in shapes:
-            triangles = entity.triangles.add()
-            _place(triangles, RigidTransform(), shape.colour)
-            for corner in shape.triangles.reshape(-1, 3):
-                _set_vector(triangles.points.add(), corner)
+    entities: dict[str, Any] = {}
+    for shape in scene:
+        name = shape["body"] or WORLD_FRAME
+        if name not in entities:
+            entities[name] = update.entities.add(id=name, frame_id=name, frame_locked=True)
+            entities[name].timestamp.FromNanoseconds(stamp_of(time))
+        _add_shape(entities[name], shape)
     x0, x1, y0, y1 = area_around(logged.path)
     floor = update.entities.add(id="floor", frame_id=WORLD_FRAME)
     floor.timestamp.FromNanoseconds(stamp_of(time))
     slab = floor.cubes.add()
-    _place(slab, RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012])), _FLOOR)
+    _place(slab, RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, logged.floor - 0.012])), _FLOOR)
     _set_vector(slab.size, (x1 - x0, y1 - y0, 0.01))
     return update
 
 
-def _poses(logged: LoggedRun, surfaces: dict[str, list[Surface]], plant_context: Context, time: float) -> Any:
+def _add_shape(entity: Any, shape: dict[str, Any]) -> None:
+    """A shape of `shapes_of` as Foxglove's primitive; a hull as its triangles."""
+    size = np.asarray(shape["size"], dtype=float)
+    if shape["kind"] == "hull":
+        primitive = entity.triangles.add()
+        for corner in size[ConvexHull(size).simplices].reshape(-1, 3):
+            _set_vector(primitive.points.add(), corner)
+    elif shape["kind"] == "box":
+        primitive = entity.cubes.add()
+        _set_vector(primitive.size, size)
+    elif shape["kind"] == "cylinder":
+        primitive = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
+        _set_vector(primitive.size, (2.0 * size[0], 2.0 * size[0], size[1]))
+    else:
+        primitive = entity.spheres.add()
+        _set_vector(primitive.size, np.broadcast_to(2.0 * size, 3))
+    _place(primitive, pose_of(shape), shape["colour"])
+
+
+def _poses(logged: LoggedRun, bodies: dict[str, BodyIndex], plant_context: Context, time: float) -> Any:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
     message = FrameTransforms()
-    for name, (first, *_) in surfaces.items():
-        if name != WORLD_FRAME:
-            X_WB = logged.plant.EvalBodyPoseInWorld(plant_context, first.body)
-            transform = message.transforms.add(parent_frame_id=WORLD_FRAME, child_frame_id=name)
-            transform.timestamp.FromNanoseconds(stamp_of(time))
-            _set_vector(transform.translation, X_WB.translation())
-            _set_rotation(transform.rotation, X_WB.rotation())
+    for name, index in bodies.items():
+        X_WB = logged.plant.EvalBodyPoseInWorld(plant_context, logged.plant.get_body(index))
+        transform = message.transforms.add(parent_frame_id=WORLD_FRAME, child_frame_id=name)
+        transform.timestamp.FromNanoseconds(stamp_of(time))
+        _set_vector(transform.translation, X_WB.translation())
+        _set_rotation(transform.rotation, X_WB.rotation())
     return message
 
 
@@ -130,7 +152,7 @@ def _forces(arrows: list[ForceArrow], row: int, time: float) -> Any:
     return update
 
 
-def _place(primitive: Any, pose: RigidTransform, colour: tuple[float, float, float]) -> None:
+def _place(primitive: Any, pose: RigidTransform, colour: Sequence[float]) -> None:
     _set_vector(primitive.pose.position, pose.translation())
     _set_rotation(primitive.pose.orientation, pose.rotation())
     primitive.color.r, primitive.color.g, primitive.color.b = colour

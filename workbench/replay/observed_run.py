@@ -38,8 +38,7 @@ from aerodima.workbench.logs.schema import (
     encode_metadata,
     run_metadata,
 )
-from aerodima.workbench.replay.logged_car import AIR_SCALE
-from aerodima.workbench.replay.logged_plant import AIR_SCALE_KEY
+from aerodima.workbench.replay.logged_run import AIR_SCALE, AIR_SCALE_KEY
 from aerodima.workbench.replay.watched_plant import WatchedPlant
 from aerodima.workbench.sensors.roll_estimator import RollEstimator
 from aerodima.workbench.simulate.car_run import plant_facts, truth_signals

@@ -16,9 +16,7 @@ from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import DrawnArrow, ForceArrow, force_arrows
-from aerodima.workbench.replay.logged_car import LoggedRun
-from aerodima.workbench.replay.logged_plant import add_logged_run
-from aerodima.workbench.replay.picture import camera_azimuth, camera_path, camera_pose
+from aerodima.workbench.replay.logged_run import LoggedRun, add_logged_run
 from aerodima.workbench.replay.viewer import WORLD, area_around, draw_ground
 
 FRAMES_PER_SECOND = 50.0
@@ -54,7 +52,7 @@ def record_run(run_log: RunLog, meshcat: Meshcat, rate: float = 1.0) -> LoggedRu
     context = diagram.CreateDefaultContext()
     plant_context = logged.plant.GetMyMutableContextFromRoot(context)
     rows, frames_per_second = frame_rows(run_log.time, rate)
-    draw_ground(meshcat, area_around(logged.path))
+    draw_ground(meshcat, area_around(logged.path), logged.floor)
     logged.move(plant_context, rows[0])
     diagram.ForcedPublish(context)
     meshcat.StartRecording(frames_per_second, set_visualizations_while_recording=False)
@@ -96,12 +94,26 @@ def nearest_rows(time: FloatArray, wanted: FloatArray) -> NDArray[np.int64]:
 
 def _follow(meshcat: Meshcat, animation: MeshcatAnimation, logged: LoggedRun, rows: NDArray[np.int64]) -> None:
     """Moves the world so that the car stays at the origin, and looks at it from ahead, where roll is seen best."""
-    run_log = logged.run_log
-    path = camera_path(run_log)
+    path = logged.camera_path
     for frame, row in enumerate(rows):
         animation.SetTransform(frame, WORLD, RigidTransform(-path[row]))
     meshcat.SetTransform(WORLD, RigidTransform(-path[rows[0]]))
-    meshcat.SetCameraPose(*camera_pose(camera_azimuth(run_log), logged.camera_place))
+    meshcat.SetCameraPose(*camera_pose(logged.camera_azimuth, logged.camera_place))
+
+
+def camera_pose(azimuth: float, place: tuple[float, float, float]) -> tuple[FloatArray, FloatArray]:
+    """Where a camera stands that follows a point of the floor, and what it looks at.
+
+    Args:
+        azimuth: direction to the camera, rad about z.
+        place: `LoggedRun.camera_place`.
+
+    Returns:
+        Eye and target, both from that point, m, shape (3,).
+    """
+    distance, height, target = place
+    eye = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
+    return eye, np.array([0.0, 0.0, target])
 
 
 def traces(logged: LoggedRun) -> list[tuple[str, Rgba, FloatArray]]:

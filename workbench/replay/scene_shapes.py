@@ -7,6 +7,7 @@ spaces are left out: a replay has a floor of its own.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -30,13 +31,14 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia, world_i
 
 from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError
-from aerodima.workbench.replay.picture import colour_of
 
 MOST_POINTS = 200
 """Points of the hull that stands for a mesh."""
 WORLD_BODY = ""
 """Body of a shape that stands still."""
-_ROUND = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellipsoid}
+_GREY = Rgba(0.7, 0.7, 0.7)
+"""Of a shape whose model names no colour."""
+_KINDS = {"box": Box, "cylinder": Cylinder, "sphere": Sphere, "ellipsoid": Ellipsoid}
 
 
 def body_label(plant: MultibodyPlant, index: BodyIndex) -> str:
@@ -58,7 +60,8 @@ def shapes_of(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[dict[str, 
         if geometry not in own:
             continue
         body: RigidBody = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-        colour = [round(part, 4) for part in colour_of(inspector, geometry)]
+        phong: Any = inspector.GetIllustrationProperties(geometry).GetPropertyOrDefault("phong", "diffuse", _GREY)
+        colour = [round(part, 4) for part in (phong.r(), phong.g(), phong.b())]
         for kind, size, X_GS in _parts(inspector.GetShape(geometry)):
             X_BS = inspector.GetPoseInFrame(geometry) @ X_GS
             pose = [*X_BS.rotation().ToQuaternion().wxyz().tolist(), *X_BS.translation().tolist()]
@@ -92,15 +95,41 @@ def _parts(shape: Shape) -> Iterator[tuple[str, list[Any], RigidTransform]]:
         yield "hull", np.round(_outermost(points), 6).tolist(), here
 
 
+def _directions() -> FloatArray:
+    """Unit vectors spread evenly over the sphere, shape (`MOST_POINTS`, 3)."""
+    place = np.arange(MOST_POINTS) + 0.5
+    height, turn = 1.0 - 2.0 * place / MOST_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * place
+    radius = np.sqrt(1.0 - height**2)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+
+
 def _outermost(points: FloatArray) -> FloatArray:
     """At most `MOST_POINTS` corners of a hull (n, 3): the farthest in directions spread evenly over the sphere."""
     if len(points) <= MOST_POINTS:
         return points
-    place = np.arange(MOST_POINTS) + 0.5
-    height, turn = 1.0 - 2.0 * place / MOST_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * place
-    radius = np.sqrt(1.0 - height**2)
-    directions = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
-    return np.asarray(points[np.unique(np.argmax(directions @ points.T, axis=1))])
+    return np.asarray(points[np.unique(np.argmax(_directions() @ points.T, axis=1))])
+
+
+def points_of(entry: Mapping[str, Any]) -> FloatArray:
+    """Points that a shape of a log spans, in the frame of its body, m, shape (n, 3); of a round one many."""
+    size: FloatArray = np.asarray(entry["size"], dtype=float)
+    if entry["kind"] == "hull":
+        points = size
+    elif entry["kind"] == "box":
+        points = size * np.array(list(product((-0.5, 0.5), repeat=3)))
+    elif entry["kind"] == "cylinder":
+        across = _directions()[:, :2] / np.linalg.norm(_directions()[:, :2], axis=1, keepdims=True)
+        points = np.column_stack([size[0] * across, size[1] * np.resize((-0.5, 0.5), MOST_POINTS)])
+    else:
+        points = size * _directions()
+    X_BS = pose_of(entry)
+    return points @ X_BS.rotation().matrix().T + X_BS.translation()
+
+
+def pose_of(entry: Mapping[str, Any]) -> RigidTransform:
+    """Pose of a shape of a log in the frame of its body."""
+    w, x, y, z, *place = (float(value) for value in entry["pose"])
+    return RigidTransform(Quaternion(np.array([w, x, y, z])), np.array(place))
 
 
 def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
@@ -120,10 +149,9 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
             body = entry["body"]
             if body not in bodies:
                 bodies[body] = plant.AddRigidBody(body, SpatialInertia.SolidSphereWithMass(1.0, 0.1))
-            w, x, y, z, *place = (float(value) for value in entry["pose"])
-            X_BS = RigidTransform(Quaternion(np.array([w, x, y, z])), np.array(place))
             colour = Rgba(*(float(part) for part in entry["colour"])).rgba
-            plant.RegisterVisualGeometry(bodies[body], X_BS, _shape(entry, f"shape_{number}"), f"{number}", colour)
+            shape = _shape(entry, f"shape_{number}")
+            plant.RegisterVisualGeometry(bodies[body], pose_of(entry), shape, f"{number}", colour)
     except (KeyError, TypeError, ValueError, RuntimeError) as cause:
         raise LogError(f"{name}: the shapes in its metadata cannot be read ({cause!r})") from None
     return [body for body in bodies if body != WORLD_BODY]
@@ -132,4 +160,4 @@ def add_shapes(plant: MultibodyPlant, scene: Any, name: str) -> list[str]:
 def _shape(entry: Mapping[str, Any], label: str) -> Shape:
     if entry["kind"] == "hull":
         return Convex(points=np.array(entry["size"], dtype=float).T, label=label)
-    return _ROUND[entry["kind"]](*(float(number) for number in entry["size"]))
+    return _KINDS[entry["kind"]](*(float(number) for number in entry["size"]))

@@ -8,25 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.config.array_types import FloatArray
 from aerodima.workbench.errors import LogError, UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.tail_impulses import FLIP_TILT
 from aerodima.workbench.metrics.turn_signals import TurnSignals, turn_signals
 from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
-from aerodima.workbench.replay.force_arrows import ForceArrow, force_arrows
-from aerodima.workbench.replay.logged_car import LoggedRun
-from aerodima.workbench.replay.logged_plant import add_logged_run
-from aerodima.workbench.replay.picture import Camera, camera_azimuth, draw_picture, posed_triangles, visible_surfaces
-from aerodima.workbench.replay.recording import traces
+from aerodima.workbench.replay.offscreen import OffscreenRun
 
 _BEFORE, _AFTER = 0.25, 0.75
 """Time shown before the turn and after it, s."""
@@ -113,22 +105,17 @@ _GAP, _TITLE, _LABEL = 8, 52, 84
 STRIP = (5 * FRAME[0] + 6 * _GAP, FRAME[1] + _TITLE + _LABEL)
 """Width and height of the strip, pixels."""
 _DPI = 100
-_ELEVATION = np.radians(17.0)
-_DISTANCE = 7.0
-"""From the camera to the car, m: far enough that pictures of one car look alike. More for larger robots."""
-_LONGEST_FITTED = 1.0
-"""Arrows up to this length (m; 50 N on a wheel) fit into the picture; those of an impact are cut off at its edge."""
 
 
 def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Path:
-    """Writes the strip of a run; equal runs give equal bytes.
+    """Writes the strip of a run; equal runs give equal bytes with one driver.
 
     Args:
-        run_log: of a simulated run.
+        run_log: the run.
         path: the PNG file; refused when it exists, unless `force`.
 
     Raises:
-        UserError: the file exists or cannot be written.
+        UserError: the file exists or cannot be written, or there is no renderer (`check_renderer`).
         LogError: the log cannot be replayed, see `add_logged_run`.
     """
     path = Path(path)
@@ -141,94 +128,19 @@ def write_strip(run_log: RunLog, path: Path | str, *, force: bool = False) -> Pa
 
 def strip_figure(run_log: RunLog) -> Figure:
     """The strip as a matplotlib figure of `STRIP` pixels."""
-    builder = DiagramBuilder()
-    logged = add_logged_run(builder, run_log)
-    run_log = logged.run_log
-    moments = five_moments(run_log)
-    pictures = _car_triangles(logged, [moment.row for moment in moments])
-    arrows = force_arrows(logged)
-    corners = [triangles.reshape(-1, 3) for triangles, _ in pictures]
-    tips = [_fitted_tips(arrows, moment.row) for moment in moments]
-    cameras = _cameras(logged, moments, [np.vstack(points) for points in zip(corners, tips, strict=True)])
+    shown = OffscreenRun(run_log)
+    logged = shown.logged
     figure = Figure(figsize=(STRIP[0] / _DPI, STRIP[1] / _DPI), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    for index, (moment, camera, picture) in enumerate(zip(moments, cameras, pictures, strict=True)):
+    for index, moment in enumerate(five_moments(logged.run_log)):
         left = _GAP + index * (FRAME[0] + _GAP)
         axes = figure.add_axes((left / STRIP[0], _LABEL / STRIP[1], FRAME[0] / STRIP[0], FRAME[1] / STRIP[1]))
-        axes.imshow(draw_picture(camera, *picture), extent=(0, FRAME[0], FRAME[1], 0), interpolation="nearest")
-        _draw_traces(axes, camera, logged, moment.row)
-        for arrow in arrows:
-            _draw_arrow(axes, camera, arrow, moment.row)
-        axes.set_xlim(0, FRAME[0])
-        axes.set_ylim(FRAME[1], 0)
+        camera = shown.camera(moment.row, logged.camera_azimuth, logged.camera_place, FRAME)
+        axes.imshow(shown.picture(moment.row, camera), interpolation="nearest")
         axes.set_axis_off()
-        _label(figure, run_log, moment, (left + FRAME[0] / 2) / STRIP[0])
-    _title(figure, run_log)
+        _label(figure, logged.run_log, moment, (left + FRAME[0] / 2) / STRIP[0])
+    _title(figure, logged.run_log)
     return figure
-
-
-def _car_triangles(logged: LoggedRun, rows: list[int]) -> list[tuple[FloatArray, FloatArray]]:
-    """Triangles and colours of the car in each row."""
-    surfaces = visible_surfaces(logged)
-    context = logged.plant.CreateDefaultContext()
-    posed = []
-    for row in rows:
-        logged.move(context, row)
-        posed.append(posed_triangles(surfaces, logged.plant, context))
-    return posed
-
-
-def _fitted_tips(arrows: list[ForceArrow], row: int) -> FloatArray:
-    """Tips in W, m, of the arrows of a row that fit into its picture, shape (n, 3)."""
-    shown = [arrow for arrow in arrows if arrow.shown[row] and np.linalg.norm(arrow.lengths[row]) <= _LONGEST_FITTED]
-    return np.array([arrow.points[row] + arrow.lengths[row] for arrow in shown]).reshape(-1, 3)
-
-
-def _cameras(logged: LoggedRun, moments: list[Moment], points: list[FloatArray]) -> list[Camera]:
-    """One camera per picture: same direction and scale in all five, the points of each (n, 3; W, m) in the middle."""
-    run_log = logged.run_log
-    azimuth = camera_azimuth(run_log)
-    direction = np.array(
-        [np.cos(azimuth) * np.cos(_ELEVATION), np.sin(azimuth) * np.cos(_ELEVATION), np.sin(_ELEVATION)]
-    )
-    centres = run_log.vector("com", "truth_m")[[moment.row for moment in moments]] * [1.0, 1.0, 0.0]
-    distance = max(_DISTANCE, 2.0 * logged.camera_place[0])
-    unit = [Camera(c + distance * direction, c, 1.0, 0, 0) for c in centres]
-    seen = [camera.project(wanted)[:, :2] for camera, wanted in zip(unit, points, strict=True)]
-    low, high = (np.array([edge(ends, axis=0) for ends in seen]) for edge in (np.min, np.max))
-    top, bottom = low[:, 1].min(), high[:, 1].max()
-    focal_length = 0.88 * min(FRAME[0] / np.max(high[:, 0] - low[:, 0]), FRAME[1] / (bottom - top))
-    right, down = unit[0].axes[:2]
-    cameras = []
-    for centre, middle in zip(centres, 0.5 * (low[:, 0] + high[:, 0]), strict=True):
-        target = centre + distance * (middle * right + 0.5 * (top + bottom) * down)
-        cameras.append(Camera(target + distance * direction, target, focal_length, *FRAME))
-    return cameras
-
-
-def _draw_traces(axes: Axes, camera: Camera, logged: LoggedRun, row: int) -> None:
-    for _, colour, points in traces(logged):
-        seen = camera.project(points[: row + 1])
-        axes.plot(seen[:, 0], seen[:, 1], color=(colour.r(), colour.g(), colour.b()), linewidth=1.4, clip_on=True)
-
-
-def _draw_arrow(axes: Axes, camera: Camera, arrow: ForceArrow, row: int) -> None:
-    if not arrow.shown[row]:
-        return
-    ends = camera.project(np.array([arrow.points[row], arrow.points[row] + arrow.lengths[row]]))
-    (x0, y0), (x1, y1) = ends[:, :2].tolist()
-    axes.add_patch(
-        FancyArrowPatch(
-            (x0, y0),
-            (x1, y1),
-            arrowstyle="-|>,head_width=0.22,head_length=0.4",
-            mutation_scale=10,
-            shrinkA=0,
-            shrinkB=0,
-            color=arrow.colour,
-            linewidth=1.6,
-        )
-    )
 
 
 def _label(figure: Figure, run_log: RunLog, moment: Moment, x: float) -> None:

@@ -17,13 +17,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont, features
 
 from aerodima.workbench.atomic_write import refuse_existing, write_atomically
-from aerodima.workbench.config.signal_table import PLANT_POSITION_PREFIX
-from aerodima.workbench.errors import LogError, UserError
-from aerodima.workbench.logs.schema import PLANT_RUN, RunLog
-from aerodima.workbench.logs.signals import check_time
+from aerodima.workbench.errors import UserError
+from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.captions import RESULT_COLOURS, caption_of, readings
-from aerodima.workbench.replay.offscreen import OffscreenRun, check_renderer
-from aerodima.workbench.replay.picture import Camera, camera_azimuth, camera_path, camera_pose
+from aerodima.workbench.replay.offscreen import OffscreenRun
 from aerodima.workbench.replay.recording import check_rate, nearest_rows
 
 Progress = Callable[[float, float], None]
@@ -38,7 +35,6 @@ MOST_RUNS = 6
 _ALONE, _TOGETHER = (640, 400), (480, 300)
 """Width and height of the picture of one run, and of each of several, pixels; even, as MP4 wants them."""
 _HEADER, _GAP = 52, 4
-_FIELD_OF_VIEW = math.radians(34.0)
 _INK = "#1c2430"
 
 
@@ -48,13 +44,11 @@ class Filmed:
 
     Attributes:
         name: above its picture.
-        run_log: of a simulated run.
-        line: below the name; how the run ended when empty.
+        run_log: the run.
     """
 
     name: str
     run_log: RunLog
-    line: str = ""
 
 
 def write_video(
@@ -77,7 +71,7 @@ def write_video(
 
     Raises:
         UserError: number of runs, ending or rate; encoder or renderer missing; the file exists or cannot be written.
-        LogError: a run has no truth to be drawn from.
+        LogError: a run cannot be replayed, see `add_logged_run`.
     """
     path = Path(path)
     refuse_existing(path, force, UserError)
@@ -85,9 +79,6 @@ def write_video(
     check_rate(rate)
     if not 1 <= len(runs) <= MOST_RUNS:
         raise UserError(f"--video: {len(runs)} runs; allowed: 1 to {MOST_RUNS}")
-    for run in runs:
-        _check_truth(run)
-    check_renderer()
     film = Film(runs, rate, start)
     return write_atomically(path, partial(write, film=film, progress=progress), force, UserError)
 
@@ -96,16 +87,6 @@ def check_video(path: Path, force: bool) -> None:
     """What can be wrong before a log is read: see `write_video`."""
     refuse_existing(path, force, UserError)
     _encoder(path)
-
-
-def _check_truth(run: Filmed) -> None:
-    check_time(run.run_log.time)
-    simulated = any(column.startswith(PLANT_POSITION_PREFIX) for column in run.run_log.table.columns)
-    if not simulated and run.run_log.kind != PLANT_RUN:
-        raise LogError(
-            f"{run.run_log.name}: has no columns {PLANT_POSITION_PREFIX}*; allowed with --video: simulated runs "
-            "(--html reckons the path of a real car)"
-        )
 
 
 class Film:
@@ -126,12 +107,12 @@ class Film:
         self._pictures = [OffscreenRun(run.run_log) for run in runs]
         self._panel = _ALONE if len(runs) == 1 else _TOGETHER
         self._columns = len(runs) if len(runs) <= 3 else math.ceil(len(runs) / 2)
-        logs = [one.logged.run_log for one in self._pictures]
-        azimuth = float(np.median([camera_azimuth(log) for log in logs]))
-        self._eye, self._target = camera_pose(azimuth, max(one.logged.camera_place for one in self._pictures))
-        self._paths = [camera_path(log) for log in logs]
-        self._readings = [readings(log) for log in logs]
-        self._headers = [_header(run, self._panel[0]) for run in runs]
+        self._azimuth = float(np.median([one.logged.camera_azimuth for one in self._pictures]))
+        self._place = max(one.logged.camera_place for one in self._pictures)
+        self._readings = [readings(one.logged.run_log) for one in self._pictures]
+        self._headers = [
+            _header(run.name, one.logged.run_log, self._panel[0]) for run, one in zip(runs, self._pictures, strict=True)
+        ]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -161,38 +142,23 @@ class Film:
             yield last
 
     def _panel_picture(self, which: int, number: int) -> Image.Image:
-        row = int(self._rows[which][number])
-        width, height = self._panel
-        middle = self._paths[which][row]
-        focal_length = 0.5 * height / math.tan(0.5 * _FIELD_OF_VIEW)
-        camera = Camera(middle + self._eye, middle + self._target, focal_length, width, height)
-        picture = Image.fromarray(self._pictures[which].picture(row, camera))
+        row, shown = int(self._rows[which][number]), self._pictures[which]
+        picture = shown.picture(row, shown.camera(row, self._azimuth, self._place, self._panel))
         now = f"t = {self._runs[which].run_log.time[row]:.2f} s"
         words = "   ".join([now, *(reading.text(row) for reading in self._readings[which])])
         draw = ImageDraw.Draw(picture)
-        draw.text((10, height - 26), words, fill=_INK, font=_font(14))
+        draw.text((10, self._panel[1] - 26), words, fill=_INK, font=_font(14))
         return picture
 
 
-def _header(run: Filmed, width: int) -> Image.Image:
+def _header(name: str, run_log: RunLog, width: int) -> Image.Image:
     """Name and outcome, on white."""
-    caption = caption_of(run.run_log)
+    caption = caption_of(run_log)
     header = Image.new("RGB", (width, _HEADER), "white")
     draw = ImageDraw.Draw(header)
-    colour = RESULT_COLOURS[caption.result]
-    lines = ((run.name, 4, _INK, _font(18, bold=True)), (run.line or caption.outcome, 28, colour, _font(15)))
-    for words, top, ink, font in lines:
-        draw.text((10, top), _shortened(words, font, width - 20), fill=ink, font=font)
+    draw.text((10, 4), name, fill=_INK, font=_font(18, bold=True))
+    draw.text((10, 28), caption.outcome, fill=RESULT_COLOURS[caption.result], font=_font(15))
     return header
-
-
-def _shortened(words: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    """Words that fit into a width (pixels), cut off with an ellipsis where they do not."""
-    if font.getlength(words) <= width:
-        return words
-    while words and font.getlength(f"{words}…") > width:
-        words = words[:-1]
-    return f"{words}…"
 
 
 @cache

@@ -99,13 +99,15 @@ def area_around(points: NDArray[np.float64], margin: float = 3.0) -> tuple[float
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
-def draw_ground(meshcat: Meshcat, area: tuple[float, float, float, float]) -> None:
+def draw_ground(meshcat: Meshcat, area: tuple[float, float, float, float], height: float = 0.0) -> None:
     """Draws the floor with a line every metre and a lighter one every quarter of a metre.
 
     Args:
         area: x from, x to, y from, y to, whole metres.
+        height: of the floor, m.
     """
     x0, x1, y0, y1 = area
+    meshcat.SetTransform(GROUND, RigidTransform(np.array([0.0, 0.0, height])))
     floor = Box(x1 - x0, y1 - y0, 0.01)
     meshcat.SetObject(f"{GROUND}/floor", floor, _FLOOR)
     meshcat.SetTransform(f"{GROUND}/floor", RigidTransform(np.array([(x0 + x1) / 2, (y0 + y1) / 2, -0.012])))

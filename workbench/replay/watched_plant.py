@@ -20,8 +20,8 @@ from aerodima.workbench.errors import ModelError
 from aerodima.workbench.logs.recorder import Signals, output_ports, signals_of
 from aerodima.workbench.metrics.run_summary import TAILS
 from aerodima.workbench.replay.force_arrows import AIR_COLOUR, SHOWN_LENGTH, DrawnArrow, point_on_axis
-from aerodima.workbench.replay.logged_plant import SCENE
-from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, shapes_of
+from aerodima.workbench.replay.logged_run import SCENE
+from aerodima.workbench.replay.scene_shapes import WORLD_BODY, body_label, points_of, shapes_of
 from aerodima.workbench.replay.viewer import WORLD, area_around, draw_ground
 from aerodima.workbench.stations.ground_truth import (
     BASE_COLUMNS,
@@ -119,7 +119,10 @@ class WatchedPlant:
         if self.scene_graph is not None and not seen:
             MeshcatVisualizer.AddToBuilder(builder, self.scene_graph, meshcat)
         names = [tail.get_name() for tail in self.tails]
-        reach = [reach_of(self.scene, label) for label in self.bodies]
+        reach = [
+            max(float(np.linalg.norm(points_of(entry), axis=1).max()) for entry in self.scene if entry["body"] == label)
+            for label in self.bodies
+        ]
         live = builder.AddNamedSystem("live_scene", LiveScene(meshcat, names, reach, air_scale))
         for port in ("com", *(["poses"] if self.bodies else []), *(f"{name}_air" for name in names)):
             builder.Connect(truth.GetOutputPort(port), live.GetInputPort(port))
@@ -267,13 +270,3 @@ class LiveScene(LeafSystem):
             for path, X_PA in poses.items():
                 self._meshcat.SetTransform(path, X_PA)
             self._meshcat.SetProperty(f"{arrow.path}/shaft", "scale", [1.0, 1.0, shaft])
-
-
-def reach_of(scene: Sequence[Mapping[str, object]], body: str) -> float:
-    """An upper bound of the distance of a body's shapes from its origin, m; `scene` as in a log."""
-    reach = 0.0
-    for entry in scene:
-        if entry["body"] == body:
-            place = np.asarray(entry["pose"], dtype=float)[4:]
-            reach = max(reach, float(np.linalg.norm(place)) + float(np.max(np.abs(np.asarray(entry["size"])))))
-    return reach

@@ -17,7 +17,7 @@ from aerodima.workbench.logs.schema import PLANT_RUN, TAIL_LAW, RunLog
 from aerodima.workbench.metrics.run_summary import metrics_of_runs, of_plants
 from aerodima.workbench.replay.captions import caption_of, readings
 from aerodima.workbench.replay.force_arrows import AIR_COLOUR, WHEEL_COLOUR, WHEEL_SCALE
-from aerodima.workbench.replay.logged_car import LoggedRun, replayable
+from aerodima.workbench.replay.logged_run import LoggedRun
 from aerodima.workbench.replay.recording import COM_COLOUR, TIP_COLOUR, frame_rows, record_run
 from aerodima.workbench.replay.viewer import open_meshcat
 from aerodima.workbench.report.report_page import (
@@ -40,7 +40,7 @@ def write_replay_html(run_log: RunLog, path: Path | str, *, force: bool = False,
     """Writes the replay of a run as one self-contained HTML file, which plays when it is opened.
 
     Args:
-        run_log: of a simulated run.
+        run_log: the run.
         path: the file; refused when it exists, unless `force`.
         rate: seconds of the run per second of the replay.
 
@@ -65,6 +65,7 @@ def replay_page(run_log: RunLog, rate: float = 1.0, *, signals: bool = True) -> 
     head, scene = _split(meshcat.StaticHtml(), "<title>Drake MeshCat</title>")
     scene, end = _split(scene, "</body>")
     drake = {"head": head, "scene": scene, "end": "</body>" + end}
+    run_log = logged.run_log
     channels = channels_of([run_log], [run_log.name]) if signals else None
     shown = {"caption": caption_of(run_log), "keys": _keys(logged), "run": _frames(run_log, rate), "channels": channels}
     return render("replay.html", **drake, **shown, rate=rate)
@@ -210,7 +211,7 @@ _LIBRARY_MARK = "<!-- Meshcat -->"
 
 def replays_in_step(run_logs: Sequence[RunLog], names: Sequence[str]) -> Templated:
     """The replays with one clock, and their signals over one another; Drake's library stands once on the page."""
-    pages = [replay_page(replayable(run_log), signals=False) for run_log in run_logs]
+    pages = [replay_page(run_log, signals=False) for run_log in run_logs]
     library = _library(pages[0])
     values = {
         "runs": [{"name": name, **look} for name, look in zip(names, line_looks(), strict=False)],

@@ -17,7 +17,7 @@ from aerodima.workbench.config.signal_table import sensor_columns
 from aerodima.workbench.logs.schema import read_run_log
 from aerodima.workbench.metrics.run_summary import summarise
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.logged_car import replayable
+from aerodima.workbench.replay.reckoned_motion import replayable
 from aerodima.workbench.simulate.simulation import simulate
 from tests.blocked_drake import BLOCK
 from tests.hardware.emulator.emulator_process import EmulatorProcess, undisturbed

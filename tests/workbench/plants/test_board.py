@@ -8,7 +8,7 @@ import pytest
 from aerodima.workbench.config.scenario import Scenario, load_scenario
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.metrics.turn_metrics import metrics_of
-from aerodima.workbench.replay.picture import visible_surfaces
+from aerodima.workbench.replay.scene_shapes import points_of, shapes_of
 from aerodima.workbench.simulate.simulation import simulate
 from aerodima.workbench.stations.car_station import simulated_car
 from tests.workbench.stands import CarStand
@@ -60,9 +60,10 @@ def test_car_weighs_and_balances_the_same_without_its_board() -> None:
 def test_replay_draws_the_board_behind_the_rear_tyres() -> None:
     scenario: Scenario = load_scenario("turn_none")
     stand = CarStand(scenario)
-    (board,) = [s for s in visible_surfaces(simulated_car(stand.station)) if s.body.name() == "board"]
-    X_WBoard = stand.plant.EvalBodyPoseInWorld(stand.plant_context, board.body)
-    corners = board.triangles.reshape(-1, 3) @ X_WBoard.rotation().matrix().T + X_WBoard.translation()
+    car_plant = simulated_car(stand.station)
+    (board,) = [shape for shape in shapes_of(car_plant.plant, car_plant.scene_graph) if shape["body"] == "board"]
+    X_WBoard = stand.plant.EvalBodyPoseInWorld(stand.plant_context, stand.plant.GetBodyByName("board"))
+    corners = X_WBoard.multiply(points_of(board).T).T
     car = scenario.car
     assert corners[:, 0].min() == pytest.approx(car.board_x, abs=1e-6)
     assert corners[:, 0].max() < -car.tyre_radius

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.config.signal_table import WHEELS
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import WHEEL_SCALE, force_arrows, point_on_axis
-from aerodima.workbench.replay.logged_car import AIR_SCALE, add_logged_car, tail_axis
+from aerodima.workbench.replay.logged_run import AIR_SCALE, add_logged_run
 
 ROOT, TIP = np.array([[1.0, 2.0, 0.3]]), np.array([[1.2, 1.6, 1.1]])
 
@@ -41,24 +41,25 @@ def test_middle_stands_for_a_point_that_is_not_determined(force: list[float]) ->
 
 
 def test_air_of_a_run_acts_on_the_sail(tailed: RunLog) -> None:
-    logged = add_logged_car(DiagramBuilder(), tailed)
+    logged = add_logged_run(DiagramBuilder(), tailed)
+    tail = tailed.scenario["tail"]
     (arrow,) = [arrow for arrow in force_arrows(logged) if arrow.name == "air_on_tail"]
-    root, tip = tail_axis(logged)
-    assert np.linalg.norm(tip - root, axis=1) == pytest.approx(logged.scenario.tail.length)
+    (air,) = logged.air
+    root, tip = air.root, air.tip
+    assert np.linalg.norm(tip - root, axis=1) == pytest.approx(tail["length"])
     force = tailed.vector("tail_force", "truth_n")
     assert arrow.lengths == pytest.approx(AIR_SCALE * force)
     strength = np.linalg.norm(force, axis=1)
     blowing = strength > 0.2 * strength.max()
     assert strength.max() > 0.01
-    tail = logged.scenario.tail
     from_root = np.linalg.norm(arrow.points - root, axis=1)[blowing]
-    assert from_root.min() > tail.length - tail.sail_length  # the sail is the outer end of the tail
-    assert from_root.max() < tail.length
+    assert from_root.min() > tail["length"] - tail["sail_length"]  # the sail is the outer end of the tail
+    assert from_root.max() < tail["length"]
 
 
 def test_ground_acts_below_the_wheel_of_its_name(tailless: RunLog) -> None:
-    logged = add_logged_car(DiagramBuilder(), tailless)
-    plant = logged.car.plant
+    logged = add_logged_run(DiagramBuilder(), tailless)
+    plant = logged.plant
     context = plant.CreateDefaultContext()
     row = len(tailless.time) - 1
     logged.move(context, row)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
 from pydrake.common.eigen_geometry import Quaternion
@@ -15,8 +16,8 @@ from aerodima.workbench.logs.exporters import export_log
 from aerodima.workbench.logs.importers import import_log
 from aerodima.workbench.logs.schema import RunLog, signals_equal
 from aerodima.workbench.replay.force_arrows import force_arrows
-from aerodima.workbench.replay.foxglove_scene import BODIES, FORCES, POSES, foxglove_scene
-from aerodima.workbench.replay.logged_car import add_logged_car
+from aerodima.workbench.replay.foxglove_scene import BODIES, FORCES, POSES, _add_shape, foxglove_scene
+from aerodima.workbench.replay.logged_run import add_logged_run
 from tests.workbench.replay.cart_poles import observed_swing
 
 CLASSES = {"foxglove.FrameTransforms": FrameTransforms, "foxglove.SceneUpdate": SceneUpdate}
@@ -45,7 +46,7 @@ def row_at(run: RunLog, time: float) -> int:
 
 
 def test_poses_are_those_of_the_plant(tailed: RunLog, exported: Path) -> None:
-    logged = add_logged_car(DiagramBuilder(), tailed)
+    logged = add_logged_run(DiagramBuilder(), tailed)
     plant = logged.plant
     context = plant.CreateDefaultContext()
     poses = messages(exported, POSES)
@@ -67,14 +68,25 @@ def test_every_body_is_drawn_once_in_its_own_frame(exported: Path) -> None:
     assert all(
         entity.frame_id == entity.id and entity.frame_locked for name, entity in drawn.items() if name != "floor"
     )
-    wheel, *_ = drawn["front_left_wheel"].triangles
-    assert len(wheel.points) % 3 == 0
-    heights = [point.z for point in wheel.points]
-    assert 0.08 < max(heights) - min(heights) < 0.16, "m: a wheel of 1:10"
+    wheel = max(drawn["front_left_wheel"].cylinders, key=lambda cylinder: cylinder.size.x)
+    assert 0.08 < wheel.size.x == wheel.size.y < 0.16, "m: a wheel of 1:10"
+    turn = wheel.pose.orientation
+    assert abs(rotation(turn.w, turn.x, turn.y, turn.z) @ [0.0, 0.0, 1.0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
+
+
+def test_a_hull_comes_as_triangles_about_its_middle() -> None:
+    entity = SceneEntity()
+    corners = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.1], [0.05, 0.05, 0.01]]  # one inside
+    shape = {"body": "", "kind": "hull", "size": corners, "pose": [1, 0, 0, 0, 1, 2, 3], "colour": [1, 0, 0]}
+    _add_shape(entity, shape)
+    (hull,) = entity.triangles
+    points = {(round(point.x, 6), round(point.y, 6), round(point.z, 6)) for point in hull.points}
+    assert (len(hull.points), points) == (4 * 3, {tuple(corner) for corner in corners[:4]})
+    assert (hull.pose.position.x, hull.pose.position.y, hull.pose.position.z) == (1.0, 2.0, 3.0)
 
 
 def test_arrows_are_those_of_the_replay_and_go_when_the_force_does(tailed: RunLog, exported: Path) -> None:
-    arrows = {arrow.name: arrow for arrow in force_arrows(add_logged_car(DiagramBuilder(), tailed))}
+    arrows = {arrow.name: arrow for arrow in force_arrows(add_logged_run(DiagramBuilder(), tailed))}
     seen = 0
     for time, update in messages(exported, FORCES):
         row = row_at(tailed, time)

@@ -9,13 +9,15 @@ import pandas as pd
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from aerodima.workbench.config.scenario import load_scenario
+from aerodima.workbench.config.scenario import load_scenario, scenario_from_dict
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog, run_log_from_metadata, run_metadata
 from aerodima.workbench.replay.captions import caption_of
 from aerodima.workbench.replay.force_arrows import force_arrows
-from aerodima.workbench.replay.logged_car import add_logged_car, replayable
+from aerodima.workbench.replay.logged_run import add_logged_run
+from aerodima.workbench.replay.reckoned_motion import replayable
 from aerodima.workbench.replay.strip import five_moments
+from aerodima.workbench.stations.ground_truth import own_instances
 
 TIMES = np.arange(301) / 100.0
 SPEED, YAW_RATE = 3.0, 1.5
@@ -48,14 +50,14 @@ def test_without_a_heading_the_yaw_rate_is_integrated() -> None:
 def test_the_plant_takes_the_reckoned_pose_and_joints() -> None:
     """Rolled 0.3 rad to the right, the car stands on its right wheels; the tail lies where it was logged."""
     run_log = replayable(circle(imu_roll_rad=0.3, tail_roll_angle_rad=0.5 * TIMES, tail_pitch_angle_rad=0.1))
-    logged = add_logged_car(DiagramBuilder(), run_log)
-    plant = logged.car.plant
+    logged = add_logged_run(DiagramBuilder(), run_log)
+    plant = logged.plant
     context = plant.CreateDefaultContext()
     logged.move(context, 200)
     X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName("chassis"))
     R_WB = X_WB.rotation().matrix()
     assert R_WB[2, 1] == pytest.approx(np.sin(0.3)), "left side up"
-    half_track = logged.scenario.car.outer_half_track
+    half_track = scenario_from_dict(run_log.scenario).car.outer_half_track
     assert X_WB.translation()[2] == pytest.approx(half_track * np.sin(0.3))
     assert plant.GetJointByName("tail_roll").get_angle(context) == pytest.approx(1.0)
     assert plant.GetJointByName("tail_pitch").get_angle(context) == pytest.approx(0.1)
@@ -63,14 +65,14 @@ def test_the_plant_takes_the_reckoned_pose_and_joints() -> None:
     reach = np.linalg.norm(tip[200] - tip[0])
     assert reach > 0.5
     assert run_log.vector("com", "truth_m")[200] == pytest.approx(
-        plant.CalcCenterOfMassPositionInWorld(context, [logged.car.car, logged.car.tail])
+        plant.CalcCenterOfMassPositionInWorld(context, own_instances(plant))
     )
 
 
 def test_a_reckoned_run_has_five_moments_no_arrows_and_says_what_it_is() -> None:
     for scenario in ("turn_none", "turn_held"):
         run_log = replayable(circle(scenario))
-        assert force_arrows(add_logged_car(DiagramBuilder(), run_log)) == []
+        assert force_arrows(add_logged_run(DiagramBuilder(), run_log)) == []
         assert len(five_moments(run_log)) == 5
         assert "path reckoned from the sensors" in caption_of(run_log).text
 

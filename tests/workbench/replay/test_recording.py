@@ -12,8 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import ForceArrow, shortest_turn
-from aerodima.workbench.replay.logged_car import add_logged_car
-from aerodima.workbench.replay.picture import camera_azimuth
+from aerodima.workbench.replay.logged_run import add_logged_run
 from aerodima.workbench.replay.recording import (
     FRAMES_PER_SECOND,
     MOST_FRAMES,
@@ -102,7 +101,7 @@ def test_point_of_an_arrow_is_force_times_scale_from_its_foot() -> None:
 
 
 def test_world_moves_so_that_the_car_stays_in_view(tailed: RunLog) -> None:
-    logged = add_logged_car(DiagramBuilder(), tailed)
+    logged = add_logged_run(DiagramBuilder(), tailed)
     tracks = Tracks()
     rows = np.array([0, 100, len(tailed.time) - 1])
     _follow(tracks, tracks, logged, rows)  # type: ignore[arg-type]
@@ -116,14 +115,6 @@ def test_world_moves_so_that_the_car_stays_in_view(tailed: RunLog) -> None:
     assert position[0] > 1.0  # ahead of a car that heads along x
     assert position[1] < 0.0  # outside of a left turn: right
     assert target[2] > 0.0
-
-
-def test_camera_of_a_right_turn_mirrors_that_of_a_left_turn(tailed: RunLog) -> None:
-    mirrored = tailed.table.copy()
-    mirrored["yaw_truth_rad"] *= -1
-    right = RunLog(table=mirrored, scenario=tailed.scenario, seed=1)
-    assert tailed.signal("yaw_truth_rad")[-1] > 0.0
-    assert camera_azimuth(right) == pytest.approx(-camera_azimuth(tailed))
 
 
 def test_tube_is_about_its_line_and_closed_by_its_sides() -> None:

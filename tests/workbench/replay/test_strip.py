@@ -8,13 +8,13 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch
 
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
 from aerodima.workbench.replay.force_arrows import WHEEL_COLOUR
 from aerodima.workbench.replay.strip import FRAME, STRIP, strip_figure, write_strip
+
+pytestmark = pytest.mark.usefixtures("renderer")
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +53,9 @@ def test_labels_tell_time_speed_roll_and_outcome(tailless: RunLog) -> None:
 
 def test_car_fits_into_every_picture(tailed: RunLog) -> None:
     for axes in strip_figure(tailed).axes:
-        pixels = axes.images[0].get_array()
+        pixels = np.asarray(axes.images[0].get_array()).astype(int)
         assert pixels.shape == (FRAME[1], FRAME[0], 3)
-        yellow = (pixels[..., 0] > 0.5) & (pixels[..., 2] < 0.3) & (pixels[..., 1] > 0.4)
+        yellow = (pixels[..., 0] > 120) & (pixels[..., 2] < 0.5 * pixels[..., 1]) & (pixels[..., 1] > 80)
         edge = np.concatenate([yellow[0], yellow[-1], yellow[:, 0], yellow[:, -1]])
         assert yellow.any()
         assert not edge.any()
@@ -69,33 +69,22 @@ def loaded(run_log: RunLog, force: float) -> RunLog:
     return replace(run_log, table=table)
 
 
-def green_rows(figure: Figure) -> list[int]:
+def green_rows(run_log: RunLog) -> list[int]:
     """Height of what has the colour of a wheel's arrow in each of the five pictures, pixels."""
-    figure.canvas.draw()
-    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3] / 255.0  # type: ignore[attr-defined]
-    green = np.abs(pixels - WHEEL_COLOUR).max(axis=-1) < 0.02
     heights = []
-    for axes in figure.axes:
-        left, right = (round(x) for x in axes.bbox.intervalx)
-        rows = np.flatnonzero(green[:, left:right].any(axis=1))
+    for axes in strip_figure(run_log).axes:
+        pixels = np.asarray(axes.images[0].get_array())[..., :3] / 255.0
+        rows = np.flatnonzero((np.abs(pixels - WHEEL_COLOUR).max(axis=-1) < 0.02).any(axis=1))
         heights.append(int(np.ptp(rows)) + 1 if rows.size else 0)
     return heights
 
 
-@pytest.mark.parametrize("force", [15.0, 37.0])  # a wheel at rest; the outer ones of a car that tips
-def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless: RunLog, force: float) -> None:
-    figure = strip_figure(loaded(tailless, force))
-    for axes, height in zip(figure.axes, green_rows(figure), strict=True):
-        (arrow,) = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
-        extent = arrow.get_window_extent()
-        assert axes.bbox.y0 < extent.y0 < extent.y1 < axes.bbox.y1
-        assert height == pytest.approx(extent.height, abs=4)  # the line is 2 pixels wide
-
-
-def test_arrow_of_an_impact_is_cut_off_at_the_edge_and_the_car_stays_large(tailless: RunLog) -> None:
-    figure = strip_figure(loaded(tailless, 1000.0))
-    heights = green_rows(figure)
-    assert all(0.5 * FRAME[1] < height <= FRAME[1] for height in heights)
+def test_arrow_of_a_heavily_loaded_wheel_is_drawn_whole(tailless: RunLog) -> None:
+    """At 37 N, as of the outer wheels of a car that tips, it is as much longer as the force is than at 15 N."""
+    light, heavy = (np.array(green_rows(loaded(tailless, force))) for force in (15.0, 37.0))
+    # The camera looks down, so that the point of the longer arrow is nearer to it and seen a little larger.
+    assert heavy / light == pytest.approx(np.full(5, 37.0 / 15.0), rel=0.25)
+    assert np.all(heavy < FRAME[1])
 
 
 def test_existing_file_is_kept_unless_forced(tailed: RunLog, strip: Path, tmp_path: Path) -> None:
@@ -105,10 +94,3 @@ def test_existing_file_is_kept_unless_forced(tailed: RunLog, strip: Path, tmp_pa
         write_strip(tailed, path)
     assert path.read_text() == "precious"
     assert write_strip(tailed, path, force=True).read_bytes() == strip.read_bytes()
-
-
-def test_log_without_plant_positions_is_refused(tailed: RunLog, tmp_path: Path) -> None:
-    plain = tailed.table[[name for name in tailed.table.columns if not name.startswith("plant_position_")]]
-    with pytest.raises(LogError, match="only a simulated run can be replayed"):
-        write_strip(replace(tailed, table=plain), tmp_path / "run.png")
-    assert list(tmp_path.iterdir()) == []

@@ -1,8 +1,7 @@
-"""Videos: what is on the frames, several runs in step, and what is told when encoder or renderer is missing."""
+"""Videos: what is on the frames, several runs in step, and what is told when an encoder is missing."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,28 +11,14 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from aerodima.workbench.errors import LogError, UserError
+from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay import offscreen, video
-from aerodima.workbench.replay.offscreen import check_renderer
+from aerodima.workbench.replay import video
 from aerodima.workbench.replay.video import FRAMES_PER_SECOND, Film, Filmed, write_video
 
 PANEL, HEADER, GAP = (480, 300), 52, 4
 REST = 25
 """Frames for which the last one stays."""
-
-
-def has_renderer() -> bool:
-    try:
-        check_renderer()
-    except UserError:
-        return False
-    return True
-
-
-needs_renderer = pytest.mark.skipif(
-    not has_renderer(), reason="Drake's VTK finds no OpenGL through EGL on this machine"
-)
 
 
 def cut(run_log: RunLog, length: float) -> RunLog:
@@ -49,7 +34,7 @@ def brief(short_runs: dict[str, RunLog]) -> dict[str, RunLog]:
 
 @pytest.fixture(scope="module")
 def film(brief: dict[str, RunLog]) -> Film:
-    return Film([Filmed("longer", brief["tailed"]), Filmed("shorter", brief["tailless"], "told by hand")], 1.0)
+    return Film([Filmed("longer", brief["tailed"]), Filmed("shorter", brief["tailless"])], 1.0)
 
 
 def panel(frame: Image.Image, which: int, header: bool = False) -> NDArray[np.uint8]:
@@ -64,7 +49,7 @@ def yellow(pixels: NDArray[np.uint8]) -> int:
     return int(np.count_nonzero((red > 120) & (green > 80) & (blue < 0.5 * green) & (red > green)))
 
 
-@needs_renderer
+@pytest.mark.usefixtures("renderer")
 def test_each_picture_shows_its_own_car(film: Film) -> None:
     frame = film.frame(0)
     assert frame.size == film.size == (2 * PANEL[0] + GAP, HEADER + PANEL[1])
@@ -74,7 +59,7 @@ def test_each_picture_shows_its_own_car(film: Film) -> None:
     assert dark.sum() > 200
 
 
-@needs_renderer
+@pytest.mark.usefixtures("renderer")
 def test_runs_of_different_length_are_in_step_to_the_end_of_the_longest(film: Film) -> None:
     assert film.number == 6
     last = [film.frame(number) for number in (3, 4, 5)]
@@ -82,7 +67,7 @@ def test_runs_of_different_length_are_in_step_to_the_end_of_the_longest(film: Fi
     assert not np.array_equal(panel(last[1], 0), panel(last[2], 0))
 
 
-@needs_renderer
+@pytest.mark.usefixtures("renderer")
 def test_runs_of_different_step_show_the_same_moment(brief: dict[str, RunLog]) -> None:
     whole = brief["tailed"]
     coarse = replace(whole, table=whole.table.iloc[::20])  # every 0.04 s, as the frames
@@ -94,7 +79,7 @@ def test_runs_of_different_step_show_the_same_moment(brief: dict[str, RunLog]) -
     assert np.abs(fine_car - panel(both.frame(0), 0)).mean() > 1.0
 
 
-@needs_renderer
+@pytest.mark.usefixtures("renderer")
 @pytest.mark.parametrize(("result", "colour"), [("survived", (20, 113, 58)), ("flipped", (179, 38, 30))])
 def test_outcome_stands_above_the_picture_in_its_colour(
     short_runs: dict[str, RunLog], result: str, colour: tuple[int, int, int]
@@ -107,24 +92,7 @@ def test_outcome_stands_above_the_picture_in_its_colour(
     assert np.any(np.abs(header - colour).max(axis=-1) < 8)
 
 
-@needs_renderer
-def test_line_of_ones_own_takes_the_place_of_the_outcome(film: Film, brief: dict[str, RunLog]) -> None:
-    plain = Film([Filmed("longer", brief["tailed"]), Filmed("shorter", brief["tailless"])], 1.0)
-    mine, usual = film.frame(0), plain.frame(0)
-    assert np.array_equal(panel(mine, 0, header=True), panel(usual, 0, header=True))
-    assert not np.array_equal(panel(mine, 1, header=True), panel(usual, 1, header=True))
-
-
-@needs_renderer
-def test_name_that_is_too_long_is_cut_off_with_an_ellipsis() -> None:
-    font = video._font(18, bold=True)
-    words = video._shortened("a" * 200, font, 300)
-    assert words.endswith("a…")
-    assert font.getlength(words) <= 300 < font.getlength(words.replace("…", "a…"))
-    assert video._shortened("short", font, 300) == "short"
-
-
-@needs_renderer
+@pytest.mark.usefixtures("renderer")
 @pytest.mark.parametrize(("ending", "rate", "frames"), [("gif", 1.0, 6), ("webp", 1.0, 6), ("webp", 0.5, 11)])
 def test_file_has_every_frame_and_rests_at_the_end(
     brief: dict[str, RunLog], tmp_path: Path, ending: str, rate: float, frames: int
@@ -149,7 +117,7 @@ def test_file_has_every_frame_and_rests_at_the_end(
     assert shown == 1000 // FRAMES_PER_SECOND * (frames + REST)
 
 
-@needs_renderer
+@pytest.mark.usefixtures("renderer")
 def test_mp4_has_every_frame(brief: dict[str, RunLog], tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg (the extra `video`) is not installed")
     path = write_video([Filmed("run", brief["tailed"])], tmp_path / "run.mp4")
@@ -168,31 +136,6 @@ def test_missing_encoder_is_one_line(brief: dict[str, RunLog], tmp_path: Path, m
     monkeypatch.setattr(video.features, "check", lambda name: False)
     with pytest.raises(UserError, match=r"no encoder for WebP; write \.gif or \.mp4"):
         write_video([Filmed("run", brief["tailed"])], tmp_path / "run.webp")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.fixture
-def without_driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """EGL looks for its drivers where there are none; VTK then takes its process down."""
-    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    offscreen._renderer_works.cache_clear()
-    yield
-    offscreen._renderer_works.cache_clear()
-
-
-@pytest.mark.usefixtures("without_driver")
-def test_missing_renderer_is_one_line(brief: dict[str, RunLog], tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"no off-screen renderer: .* install .*, or write --html or --strip"):
-        write_video([Filmed("run", brief["tailed"])], tmp_path / "run.gif")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_run_without_truth_is_refused(brief: dict[str, RunLog], tmp_path: Path) -> None:
-    table = brief["tailed"].table
-    sensors = replace(brief["tailed"], table=table[[name for name in table if not name.startswith("plant_position_")]])
-    with pytest.raises(LogError, match=r"has no columns plant_position_\*; allowed with --video: simulated runs"):
-        write_video([Filmed("car", sensors)], tmp_path / "run.gif")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerodima.workbench.replay.watched_plant import LiveScene, reach_of
+from aerodima.workbench.replay.watched_plant import LiveScene
 
 ARROW = "/drake/forces/air_on_tail"
 
@@ -74,10 +74,3 @@ def test_point_of_the_arrow_is_force_times_scale_from_the_middle_of_the_tail() -
 
 def test_arrow_of_a_small_force_is_hidden() -> None:
     assert shown([0.0, 0.0, 0.4], [0.01, 0.0, 0.0]).properties[ARROW, "visible"] is False
-
-
-def test_reach_counts_place_and_size_of_the_shapes_of_a_body() -> None:
-    pose = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5]
-    scene = [{"body": "pole", "size": [0.02, 0.3], "pose": pose}, {"body": "cart", "size": [9.0], "pose": pose}]
-    assert reach_of(scene, "pole") == pytest.approx(0.8)
-    assert reach_of(scene, "nothing") == 0.0

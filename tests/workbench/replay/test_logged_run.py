@@ -10,16 +10,16 @@ from pydrake.systems.framework import DiagramBuilder
 
 from aerodima.workbench.errors import LogError
 from aerodima.workbench.logs.schema import RunLog
-from aerodima.workbench.replay.logged_car import LoggedCar, add_logged_car
+from aerodima.workbench.replay.logged_run import LoggedRun, add_logged_run
 
 
-def logged_car(run: RunLog) -> LoggedCar:
-    return add_logged_car(DiagramBuilder(), run)
+def logged_car(run: RunLog) -> LoggedRun:
+    return add_logged_run(DiagramBuilder(), run)
 
 
 def test_body_stands_where_the_log_says(tailed: RunLog) -> None:
     logged = logged_car(tailed)
-    plant = logged.car.plant
+    plant = logged.plant
     context = plant.CreateDefaultContext()
     row = len(tailed.time) - 1
     logged.move(context, row)
@@ -35,10 +35,19 @@ def test_order_of_columns_does_not_matter(tailed: RunLog) -> None:
     assert np.array_equal(logged_car(backwards).positions, logged_car(tailed).positions)
 
 
-def test_run_of_the_real_car_is_refused(tailed: RunLog) -> None:
+def test_run_without_plant_positions_moves_as_its_sensors_say(tailed: RunLog) -> None:
     plain = tailed.table[[name for name in tailed.table.columns if not name.startswith("plant_position_")]]
-    with pytest.raises(LogError, match="only a simulated run can be replayed"):
-        logged_car(replace(tailed, table=plain))
+    logged = logged_car(replace(tailed, table=plain))
+    assert logged.run_log.extra["reckoned"] is True
+    assert logged.positions.shape == logged_car(tailed).positions.shape
+
+
+def test_camera_of_a_right_turn_mirrors_that_of_a_left_turn(tailed: RunLog) -> None:
+    mirrored = tailed.table.copy()
+    mirrored["yaw_truth_rad"] *= -1
+    assert tailed.signal("yaw_truth_rad")[-1] > 0.0
+    right = logged_car(replace(tailed, table=mirrored))
+    assert right.camera_azimuth == pytest.approx(-logged_car(tailed).camera_azimuth)
 
 
 def test_positions_of_another_car_are_named(tailed: RunLog) -> None:
