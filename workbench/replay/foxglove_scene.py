@@ -1,12 +1,7 @@
 """A run as Foxglove draws it (https://docs.foxglove.dev/docs/visualization/message-schemas): bodies, poses and forces.
 
-<<<<<<< HEAD
-The bodies and the floor are drawn once, each as triangles in the frame of its own body; poses come as transforms to
-`world`, forces as arrows there, of the lengths and colours of the replay. `export_log` puts them beside the signals.
-=======
 The bodies and the floor are drawn once, each in the frame of its own body; poses come as transforms to
-`world`, forces as arrows there, of the lengths and colours of the replay. `McapFile` puts them beside the signals.
->>>>>>> 79e77eb (Strips and videos are drawn by one renderer, from one logged run)
+`world`, forces as arrows there, of the lengths and colours of the replay. `export_log` puts them beside the signals.
 """
 
 from collections.abc import Iterator, Sequence
