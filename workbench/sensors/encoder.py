@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint
-from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
+from pydrake.systems.framework import Context, DiscreteValues
 
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.sampled import CounterNoise, SampledSensor
@@ -16,29 +14,67 @@ from aerodima.workbench.systems.system_ports import DiscreteVector, vector_of
 TURN = 2.0 * math.pi
 
 
-class SailEncoder(SampledSensor):
-    """Absolute magnetic encoder of the freely turning sail: noisy, quantised angle, and the rate from its differences.
+class AngleEncoder(SampledSensor):
+    """Encoder of one joint: its angle in steps, and the rate from the difference of two readings.
 
-    A word of n bits has 2^n equal steps per turn; the reading is the step that the angle with its noise lies in, from 0
-    to below 2 pi (thesis 5.4.5 maps it to 0-360 degrees; 12 bit there, the named part has 10, ERRATA E30). The rate is
-    the difference between the reading and the one `rate_window` earlier, by the shorter way round: it is right up to
-    half a turn per window, resolves one step per window, and lags by half the window.
+    Subclasses say what is read. The rate is the difference between the reading and the one a window earlier, by the
+    shorter way round: it is right up to half a turn per window, resolves one step per window, lags by half the window.
 
     Input ports:
-        plant_state (state_size): positions and velocities of the plant.
+        joint_angle (1): rad.
     Output ports:
-        angle (1): rad in [0, 2 pi).
-        rate (1): rad/s.
+        angle (1): rad.
+        rate (1): rad/s, mean over the window; 0 until it is filled.
         sample_time (1), age (1): s, see `SampledSensor`.
+
+    Args:
+        name, rate, delay, step, discrete: as for `SampledSensor`.
+        window: of the rate, s; rounded to whole samples, at least one.
+
+    Raises:
+        UserError: rate or delay not allowed.
+    """
+
+    def __init__(
+        self, name: str, rate: float, delay: float, window: float, step: float | None, discrete: bool = False
+    ) -> None:
+        outputs = {"angle": 1, "rate": 1}
+        super().__init__(name=name, outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete)
+        self._angle = self.DeclareVectorInputPort("joint_angle", 1)
+        samples = max(1, round(window * rate))
+        self._window = samples / rate
+        self._past = DiscreteVector(self, np.full(samples, math.nan))
+
+    def reading(self, angle: float, index: int) -> float:
+        """What sample `index` says of an angle, rad."""
+        raise NotImplementedError
+
+    def measure(self, context: Context, index: int) -> np.ndarray:
+        """One sample (2,): angle rad, rate rad/s."""
+        angle = self.reading(float(vector_of(self._angle, context)[0]), index)
+        earlier = self._past.read(context)[0]
+        return np.array([angle, 0.0 if math.isnan(earlier) else math.remainder(angle - earlier, TURN) / self._window])
+
+    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
+        """See `SampledSensor.take`; keeps the angle for the rate of later samples."""
+        row = super().take(context, discrete_state)
+        past = self._past.read(context)
+        self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
+        return row
+
+
+class SailEncoder(AngleEncoder):
+    """Absolute magnetic encoder of the freely turning sail.
+
+    A word of n bits has 2^n equal steps per turn; the reading is the step that the angle with its noise lies in, from 0
+    to below 2 pi (thesis 5.4.5 maps it to 0-360 degrees; 12 bit there, the named part has 10, ERRATA E30).
 
     Args:
         settings: `scenario.sail_encoder`: rate Hz, delay s, bits, noise rad (standard deviation before quantisation).
         seed: of the noise.
-        position_index: of the joint's angle in plant_state.
-        state_size: of the plant.
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
-        rate_window: s; rounded to whole samples, at least one.
+        window: of the rate, s.
 
     Raises:
         UserError: rate, delay or word length not allowed.
@@ -49,74 +85,20 @@ class SailEncoder(SampledSensor):
         settings: Any,
         *,
         seed: int = 0,
-        position_index: int = 0,
-        state_size: int = 1,
         step: float | None = None,
         discrete: bool = False,
-        rate_window: float = 0.02,
+        window: float = 0.02,
     ) -> None:
-        super().__init__(
-            name="sail_encoder",
-            outputs={"angle": 1, "rate": 1},
-            rate=settings.rate,
-            delay=settings.delay,
-            step=step,
-            discrete=discrete,
-        )
+        super().__init__("sail_encoder", settings.rate, settings.delay, window, step, discrete)
         if not 4 <= settings.bits <= 20:
             raise UserError(f"sail_encoder.bits: {settings.bits}; allowed: 4 to 20")
         self._steps = 2**settings.bits
-        self._position_index = position_index
         self._noise, self._deviation = CounterNoise(seed, "sail_encoder", 1), settings.noise
-        self._plant_state = self.DeclareVectorInputPort("plant_state", state_size)
-        samples = max(1, round(rate_window * settings.rate))
-        self._window = samples / settings.rate
-        self._past = DiscreteVector(self, np.full(samples, math.nan))
 
-    @classmethod
-    def add_to_builder(
-        cls,
-        builder: DiagramBuilder,
-        settings: Any,
-        *,
-        plant: MultibodyPlant,
-        joint: Joint,
-        seed: int = 0,
-        rate_window: float = 0.02,
-    ) -> "SailEncoder":
-        """Adds the encoder on a revolute joint of a plant and connects it."""
-        encoder = cls(
-            settings,
-            seed=seed,
-            position_index=joint.position_start(),
-            state_size=plant.num_multibody_states(),
-            step=plant.time_step() or None,
-            discrete=plant.time_step() > 0.0,
-            rate_window=rate_window,
-        )
-        builder.AddSystem(encoder)
-        builder.Connect(plant.get_state_output_port(), encoder.GetInputPort("plant_state"))
-        return encoder
-
-    def measure(self, context: Context, index: int) -> np.ndarray:
-        """One sample (2,): angle rad, rate rad/s (0 until the window is filled)."""
-        angle = self._reading(context, index)
-        earlier = self._past.read(context)[0]
-        if math.isnan(earlier):
-            return np.array([angle, 0.0])
-        return np.array([angle, math.remainder(angle - earlier, TURN) / self._window])
-
-    def _reading(self, context: Context, index: int) -> float:
-        state = vector_of(self._plant_state, context)
-        angle = float(state[self._position_index]) + self._deviation * float(self._noise.at(index)[0])
-        return angle / TURN * self._steps // 1.0 % self._steps * (TURN / self._steps)
-
-    def take(self, context: Context, discrete_state: DiscreteValues) -> np.ndarray:
-        """See `SampledSensor.take`; keeps the angle for the rate of later samples."""
-        row = super().take(context, discrete_state)
-        past = self._past.read(context)
-        self._past.write(discrete_state, np.concatenate((past[1:], row[:1])))
-        return row
+    def reading(self, angle: float, index: int) -> float:
+        """See `AngleEncoder.reading`; in [0, 2 pi)."""
+        noisy = angle + self._deviation * float(self._noise.at(index)[0])
+        return noisy / TURN * self._steps // 1.0 % self._steps * (TURN / self._steps)
 
 
 @dataclass(frozen=True)
@@ -153,7 +135,7 @@ class MotorEncoder(SampledSensor):
     rates and sail rate.
 
     Input ports:
-        plant_state (state_size): positions and velocities of the plant.
+        joints (4): angles of pitch and roll, rad, then their rates, rad/s.
     Output ports:
         angles (2): pitch, roll, rad.
         rates (2): pitch, roll, rad/s.
@@ -161,10 +143,8 @@ class MotorEncoder(SampledSensor):
 
     Args:
         rate: Hz, one reply per command.
-        delay: s.
-        indices: of pitch angle, roll angle, pitch rate, roll rate in plant_state.
-        state_size: of the plant.
         reply: ranges and word lengths.
+        delay: s.
         step: of the plant, s.
         discrete: whether the plant is discrete, see `SampledSensor`.
 
@@ -175,57 +155,19 @@ class MotorEncoder(SampledSensor):
     def __init__(
         self,
         rate: float,
+        reply: MotorReply,
         *,
         delay: float = 0.0,
-        indices: tuple[int, int, int, int] = (0, 1, 2, 3),
-        state_size: int = 4,
-        reply: MotorReply | None = None,
         step: float | None = None,
         discrete: bool = False,
     ) -> None:
-        super().__init__(
-            name="tail_motors",
-            outputs={"angles": 2, "rates": 2},
-            rate=rate,
-            delay=delay,
-            step=step,
-            discrete=discrete,
-        )
-        reply = reply or MotorReply()
-        self._plant_state = self.DeclareVectorInputPort("plant_state", state_size)
-        words = [(reply.position_range, reply.position_bits), (reply.speed_range, reply.speed_bits)]
-        self._words = [(index, *words[place // 2]) for place, index in enumerate(indices)]
-
-    @classmethod
-    def add_to_builder(
-        cls,
-        builder: DiagramBuilder,
-        rate: float,
-        *,
-        plant: MultibodyPlant,
-        pitch_joint: Joint,
-        roll_joint: Joint,
-        delay: float = 0.0,
-        reply: MotorReply | None = None,
-    ) -> "MotorEncoder":
-        """Adds the encoders of two revolute joints of a plant and connects them."""
-        joints = (pitch_joint, roll_joint)
-        positions = [joint.position_start() for joint in joints]
-        rates = [plant.num_positions() + joint.velocity_start() for joint in joints]
-        encoder = cls(
-            rate,
-            delay=delay,
-            indices=(positions[0], positions[1], rates[0], rates[1]),
-            state_size=plant.num_multibody_states(),
-            reply=reply,
-            step=plant.time_step() or None,
-            discrete=plant.time_step() > 0.0,
-        )
-        builder.AddSystem(encoder)
-        builder.Connect(plant.get_state_output_port(), encoder.GetInputPort("plant_state"))
-        return encoder
+        outputs = {"angles": 2, "rates": 2}
+        super().__init__(name="tail_motors", outputs=outputs, rate=rate, delay=delay, step=step, discrete=discrete)
+        self._joints = self.DeclareVectorInputPort("joints", 4)
+        angle, speed = (reply.position_range, reply.position_bits), (reply.speed_range, reply.speed_bits)
+        self._words = (angle, angle, speed, speed)
 
     def measure(self, context: Context, index: int) -> np.ndarray:
         """One sample (4,)."""
-        state = vector_of(self._plant_state, context)
-        return np.array([quantise_symmetric(float(state[index]), limit, bits) for index, limit, bits in self._words])
+        values = vector_of(self._joints, context).tolist()
+        return np.array([quantise_symmetric(value, *word) for value, word in zip(values, self._words, strict=True)])

@@ -14,13 +14,14 @@ from aerodima.workbench.errors import UserError
 from aerodima.workbench.logs.recorder import RunRecorder, open_log, output_ports, recorded_columns, signals_of
 from aerodima.workbench.logs.schema import RunLog, read_run_log, write_run_log
 from aerodima.workbench.plants.rig import Rig
-from aerodima.workbench.sensors.rig_sensors import sensor_errors
+from aerodima.workbench.sensors.rig_sensors import force_errors
 from aerodima.workbench.simulate.car_run import Check, LiveView
 from aerodima.workbench.stations.rig_station import (
     RigInterfaceFactory,
     known_truth,
     make_rig_station,
     rig_log_metadata,
+    sensor_offsets,
     simulate_static_log,
 )
 from aerodima.workbench.systems.system_ports import vector_of
@@ -58,7 +59,7 @@ def run_rig(
     facts: dict[str, Any] = {}
     if interface is None:
         facts["truth"] = known_truth(scenario)
-        facts["bias"] = sensor_errors(scenario.force_sensor, scenario.seed).bias.tolist()
+        facts["bias"] = force_errors(scenario.force_sensor, sensor_offsets(scenario), scenario.seed).bias.tolist()
     metadata = rig_log_metadata(scenario, **facts)
     with open_log(log, recorded_columns(signals), metadata, force) as rows:
         RunRecorder.add_to_builder(builder, rows, signals, scenario.simulation.log_rate, with_samples=True)

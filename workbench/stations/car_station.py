@@ -25,10 +25,12 @@ from aerodima.workbench.stations.car_drives import TAIL_COMMANDS, DrivenCar, add
 from aerodima.workbench.stations.ground_truth import CarTruth
 from aerodima.workbench.systems.system_ports import (
     add_status,
+    connected,
     constant,
     export_interface,
     export_outputs,
     refuse_other_ports,
+    select,
     stacked,
 )
 
@@ -96,19 +98,11 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
         builder.ExportInput(command, name)
     tail = _stand_in_for_tail(builder) if car.tail is None else _add_tail(builder, scenario, car.plant, driven)
     motion, step, seed = driven.chassis_motion(builder), scenario.simulation.step, scenario.seed
-    imu = builder.AddSystem(
-        Imu(
-            scenario.imu,
-            p_BoImu_B=(scenario.imu.x, 0.0, scenario.imu.z),
-            seed=seed,
-            step=step,
-            discrete=True,
-            gravity=scenario.environment.gravity,
-        )
-    )
-    gps = builder.AddSystem(GpsSpeed(scenario.gps, seed=seed, step=step, discrete=True))
+    place, gravity = (scenario.imu.x, 0.0, scenario.imu.z), scenario.environment.gravity
+    imu = Imu(scenario.imu, p_BoImu_B=place, seed=seed, step=step, discrete=True, gravity=gravity)
+    gps = GpsSpeed(scenario.gps, seed=seed, step=step, discrete=True)
     for sensor in (imu, gps):
-        builder.Connect(motion, sensor.get_input_port())
+        connected(builder, sensor, chassis_motion=motion)
     export_outputs(
         builder,
         {
@@ -130,14 +124,12 @@ def _simulate(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | No
 
 
 def _add_tail(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, driven: DrivenCar) -> _TailPorts:
-    encoders = MotorEncoder.add_to_builder(
-        builder,
-        scenario.controller.rate,
-        plant=plant,
-        pitch_joint=plant.GetJointByName("tail_pitch"),
-        roll_joint=plant.GetJointByName("tail_roll"),
-        reply=MotorReply(scenario.tail_motor.position_range, scenario.tail_motor.speed_range),
-    )
+    joints = [plant.GetJointByName(f"tail_{name}") for name in ("pitch", "roll")]
+    places = [joint.position_start() for joint in joints]
+    places += [plant.num_positions() + joint.velocity_start() for joint in joints]
+    reply = MotorReply(scenario.tail_motor.position_range, scenario.tail_motor.speed_range)
+    encoders = MotorEncoder(scenario.controller.rate, reply, step=plant.time_step(), discrete=True)
+    connected(builder, encoders, joints=select(builder, "tail_joints", plant.get_state_output_port(), places))
     sail: System = encoders
     if scenario.tail.sail == "locked":
         angle = rate = constant(builder, "sail_locked", [0.0])
@@ -166,13 +158,12 @@ def _add_sail_encoder(
     builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, wind_direction: OutputPort
 ) -> System:
     """On the joint of a free sail; a sail that faces the wind has no joint, its angle is that of the wind."""
-    settings, seed = scenario.sail_encoder, scenario.seed
+    angle = wind_direction
     if scenario.tail.sail == "free":
-        joint = plant.GetJointByName("tail_sail_turn")
-        return SailEncoder.add_to_builder(builder, settings, plant=plant, joint=joint, seed=seed)
-    encoder = builder.AddSystem(SailEncoder(settings, seed=seed, step=plant.time_step(), discrete=True))
-    builder.Connect(wind_direction, encoder.GetInputPort("plant_state"))
-    return encoder
+        place = plant.GetJointByName("tail_sail_turn").position_start()
+        angle = select(builder, "sail_turn", plant.get_state_output_port(), [place])
+    encoder = SailEncoder(scenario.sail_encoder, seed=scenario.seed, step=plant.time_step(), discrete=True)
+    return connected(builder, encoder, joint_angle=angle)
 
 
 def _stand_in_for_tail(builder: DiagramBuilder) -> _TailPorts:
@@ -193,11 +184,15 @@ def _add_truth(
 ) -> dict[str, OutputPort]:
     """Adds what only a simulation knows; the ports to export."""
     plant = car.plant
-    truth = builder.AddNamedSystem("truth", CarTruth(car, scenario))
-    builder.Connect(plant.get_state_output_port(), truth.GetInputPort("plant_state"))
-    for name in ("body_spatial_accelerations", "contact_results"):
-        builder.Connect(plant.GetOutputPort(name), truth.GetInputPort(name))
-    builder.Connect(driven.drive(builder, "drive_torque", "shaft_torque"), truth.GetInputPort("drive_torque"))
+    truth = connected(
+        builder,
+        CarTruth(car, scenario),
+        "truth",
+        plant_state=plant.get_state_output_port(),
+        body_spatial_accelerations=plant.get_body_spatial_accelerations_output_port(),
+        contact_results=plant.get_contact_results_output_port(),
+        drive_torque=driven.drive(builder, "drive_torque", "shaft_torque"),
+    )
     ports = {
         "plant_acceleration_truth": plant.GetOutputPort("generalized_acceleration"),
         "contact_results_truth": plant.get_contact_results_output_port(),

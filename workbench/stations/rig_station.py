@@ -24,17 +24,16 @@ from aerodima.workbench.plants.rig import Rig, add_rig_plant
 from aerodima.workbench.plants.rig_motion import rig_law
 from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply
 from aerodima.workbench.sensors.rig_sensors import (
-    ForceTorqueSensor,
-    MotorCurrentSensor,
     RigEncoder,
+    RigSensor,
     count_angle,
+    current_errors,
+    force_errors,
     quantise,
-    sensor_errors,
-    sensor_readings,
 )
-from aerodima.workbench.sensors.sampled import CounterNoise
 from aerodima.workbench.systems.system_ports import (
     add_status,
+    connected,
     export_interface,
     export_outputs,
     select,
@@ -76,11 +75,6 @@ class MaxonMotor(LeafSystem):
     def _calc_current(self, context: Context, output: BasicVector) -> None:
         command = vector_of(self._command, context)
         output.SetFromVector(np.array([self.current(float(command[0]))]))
-
-
-def current_noise(settings: MaxonParameters, seed: int) -> CounterNoise:
-    """The noise of the logged current of a seed, in units of `current_noise`."""
-    return CounterNoise(seed, "maxon_current", 1)
 
 
 RIG_COLUMN_NAMES = tuple(names_of(rig_columns()))
@@ -162,20 +156,20 @@ def simulate_static_log(scenario: RigScenario, rig: Rig | None = None, calm: Rig
         resting = time <= experiment.wind_off + 1e-9
         currents[resting] = still_current
         facts["rest_s"] = [0.0, float(time[resting][-1])]
-    samples = sensor_readings(wrenches, sampled, sensor, sensor_offsets(scenario), scenario.seed)
+    errors = force_errors(sensor, sensor_offsets(scenario), scenario.seed)
+    samples = errors.first_readings(wrenches, sampled, sensor.rate)
     table = np.empty((count, len(RIG_COLUMN_NAMES)))
     table[:, 0] = time
     table[:, 1] = quantise(experiment.angle, count_angle(scenario))
     table[:, 2] = 0.0
-    table[:, 3] = (
-        currents + scenario.maxon.current_noise * CounterNoise(scenario.seed, "maxon_current", 1).first(count)[:, 0]
-    )
+    noisy = current_errors(scenario.maxon.current_noise, scenario.seed).first_readings(currents[:, None], count, rate)
+    table[:, 3] = noisy[:, 0]
     table[:, 4:] = samples[np.floor(time * sensor.rate + 1e-6).astype(int)]
     metadata = rig_log_metadata(
         scenario,
         truth={**known_truth(scenario), "current": current},
         true_wrench=wrench.tolist(),
-        bias=sensor_errors(sensor, scenario.seed).bias.tolist(),
+        bias=errors.bias.tolist(),
         exposed=rig.is_exposed(experiment.angle),
         **facts,
     )
@@ -231,22 +225,13 @@ def _simulate(builder: DiagramBuilder, scenario: RigScenario, meshcat: Meshcat |
     builder.Connect(motor.GetOutputPort("torque"), rig.torques.get_input_port(0))
     reported, age = _add_encoder(builder, scenario, state)
     step = scenario.simulation.step
-    current = MotorCurrentSensor.add_to_builder(
-        builder,
-        scenario.robot.command_rate if scenario.is_robot else scenario.encoder.rate,
-        0.0 if scenario.is_robot else scenario.maxon.current_noise,
-        current_noise(scenario.maxon, scenario.seed),
-        current=motor.GetOutputPort("current"),
-        step=step,
-    )
-    force = ForceTorqueSensor.add_to_builder(
-        builder,
-        scenario.force_sensor,
-        wrench=rig.wrench,
-        offsets=sensor_offsets(scenario),
-        seed=scenario.seed,
-        step=step,
-    )
+    rate = scenario.robot.command_rate if scenario.is_robot else scenario.encoder.rate
+    errors = current_errors(0.0 if scenario.is_robot else scenario.maxon.current_noise, scenario.seed)
+    current = RigSensor("motor_current", rate, errors, step)
+    connected(builder, current, value=motor.GetOutputPort("current"))
+    sensor = scenario.force_sensor
+    errors = force_errors(sensor, sensor_offsets(scenario), scenario.seed)
+    force = connected(builder, RigSensor("force_sensor", sensor.rate, errors, step), value=rig.wrench)
     export_outputs(
         builder,
         {
@@ -285,14 +270,12 @@ def _add_motor(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort
 def _add_encoder(builder: DiagramBuilder, scenario: RigScenario, state: OutputPort) -> tuple[OutputPort, OutputPort]:
     """Reported angle and rate (2), and the age of that sample (1)."""
     if not scenario.is_robot:
-        encoder = RigEncoder.add_to_builder(builder, scenario, plant_state=state)
+        encoder = RigEncoder(scenario.encoder, count_angle(scenario), scenario.simulation.step)
+        connected(builder, encoder, joint_angle=select(builder, "joint_angle", state, [0]))
         both = stacked(builder, "rig_state", [encoder.GetOutputPort(name) for name in ("angle", "rate")])
         return both, encoder.GetOutputPort("age")
     reply = MotorReply(scenario.robot_motor.position_range, scenario.robot_motor.speed_range)
-    replies = MotorEncoder(
-        scenario.robot.command_rate, indices=(0, 0, 1, 1), state_size=2, reply=reply, step=scenario.simulation.step
-    )
-    builder.AddSystem(replies)
-    builder.Connect(state, replies.GetInputPort("plant_state"))
+    replies = MotorEncoder(scenario.robot.command_rate, reply, step=scenario.simulation.step)
+    connected(builder, replies, joints=select(builder, "joint_twice", state, [0, 0, 1, 1]))
     ones = [select(builder, f"one_of_{name}", replies.GetOutputPort(name), [0]) for name in ("angles", "rates")]
     return stacked(builder, "rig_state", ones), replies.GetOutputPort("age")

@@ -7,7 +7,7 @@ import sys
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import pydrake.systems.framework
@@ -51,28 +51,21 @@ def system_template(name: str, module: str) -> Callable[[Callable[[Any], Any]], 
     return decorator
 
 
-def declare_abstract_output(
-    system: Any, name: str, make: Callable[[], Any], calc: Callable[[Any, Any], None], inputs: set[Any]
-) -> None:
-    """Declares an abstract output port.
+def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float) -> None:
+    """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce].
 
     Drake 1.58 keeps the function of an abstract port for ever, unlike that of a vector port: a bound method would make
     its system, and with it the whole diagram, immortal. So the port holds it weakly; it lives as long as its system.
 
     Args:
         system: whose method `calc` is.
-        name: of the port.
-        make: gives a new value of its type.
         calc: called with a context and the value to be set.
         inputs: tickets of what the value depends on.
+        T: scalar type.
     """
     method: Any = weakref.WeakMethod(calc)
-    system.DeclareAbstractOutputPort(name, make, lambda context, output: method()(context, output), inputs)
-
-
-def declare_spatial_forces(system: Any, calc: Callable[[Any, Any], None], inputs: set[Any], T: Any = float) -> None:
-    """Declares the output port `spatial_forces`, a list[ExternallyAppliedSpatialForce], of scalar type T."""
-    declare_abstract_output(system, "spatial_forces", Value[list[ExternallyAppliedSpatialForce_[T]]], calc, inputs)
+    make = Value[list[ExternallyAppliedSpatialForce_[T]]]
+    system.DeclareAbstractOutputPort("spatial_forces", make, lambda context, out: method()(context, out), inputs)
 
 
 def vector_of(port: InputPort | OutputPort, context: Context) -> FloatArray:
@@ -108,6 +101,19 @@ class DiscreteVector:
         discrete_state.set_value(self._index, new)
 
 
+SystemT = TypeVar("SystemT", bound=System)
+
+
+def connected(builder: DiagramBuilder, system: SystemT, name: str = "", **inputs: OutputPort) -> SystemT:
+    """Adds a system, of this name if one is given, and connects its input ports by their names; the system."""
+    if name:
+        system.set_name(name)
+    builder.AddSystem(system)
+    for port, source in inputs.items():
+        builder.Connect(source, system.GetInputPort(port))
+    return system
+
+
 def select(builder: DiagramBuilder, name: str, source: OutputPort, indices: Sequence[int]) -> OutputPort:
     """A vector port (len(indices)) with these elements of another one; adds one system of that name."""
     matrix = np.zeros((len(indices), source.size()))
@@ -117,9 +123,7 @@ def select(builder: DiagramBuilder, name: str, source: OutputPort, indices: Sequ
 
 def transformed(builder: DiagramBuilder, name: str, source: OutputPort, matrix: np.ndarray) -> OutputPort:
     """A vector port (m) that is a matrix (m, n) times another one (n); adds one system of that name."""
-    system = builder.AddNamedSystem(name, MatrixGain(matrix))
-    builder.Connect(source, system.get_input_port())
-    return system.get_output_port()
+    return connected(builder, MatrixGain(matrix), name, u0=source).get_output_port()
 
 
 def stacked(builder: DiagramBuilder, name: str, sources: Sequence[OutputPort]) -> OutputPort:
@@ -169,9 +173,10 @@ def add_status(
     terms: dict[str, Any] = {"armed": 1.0, **faults, **values, **{name: time - values[name] for name in samples}}
     outputs = np.array([Expression(0.0) + terms.get(name, 0.0) for name in fields.fields])
     inputs = np.array([*values.values()])
-    system = builder.AddNamedSystem("status", SymbolicVectorSystem(time=time, input=inputs, output=outputs))
-    builder.Connect(stacked(builder, "status_inputs", [*ports.values()]), system.get_input_port())
-    return system.get_output_port()
+    system = SymbolicVectorSystem(time=time, input=inputs, output=outputs)
+    return connected(
+        builder, system, "status", u0=stacked(builder, "status_inputs", [*ports.values()])
+    ).get_output_port()
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:

@@ -12,6 +12,7 @@ from pydrake.systems.primitives import Multiplexer
 from aerodima.workbench.config.signal_table import TAIL_STATE
 from aerodima.workbench.errors import UserError
 from aerodima.workbench.sensors.encoder import MotorEncoder, MotorReply, SailEncoder, quantise_symmetric
+from aerodima.workbench.systems.system_ports import connected, select
 
 
 def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):
@@ -21,7 +22,7 @@ def sail_encoder(bits=12, rate=500.0, delay=0.0, noise=0.0, **arguments):
 def reading(angle, bits=12):
     encoder = sail_encoder(bits)
     simulator = Simulator(encoder)
-    encoder.GetInputPort("plant_state").FixValue(simulator.get_mutable_context(), [angle])
+    encoder.GetInputPort("joint_angle").FixValue(simulator.get_mutable_context(), [angle])
     simulator.Initialize()
     return encoder.GetOutputPort("angle").Eval(simulator.get_context())[0]
 
@@ -31,7 +32,7 @@ def turning(rate_of_turn, until, **arguments):
     encoder = sail_encoder(**arguments)
     simulator = Simulator(encoder)
     context = simulator.get_mutable_context()
-    port = encoder.GetInputPort("plant_state")
+    port = encoder.GetInputPort("joint_angle")
     port.FixValue(context, [0.0])
     simulator.Initialize()
     for k in range(round(until / 0.002)):
@@ -79,7 +80,7 @@ def noisy_readings(seed, noise=0.01, samples=400):
     encoder = sail_encoder(bits=20, noise=noise, seed=seed)
     simulator = Simulator(encoder)
     context = simulator.get_mutable_context()
-    encoder.GetInputPort("plant_state").FixValue(context, [1.0])
+    encoder.GetInputPort("joint_angle").FixValue(context, [1.0])
     simulator.Initialize()
     shown = []
     for k in range(samples):
@@ -141,12 +142,12 @@ def test_encoders_of_a_plant_make_the_tail_state():
         joints[name] = plant.AddJoint(RevoluteJoint(name, parent, body.body_frame(), np.array([0.0, 0.0, 1.0])))
         parent = body.body_frame()
     plant.Finalize()
-    motors = MotorEncoder.add_to_builder(
-        builder, 100.0, plant=plant, pitch_joint=joints["pitch"], roll_joint=joints["roll"]
-    )
-    sail = SailEncoder.add_to_builder(
-        builder, SimpleNamespace(bits=12, rate=100.0, delay=0.0, noise=0.0), plant=plant, joint=joints["sail"]
-    )
+    state, step = plant.get_state_output_port(), plant.time_step()
+    places = [joints[name].position_start() for name in ("pitch", "roll", "sail")]
+    both = select(builder, "both", state, [*places[:2], *(3 + place for place in places[:2])])
+    motors = connected(builder, MotorEncoder(100.0, MotorReply(), step=step, discrete=True), joints=both)
+    turn = select(builder, "turn", state, places[2:])
+    sail = connected(builder, sail_encoder(rate=100.0, step=step, discrete=True), joint_angle=turn)
     multiplexer = builder.AddSystem(Multiplexer([2, 1, 2, 1]))
     for source, port, index in ((motors, "angles", 0), (sail, "angle", 1), (motors, "rates", 2), (sail, "rate", 3)):
         builder.Connect(source.GetOutputPort(port), multiplexer.get_input_port(index))
@@ -169,4 +170,4 @@ def test_encoders_of_a_plant_make_the_tail_state():
 
 def test_motor_rate_above_one_per_step_is_refused():
     with pytest.raises(UserError, match=r"tail_motors.rate: 1000 Hz is above 1/step"):
-        MotorEncoder(1000.0, reply=MotorReply(), step=0.002)
+        MotorEncoder(1000.0, MotorReply(), step=0.002)

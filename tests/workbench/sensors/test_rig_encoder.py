@@ -20,7 +20,7 @@ def turning(rate: float, until: float) -> tuple[float, float]:
     simulator = Simulator(encoder)
     context = simulator.get_mutable_context()
     for k in range(round(until * 1000) + 1):
-        encoder.GetInputPort("plant_state").FixValue(context, [0.3 + rate * k * 0.001, rate])
+        encoder.GetInputPort("joint_angle").FixValue(context, [0.3 + rate * k * 0.001])
         simulator.AdvanceTo((k + 0.5) * 0.001)
     return tuple(float(encoder.GetOutputPort(name).Eval(context)[0]) for name in ("angle", "rate"))
 
